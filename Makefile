@@ -1,0 +1,41 @@
+# Everything a fresh machine needs: Python >= 3.11, make and a package index.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+.DELETE_ON_ERROR:
+.PHONY: demo test lint types floors bench clean help
+
+help:  ## what can be made
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+$(VENV)/run.stamp: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil needs Python 3.11 or newer; try: make PYTHON=python3.11 demo")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/run.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a report
+	$(BIN)/hil demo
+
+test: $(VENV)/dev.stamp  ## the tests
+	$(BIN)/python -m pytest -q
+
+lint: $(VENV)/dev.stamp  ## format and lint
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(VENV)/dev.stamp  ## strict type check
+	$(BIN)/mypy
+
+floors: $(VENV)/dev.stamp  ## imports only go down: drivers, procedures, hil
+	$(BIN)/lint-imports
+
+bench: $(VENV)/dev.stamp  ## the numbers in docs/benchmarks.md
+	$(BIN)/python -m pytest -q benchmarks --benchmark-only --benchmark-disable-gc -p no:randomly
+
+clean:  ## remove the virtual environment and the demo
+	rm -rf $(VENV) demo

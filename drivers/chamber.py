@@ -1,0 +1,60 @@
+"""The chamber as procedures see it: read it, give it a setpoint, bring it to its safe state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class ChamberIdentity:
+    """Who answered: model and firmware as the controller gives them, and the unit in which it speaks."""
+
+    model: str
+    unit: str  # "degC"; a driver refuses a controller whose unit it cannot confirm
+
+
+@dataclass(frozen=True)
+class ChamberReading:
+    """One look at the chamber, all temperatures in °C."""
+
+    temperature_degC: float
+    setpoint_degC: float
+    high_limit_degC: float
+    low_limit_degC: float
+    mode: str  # the controller's own word: OFF, STANDBY, CONSTANT, RUN
+    alarms: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChamberLimits:
+    """The range in which the bench may set the chamber, °C. The second layer after the chamber's own cut-out."""
+
+    low_degC: float
+    high_degC: float
+
+
+class Chamber(Protocol):
+    """An environmental chamber. Every method either does what it says or raises a `DeviceError`."""
+
+    @property
+    def limits(self) -> ChamberLimits:
+        """The limits given by the bench file."""
+
+    def identify(self) -> ChamberIdentity:
+        """Ask who is there and in which unit it speaks; raise `WrongDevice` where the bench file says otherwise."""
+
+    def prepare(self) -> None:
+        """Set the native limits (second safety layer) and start constant-temperature operation."""
+
+    def read(self) -> ChamberReading:
+        """Read temperature, setpoint, limits, mode and alarms."""
+
+    def set_temperature(self, setpoint_degC: float) -> None:
+        """Set, read back and compare the setpoint; raise `SetpointOutOfLimits` before anything is sent."""
+
+    def safe_state(self) -> None:
+        """Bring the chamber to the state in which it may be left alone (as the bench file defines it)."""
+
+    def close(self) -> None:
+        """Release the port without changing the chamber's state."""

@@ -1,0 +1,31 @@
+"""What can go wrong with a device, in words for the person who stands in front of it."""
+
+from __future__ import annotations
+
+
+class DeviceError(Exception):
+    """A device did not do what it was asked. The message names the device, its port and what to do."""
+
+
+class TransportError(DeviceError):
+    """The port itself failed: it does not exist, was unplugged, or is owned by somebody else."""
+
+
+class DeviceTimeout(DeviceError):
+    """Nothing (or not enough) arrived before the deadline."""
+
+
+class ProtocolError(DeviceError):
+    """Something arrived that the protocol does not allow: garbage, a wrong echo, an unknown reply."""
+
+
+class CommandRefused(DeviceError):
+    """The device understood and refused: out of range, panel locked, wrong mode."""
+
+
+class WrongDevice(DeviceError):
+    """The device that answers is not the one the bench file describes (model, serial number or unit)."""
+
+
+class SetpointOutOfLimits(DeviceError):
+    """A temperature was asked for that lies outside the limits of the bench or of the chamber; nothing was sent."""

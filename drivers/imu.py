@@ -1,0 +1,99 @@
+"""The IMU as procedures see it: a stream of decoded sample blocks, and an index that can be commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StreamCounts:
+    """What happened to the bytes. Counts add: `before + after` is the sum over both intervals."""
+
+    ok: int = 0
+    bad_checksum: int = 0
+    bad_delimiter: int = 0
+    unknown_id: int = 0
+    skipped_bytes: int = 0
+    resyncs: int = 0
+    lost: int = 0
+    duplicate: int = 0
+    timed_out: int = 0
+
+    def __add__(self, other: StreamCounts) -> StreamCounts:
+        mine, theirs = vars(self), vars(other)
+        return StreamCounts(**{name: mine[name] + theirs[name] for name in mine})
+
+
+@dataclass(frozen=True)
+class SampleBlock:
+    """Samples decoded from the bytes that arrived between two reads.
+
+    `time_s` has shape (n,), seconds on the bench's clock; every column of `fields` has shape (n,) and the unit that
+    the frame description gives. `raw` are the bytes as they arrived, `counts` what became of them.
+    """
+
+    time_s: FloatArray
+    fields: Mapping[str, FloatArray]
+    counts: StreamCounts = field(default_factory=StreamCounts)
+    raw: bytes = b""
+    arrival_s: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class ImuIdentity:
+    """Who answered: model, serial number, firmware as the unit gives them (empty where it cannot say)."""
+
+    model: str
+    serial: str = ""
+    firmware: str = ""
+
+
+@dataclass(frozen=True)
+class SensorChannels:
+    """Which decoded fields belong to one sensor.
+
+    `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
+    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none.
+    """
+
+    rates: Mapping[str, str]
+    accelerations: Mapping[str, str] = field(default_factory=dict)
+    temperature: str | None = None
+
+
+class Imu(Protocol):
+    """A unit that streams. Sensors are numbered as in the bench file (the report's sensor 2 is 2)."""
+
+    @property
+    def sensors(self) -> Mapping[int, SensorChannels]:
+        """The decoded fields, by sensor."""
+
+    @property
+    def conditions(self) -> Mapping[str, str]:
+        """Fields that are neither rates nor accelerations: campaign column name to field name."""
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The nominal rate of the stream."""
+
+    def identify(self) -> ImuIdentity:
+        """Ask or wait for the unit's identity; raise `DeviceTimeout` where no good frame arrives."""
+
+    def read_block(self) -> SampleBlock:
+        """Decode what has arrived since the last call; never waits, perhaps empty."""
+
+    def discard(self) -> StreamCounts:
+        """Throw away what has arrived, so that stale bytes are no part of what follows."""
+
+    def close(self) -> None:
+        """Release the port."""

@@ -1,0 +1,1 @@
+"""The controller: configuration, equation, solver, records, twin, reconcile, report, command line."""

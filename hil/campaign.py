@@ -1,0 +1,97 @@
+"""Measured data as everything downstream sees it: a campaign of stationary collects (schema hil.campaign/1).
+
+The controller's own nights and a folder written by hand in a spreadsheet become the same objects here, so that solve,
+reconcile, thermal and report work on data that this project did not record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+TextArray = NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor's layout: its three axes, and which axis each channel measures rate about (in column order)."""
+
+    number: int
+    axes: tuple[str, str, str]
+    channels: Mapping[str, str]
+
+    @property
+    def channel_axes(self) -> IntArray:
+        """Index into `axes` of each channel's axis, shape (c,)."""
+        return np.array([self.axes.index(axis) for axis in self.channels.values()], dtype=np.int64)
+
+    @property
+    def is_rotor(self) -> bool:
+        """True for the report's two-channel sensor: channels about the first two axes, the third is the spin axis."""
+        return tuple(self.channel_axes) == (0, 1)
+
+    @property
+    def is_triad(self) -> bool:
+        """True for a three-axis gyro triad."""
+        return sorted(self.channel_axes) == [0, 1, 2]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What was known about n collects (or n samples) of one sensor, without the rates: what an effect may depend on.
+
+    `f_g` and `w_deg_per_hr` have shape (n, 3), along the sensor's axes. `columns` holds every other column by its name
+    in collects.csv (`temperature_degC`, `dTdt_degC_per_min`, `supply_V`, …), shape (n,), NaN where a cell is empty; a
+    column that the data lacks is absent.
+    """
+
+    sensor: Sensor
+    collect: IntArray
+    run: IntArray
+    position: TextArray
+    start_s: FloatArray
+    duration_s: FloatArray
+    f_g: FloatArray
+    w_deg_per_hr: FloatArray
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.start_s)
+
+    @property
+    def w_channels_deg_per_hr(self) -> FloatArray:
+        """Earth rate about each channel's own axis, shape (n, c)."""
+        return self.w_deg_per_hr[:, self.sensor.channel_axes]
+
+
+@dataclass(frozen=True)
+class Collects:
+    """The collects of one sensor: conditions, averaged rates and their standard errors.
+
+    `rates_deg_per_hr` and `rates_se_deg_per_hr` have shape (n, c); NaN where not measured or not stated.
+    """
+
+    conditions: Conditions
+    rates_deg_per_hr: FloatArray
+    rates_se_deg_per_hr: FloatArray
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them."""
+
+    title: str
+    source: str
+    sensors: Mapping[int, Collects]
+    condition_units: Mapping[str, str] = field(default_factory=dict)
+    simulated: bool = False
+    site: Mapping[str, float] = field(default_factory=dict)
+    centrifuge: bool = False
+    warnings: Sequence[str] = ()
+    folder: Path | None = None

@@ -1,0 +1,84 @@
+"""The one equation: R = B + K·f + w, in sensor axes.
+
+A collect is an orientation: it turns the known acceleration G = (G1, G2, G3) and earth rate W = (W1, W2, W3) of the
+bench frame into the components f and w along the sensor's axes (A, B, S). Everything else is data. At the report's
+three orientations of sensor 2 the equation *is* equations (1)–(6) of RD-GC-86-1; `tests/test_equation.py` proves it term
+by term.
+
+    [RA]   [BA]   [ GSA  GSB  MUB ]       [wA]
+    [RB] = [BB] + [-GSB  GSA -MUA ] · f + [wB]        f = (fA, fB, fS)
+
+Source: RD-GC-86-1 eqs. (1)–(6). The matrix printed there has two misprints in row 6 (RA for RB, MU_SA2 for GSB_2); the
+corrected rows are followed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """One collect position: the sensor's axes in the bench frame 1-2-3, one row per sensor axis, shape (3, 3).
+
+    Rows are orthonormal; the determinant is the handedness of the sensor's triad as used (+1 right, -1 left where the
+    bench frame is right-handed). The report's (A, B, S) triad is left-handed in all three collects.
+    """
+
+    label: str
+    axes: FloatArray
+
+    def __post_init__(self) -> None:
+        axes = np.asarray(self.axes, dtype=np.float64)
+        if axes.shape != (3, 3) or not np.allclose(axes @ axes.T, np.eye(3), atol=1e-9):
+            raise ValueError(f"orientation {self.label}: the axes must be three orthonormal rows of three")
+        object.__setattr__(self, "axes", axes)
+
+    @classmethod
+    def from_signed_axes(cls, label: str, *directions: str) -> Orientation:
+        """Build from words: `from_signed_axes("1", "-1", "+2", "+3")` has A along -axis 1, B along +2, S along +3."""
+        rows = []
+        for direction in directions:
+            sign, axis = direction[:1], direction[1:]
+            if sign not in "+-" or axis not in {"1", "2", "3"}:
+                raise ValueError(f"orientation {label}: {direction!r} is not a sign and a bench axis, such as +2")
+            rows.append((1.0 if sign == "+" else -1.0) * np.eye(3)[int(axis) - 1])
+        return cls(label, np.array(rows))
+
+    @property
+    def handedness(self) -> int:
+        """+1 where the sensor's triad has the bench frame's handedness, -1 where it is mirrored."""
+        return round(float(np.linalg.det(self.axes)))
+
+    def components(self, bench_vector: ArrayLike) -> FloatArray:
+        """Turn (…, 3) bench-frame components into (…, 3) components along the sensor's axes."""
+        return np.asarray(np.asarray(bench_vector, dtype=np.float64) @ self.axes.T)
+
+
+RD_GC_86_1_SENSOR_2: Mapping[str, Orientation] = {
+    "1": Orientation.from_signed_axes("1", "-1", "+2", "+3"),
+    "2": Orientation.from_signed_axes("2", "+1", "+2", "-3"),
+    "3": Orientation.from_signed_axes("3", "+3", "+2", "+1"),
+}
+"""Figure 1 of the report, for gyro 2 (gyro 1's orientations are nowhere given; they are configuration)."""
+
+
+def rotor_matrix(gsa: ArrayLike, gsb: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray:
+    """Return K, shape (…, 2, 3), of a two-channel rotor sensor from its four terms in deg/hr/g, shape (…)."""
+    gsa, gsb, mua, mub = np.broadcast_arrays(gsa, gsb, mua, mub)
+    return np.stack([np.stack([gsa, gsb, mub], -1), np.stack([-gsb, gsa, -mua], -1)], -2).astype(np.float64)
+
+
+def pickoff_rates(bias: ArrayLike, k: ArrayLike, f_g: ArrayLike, w_channels: ArrayLike) -> FloatArray:
+    """Evaluate R = B + K·f + w.
+
+    `bias` (…, c) deg/hr, `k` (…, c, 3) deg/hr/g, `f_g` (…, 3) g, `w_channels` (…, c) deg/hr: the earth rate about each
+    channel's own axis. Returns (…, c) deg/hr; leading dimensions broadcast.
+    """
+    return np.asarray(bias) + np.einsum("...ca,...a->...c", np.asarray(k), np.asarray(f_g)) + np.asarray(w_channels)

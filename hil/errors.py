@@ -1,0 +1,10 @@
+"""Bad input, in one sentence that says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+
+class InputError(Exception):
+    """Bad input or usage: exit status 2. Nothing was written.
+
+    The message names the file, and the row, column or key where there is one.
+    """

@@ -1,0 +1,50 @@
+"""What the sequencer needs of a journal. The durable one is in `hil.journal`; a list will do in a test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol
+
+from drivers.imu import SampleBlock
+from procedures.plan import Step
+
+
+class Outcome(StrEnum):
+    """How a step ended. Only DONE counts as completed."""
+
+    DONE = "DONE"
+    FAILED = "FAILED"  # the criterion was not met, and waiting longer would not help
+    ERROR = "ERROR"  # a device or the software failed
+    TIMEOUT = "TIMEOUT"
+    ABORTED = "ABORTED"  # somebody asked for it
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step leaves behind: the outcome, its reason in words, and data that JSON can hold."""
+
+    outcome: Outcome
+    reason: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
+    samples: SampleBlock | None = None  # a collect's samples and raw bytes
+
+
+class Journal(Protocol):
+    """The truth about a night. Every call is durable when it returns."""
+
+    def completed(self) -> Mapping[str, StepResult]:
+        """Return the results of the steps that are DONE, by step key (without samples)."""
+
+    def begin(self, step: Step) -> int:
+        """Record that `step` begins; return the attempt number, 1 for the first."""
+
+    def end(self, step: Step, attempt: int, result: StepResult) -> None:
+        """Commit the result, with its samples, before the next step begins."""
+
+    def event(self, kind: str, message: str, **evidence: Any) -> None:
+        """Record something that happened: a retry, an alarm, a hold, a signal, a resumption."""
+
+    def heartbeat(self, step: Step, readings: Mapping[str, float]) -> None:
+        """Record that the controller is alive, what it is doing and the latest readings (at most once a minute)."""
