@@ -1,0 +1,1 @@
+"""Benchmarks: each beside the obvious alternative, in one run."""
