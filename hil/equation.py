@@ -2,8 +2,8 @@
 
 A collect is an orientation: it turns the known acceleration G = (G1, G2, G3) and earth rate W = (W1, W2, W3) of the
 bench frame into the components f and w along the sensor's axes (A, B, S). Everything else is data. At the report's
-three orientations of sensor 2 the equation *is* equations (1)–(6) of RD-GC-86-1; `tests/test_equation.py` proves it term
-by term.
+three orientations of sensor 2 the equation *is* equations (1)–(6) of RD-GC-86-1; `tests/test_equation.py` proves it
+term by term.
 
     [RA]   [BA]   [ GSA  GSB  MUB ]       [wA]
     [RB] = [BB] + [-GSB  GSA -MUA ] · f + [wB]        f = (fA, fB, fS)
@@ -51,6 +51,17 @@ class Orientation:
             rows.append((1.0 if sign == "+" else -1.0) * np.eye(3)[int(axis) - 1])
         return cls(label, np.array(rows))
 
+    @classmethod
+    def from_rotation_about_2(cls, label: str, theta_deg: float) -> Orientation:
+        """Build the report's left-handed (A, B, S) triad turned by `theta_deg` about bench axis 2.
+
+        -90, +90 and 0 degrees are Collects 1, 2 and 3; 180 degrees, spin axis down, is the fourth collect that gives
+        the first residual. f_A = G1 sin θ + G3 cos θ, f_B = G2, f_S = G1 cos θ - G3 sin θ.
+        """
+        theta = np.deg2rad(theta_deg)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        return cls(label, np.array([[sine, 0.0, cosine], [0.0, 1.0, 0.0], [cosine, 0.0, -sine]]))
+
     @property
     def handedness(self) -> int:
         """+1 where the sensor's triad has the bench frame's handedness, -1 where it is mirrored."""
@@ -81,4 +92,5 @@ def pickoff_rates(bias: ArrayLike, k: ArrayLike, f_g: ArrayLike, w_channels: Arr
     `bias` (…, c) deg/hr, `k` (…, c, 3) deg/hr/g, `f_g` (…, 3) g, `w_channels` (…, c) deg/hr: the earth rate about each
     channel's own axis. Returns (…, c) deg/hr; leading dimensions broadcast.
     """
-    return np.asarray(bias) + np.einsum("...ca,...a->...c", np.asarray(k), np.asarray(f_g)) + np.asarray(w_channels)
+    sensitive = np.einsum("...ca,...a->...c", np.asarray(k, dtype=np.float64), np.asarray(f_g, dtype=np.float64))
+    return np.asarray(np.asarray(bias, dtype=np.float64) + sensitive + np.asarray(w_channels, dtype=np.float64))

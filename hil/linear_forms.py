@@ -1,0 +1,230 @@
+"""The named models as linear columns: what each parameter adds to each rate, given the conditions of a collect.
+
+    form = named_form("matrix-6", conditions)
+    form.names  # ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
+    form.columns(conditions)  # (n collects, c channels, p parameters)
+
+The columns of bias, GS, MU and G stand here and nowhere else: the solver and the catalogue of effects call these
+functions. Sign pattern of GS and MU: RD-GC-86-1 eqs. (1)–(6), that is K = [[GSA, GSB, MUB], [-GSB, GSA, -MUA]].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.errors import InputError
+
+MATRIX_6 = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
+"""Order of the report's six parameters, everywhere."""
+
+MODEL_NAMES = ("matrix-6", "collins-4", "matrix-6-thermal", "constant", "triad-12")
+
+RATE = "deg/hr"
+PER_G = "deg/hr/g"
+
+
+def bias_names(sensor: Sensor) -> tuple[str, ...]:
+    """Name the bias of each channel by its axis: BA, BB or BX, BY, BZ (by its channel where two share an axis)."""
+    axes = list(sensor.channels.values())
+    if len(set(axes)) == len(axes):
+        return tuple(f"B{axis}" for axis in axes)
+    return tuple(f"B_{channel}" for channel in sensor.channels)
+
+
+def rotor_names(sensor: Sensor) -> tuple[str, ...]:
+    """Name the six parameters of a two-channel rotor sensor; the names are the report's whatever its axes are called."""
+    if not sensor.is_rotor:
+        raise InputError(f"sensor {sensor.number}: it is not a two-channel rotor sensor, so it has no GS and MU")
+    return MATRIX_6
+
+
+def sensitivity_names(sensor: Sensor) -> tuple[str, ...]:
+    """Name the full matrix G row by channel, column by axis: GXY is the rate of channel GX per g along Y."""
+    rows = [name[1:] for name in bias_names(sensor)]
+    return tuple(f"G{row}{axis}" for row in rows for axis in sensor.axes)
+
+
+def bias_columns(conditions: Conditions) -> FloatArray:
+    """Columns of one bias per channel: 1 in its own channel, shape (n, c, c)."""
+    channels = len(conditions.sensor.channels)
+    return np.broadcast_to(np.eye(channels), (len(conditions), channels, channels)).copy()
+
+
+def gs_columns(conditions: Conditions) -> FloatArray:
+    """Columns of GSA and GSB, the isotropic pair: RA += GSA fA + GSB fB, RB += GSA fB - GSB fA; shape (n, 2, 2)."""
+    f_a, f_b = conditions.f_g[:, 0], conditions.f_g[:, 1]
+    return np.stack([np.stack([f_a, f_b], -1), np.stack([f_b, -f_a], -1)], -2)
+
+
+def mu_columns(conditions: Conditions) -> FloatArray:
+    """Columns of MUA and MUB: RA += MUB fS, RB -= MUA fS; shape (n, 2, 2)."""
+    f_s = conditions.f_g[:, 2]
+    zero = np.zeros_like(f_s)
+    return np.stack([np.stack([zero, f_s], -1), np.stack([-f_s, zero], -1)], -2)
+
+
+def sensitivity_columns(conditions: Conditions) -> FloatArray:
+    """Columns of the full matrix G, R += G f: channel c has f in columns 3c, 3c+1, 3c+2; shape (n, c, 3c)."""
+    channels = len(conditions.sensor.channels)
+    columns = np.einsum("cd,na->ncda", np.eye(channels), conditions.f_g)
+    return columns.reshape(len(conditions), channels, 3 * channels)
+
+
+def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, reference_degC: float) -> FloatArray:
+    """Give every column a quadratic in temperature: p columns become 3p, each followed by its ΔT and ΔT² columns."""
+    delta = temperature_degC - reference_degC
+    powers = np.stack([np.ones_like(delta), delta, delta**2], -1)
+    return np.asarray((columns[..., None] * powers[:, None, None, :]).reshape(*columns.shape[:2], -1))
+
+
+@dataclass(frozen=True)
+class LinearForm:
+    """A named model of one sensor: its parameters in order, their units, and its columns.
+
+    `reason` says why this form and not a fuller one was taken (empty where there is nothing to say);
+    `reference_degC` is the temperature about which thermal coefficients are expanded. The earth rate is no part of the
+    columns: subtract `conditions.w_channels_deg_per_hr` from the rates.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    build: Callable[[Conditions], FloatArray]
+    reason: str = ""
+    reference_degC: float | None = None
+
+    def columns(self, conditions: Conditions) -> FloatArray:
+        """Return the partial derivatives of the rates by the parameters, shape (n, c, p)."""
+        return self.build(conditions)
+
+    def terms(self, conditions: Conditions, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the bias (n, c) in deg/hr and K (n, c, 3) in deg/hr/g that `values`, shape (p,), mean at each row."""
+        still = replace(conditions, f_g=np.zeros_like(conditions.f_g))
+        bias = self.build(still) @ values
+        k = np.zeros((*bias.shape, 3))
+        for axis in range(3):
+            pull = replace(conditions, f_g=np.broadcast_to(np.eye(3)[axis], conditions.f_g.shape))
+            k[..., axis] = self.build(pull) @ values - bias
+        return bias, k
+
+
+def constant_form(sensor: Sensor, reason: str = "") -> LinearForm:
+    """Bias only, one per channel; for any sensor."""
+    names = bias_names(sensor)
+    return LinearForm("constant", names, (RATE,) * len(names), bias_columns, reason)
+
+
+def matrix_6_form(sensor: Sensor) -> LinearForm:
+    """The report's six parameters of a rotor sensor."""
+    return LinearForm("matrix-6", rotor_names(sensor), (RATE,) * 2 + (PER_G,) * 4, _matrix_6_columns)
+
+
+def collins_4_form(sensor: Sensor) -> LinearForm:
+    """The contractor's four parameters: MU taken as zero (eqs. (A-7)–(A-12))."""
+    return LinearForm("collins-4", rotor_names(sensor)[:4], (RATE,) * 2 + (PER_G,) * 2, _collins_4_columns)
+
+
+def triad_12_form(sensor: Sensor) -> LinearForm:
+    """Bias and the full, not symmetric, acceleration-sensitivity matrix of a three-axis triad."""
+    if not sensor.is_triad:
+        raise InputError(f"sensor {sensor.number}: triad-12 needs one channel about each of the three axes")
+    names = bias_names(sensor) + sensitivity_names(sensor)
+    return LinearForm("triad-12", names, (RATE,) * 3 + (PER_G,) * 9, _triad_12_columns)
+
+
+def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None = None) -> LinearForm:
+    """Each of the six parameters a quadratic in `temperature_degC`, about the mean temperature to a whole degree.
+
+    The mean keeps value, slope and curvature apart; pass `reference_degC` to compare fits of different campaigns.
+    Coefficients follow their parameter: BA, BA_per_degC, BA_per_degC2, BB, ...
+    """
+    names = rotor_names(conditions.sensor)
+    where = f"sensor {conditions.sensor.number}: matrix-6-thermal"
+    temperature = conditions.columns.get("temperature_degC")
+    if temperature is None:
+        raise InputError(f"{where} needs the column temperature_degC, which this campaign lacks")
+    if np.any(np.isnan(temperature)):
+        raise InputError(f"{where} needs temperature_degC in every row; fill the empty cells or leave out the rows")
+    reference = float(np.round(np.mean(temperature))) if reference_degC is None else reference_degC
+    units = matrix_6_form(conditions.sensor).units
+
+    def build(rows: Conditions) -> FloatArray:
+        return temperature_columns(_matrix_6_columns(rows), rows.columns["temperature_degC"], reference)
+
+    return LinearForm(
+        "matrix-6-thermal",
+        tuple(f"{name}{power}" for name in names for power in ("", "_per_degC", "_per_degC2")),
+        tuple(f"{unit}{power}" for unit in units for power in ("", "/degC", "/degC2")),
+        build,
+        f"quadratics in temperature_degC about {reference:g} degC",
+        reference,
+    )
+
+
+def named_form(name: str, conditions: Conditions) -> LinearForm:
+    """Return the built-in model `name` for these collects; raise InputError where it does not fit the sensor."""
+    sensor = conditions.sensor
+    match name:
+        case "constant":
+            return constant_form(sensor)
+        case "matrix-6":
+            return matrix_6_form(sensor)
+        case "collins-4":
+            return collins_4_form(sensor)
+        case "triad-12":
+            return triad_12_form(sensor)
+        case "matrix-6-thermal":
+            return matrix_6_thermal_form(conditions)
+    raise InputError(f"model {name!r} is not built in; the built-in models are {', '.join(MODEL_NAMES)}")
+
+
+def default_form(conditions: Conditions) -> LinearForm:
+    """Return the fullest model that these collects are meant for: matrix-6, triad-12, or constant with the reason.
+
+    A triad gets triad-12 where its positions excite bias and all three axes separately (four poses whose f do not lie
+    in one plane); its condition number is then what the solution states.
+    """
+    sensor = conditions.sensor
+    if sensor.is_rotor:
+        return matrix_6_form(sensor)
+    if not sensor.is_triad:
+        return constant_form(
+            sensor,
+            f"bias only: channels about {', '.join(sensor.channels.values())} are neither a two-channel rotor sensor "
+            "nor a three-axis triad",
+        )
+    if excites_every_axis(conditions.f_g):
+        return triad_12_form(sensor)
+    return constant_form(
+        sensor,
+        f"bias only: the {len(conditions)} positions do not excite all three axes apart from the bias "
+        "(triad-12 needs four poses or more whose f do not lie in one plane)",
+    )
+
+
+def excites_every_axis(f_g: FloatArray, least_g: float = 1e-2) -> bool:
+    """Tell whether bias and three acceleration sensitivities can be told apart at these f, shape (n, 3).
+
+    True where f spreads about its mean by more than `least_g` rms in its weakest direction: below that the setting of
+    the poses is no better known than the difference between them.
+    """
+    if len(f_g) < 4:
+        return False
+    spread = np.linalg.svd(f_g - f_g.mean(axis=0), compute_uv=False)
+    return bool(spread[-1] > least_g * np.sqrt(len(f_g)))
+
+
+def _collins_4_columns(conditions: Conditions) -> FloatArray:
+    return np.concatenate([bias_columns(conditions), gs_columns(conditions)], -1)
+
+
+def _matrix_6_columns(conditions: Conditions) -> FloatArray:
+    return np.concatenate([_collins_4_columns(conditions), mu_columns(conditions)], -1)
+
+
+def _triad_12_columns(conditions: Conditions) -> FloatArray:
+    return np.concatenate([bias_columns(conditions), sensitivity_columns(conditions)], -1)
