@@ -63,12 +63,14 @@ class SensorChannels:
     """Which decoded fields belong to one sensor.
 
     `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
-    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none.
+    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
+    campaign columns that belong to this sensor alone (`spin_period_us`) to field names.
     """
 
     rates: Mapping[str, str]
     accelerations: Mapping[str, str] = field(default_factory=dict)
     temperature: str | None = None
+    conditions: Mapping[str, str] = field(default_factory=dict)
 
 
 class Imu(Protocol):
