@@ -6,9 +6,11 @@ else decides what happens next.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+
+from procedures.settings import SweepProcedure
 
 
 class StepKind(StrEnum):
@@ -49,3 +51,74 @@ class Plan:
         """Planned duration of the whole sweep."""
         last = self.steps[-1]
         return last.starts_s + last.duration_s
+
+    def of_kind(self, kind: StepKind) -> Sequence[Step]:
+        """Return the steps of one kind, in order."""
+        return [step for step in self.steps if step.kind is kind]
+
+    @property
+    def self_calibrations(self) -> Mapping[int, Sequence[Step]]:
+        """The steps of each self-calibration, by its number in the sweep."""
+        groups: dict[int, list[Step]] = {}
+        for step in self.steps:
+            if step.self_calibration is not None:
+                groups.setdefault(step.self_calibration, []).append(step)
+        return groups
+
+
+_IDENTIFY_S = 10.0
+_SAFE_STATE_S = 5.0
+
+
+def make_plan(procedure: SweepProcedure) -> Plan:
+    """Return the steps of a sweep with their expected times.
+
+    Expected: ramps at the procedure's rate, soaks of the scheduled time, indexing and collects as set. A soak that
+    needs more evidence, or a slower chamber, moves everything behind it.
+    """
+    steps: list[Step] = []
+    starts_s = 0.0
+    for key, kind, duration_s, where, parameters in _steps(procedure):
+        steps.append(Step(len(steps), key, kind, starts_s, duration_s, *where, parameters))
+        starts_s += duration_s
+    return Plan(procedure.title, tuple(steps))
+
+
+_Where = tuple[float | None, int | None, str | None]  # temperature, self-calibration, position
+_Entry = tuple[str, StepKind, float, _Where, Mapping[str, float]]
+
+
+def _steps(procedure: SweepProcedure) -> Iterator[_Entry]:
+    """Yield key, kind, duration, place and parameters of every step, in order."""
+    yield "identify", StepKind.IDENTIFY, _IDENTIFY_S, (None, None, None), {}
+    air_degC, number = procedure.start_degC, 0
+    for t, temperature_degC in enumerate(procedure.temperatures_degC, start=1):
+        yield _setpoint(f"T{t}/setpoint", procedure, air_degC, temperature_degC)
+        air_degC = temperature_degC
+        for s in range(1, procedure.self_calibrations + 1):
+            number += 1
+            yield from _self_calibration(f"T{t}/S{s}", procedure, temperature_degC, number)
+    if procedure.final_degC is not None:
+        yield _setpoint("final/setpoint", procedure, air_degC, procedure.final_degC)
+    yield "safe-state", StepKind.SAFE_STATE, _SAFE_STATE_S, (None, None, None), {}
+
+
+def _setpoint(key: str, procedure: SweepProcedure, from_degC: float, to_degC: float) -> _Entry:
+    """Command the chamber and let it arrive."""
+    ramp_s = 60.0 * abs(to_degC - from_degC) / procedure.ramp_degC_per_min
+    parameters = {"ramp_degC_per_min": procedure.ramp_degC_per_min, "band_degC": procedure.restabilisation.band_degC}
+    return key, StepKind.SETPOINT, ramp_s, (to_degC, None, None), parameters
+
+
+def _self_calibration(key: str, procedure: SweepProcedure, temperature_degC: float, number: int) -> Iterator[_Entry]:
+    """Restabilise, then index and collect at each position in order."""
+    soak, collect = procedure.restabilisation, procedure.collect
+    soak_s = max(soak.at_least_s, soak.window_s)
+    place = (temperature_degC, number, None)
+    yield f"{key}/restabilise", StepKind.RESTABILISE, soak_s, place, soak.as_parameters()
+    for c, position in enumerate(procedure.positions, start=1):
+        where = (temperature_degC, number, position)
+        index = {"index_timeout_s": collect.index_timeout_s}
+        yield f"{key}/C{c}/index", StepKind.INDEX, collect.index_s, where, index
+        collect_s = collect.settle_s + collect.duration_s
+        yield f"{key}/C{c}/collect", StepKind.COLLECT, collect_s, where, collect.as_parameters()

@@ -1,0 +1,20 @@
+"""The devices of a bench as the procedures hold them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.chamber import Chamber
+from drivers.clock import Clock
+from drivers.imu import Imu
+from drivers.positioner import Positioner
+
+
+@dataclass(frozen=True)
+class BenchDevices:
+    """One clock, one unit, one chamber, and what moves the unit. Real or simulated: nothing here can tell."""
+
+    clock: Clock
+    imu: Imu
+    chamber: Chamber
+    positioner: Positioner

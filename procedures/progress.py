@@ -1,0 +1,71 @@
+"""What an onlooker may see of a running sweep: a terminal, a log, nothing.
+
+An onlooker looks; it never decides. One that raises is dropped and the sweep goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Protocol
+
+from procedures.journal import StepResult
+from procedures.plan import Plan, Step
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The state of a sweep at one poll. Times are campaign seconds; temperatures °C; rates deg/hr."""
+
+    step: Step
+    attempt: int
+    elapsed_s: float
+    step_elapsed_s: float
+    step_remaining_s: float  # planned, never below zero
+    finishing_utc: datetime  # expected end of the sweep
+    chamber_degC: float | None
+    setpoint_degC: float | None
+    unit_degC: Mapping[int, float] = field(default_factory=dict)
+    rates_deg_per_hr: Mapping[str, float] = field(default_factory=dict)  # "2.RA" → running mean, during a collect
+    note: str = ""  # what the step waits for
+    steps_done: int = 0
+    steps_total: int = 0
+
+
+class Progress(Protocol):
+    """An onlooker."""
+
+    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
+        """See the plan, and the keys of the steps that were completed before."""
+
+    def step_began(self, step: Step, attempt: int) -> None:
+        """See a step begin."""
+
+    def update(self, snapshot: Snapshot) -> None:
+        """See the state at a poll."""
+
+    def step_ended(self, step: Step, result: StepResult) -> None:
+        """See how a step ended."""
+
+    def event(self, kind: str, message: str) -> None:
+        """See what goes into the journal as an event: a retry, an interlock, a resumption, the safe state."""
+
+
+class Silent:
+    """Nobody looks."""
+
+    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
+        """Ignore it."""
+
+    def step_began(self, step: Step, attempt: int) -> None:
+        """Ignore it."""
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Ignore it."""
+
+    def step_ended(self, step: Step, result: StepResult) -> None:
+        """Ignore it."""
+
+    def event(self, kind: str, message: str) -> None:
+        """Ignore it."""

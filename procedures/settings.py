@@ -1,0 +1,188 @@
+"""What a sweep asks for, as plain numbers: temperatures, soaks, collects, limits and poll intervals.
+
+    sweep = SweepProcedure(
+        title="Two temperatures",
+        temperatures_degC=(-20.0, 40.0),
+        self_calibrations=3,
+        positions=("1", "2", "3"),
+        restabilisation=Restabilisation(at_least_s=45 * 60.0),
+    )
+    plan = make_plan(sweep)
+
+The configuration files convert to these; units have been checked by then. Values that contradict each other raise
+`ValueError` with one sentence that names the setting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Self
+
+
+def _require(condition: bool, sentence: str) -> None:
+    if not condition:
+        raise ValueError(sentence)
+
+
+class _Parameters:
+    """Settings that travel inside a step as named numbers, so that a plan is complete by itself."""
+
+    def as_parameters(self) -> dict[str, float]:
+        """Return the settings as numbers by name; those that are not set are absent."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
+        return {name: float(value) for name, value in values.items() if value is not None}
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, float]) -> Self:
+        """Return the settings that `as_parameters` wrote; other numbers in `parameters` are left alone."""
+        names = {item.name for item in fields(cls)}  # type: ignore[arg-type]
+        return cls(**{name: value for name, value in parameters.items() if name in names})
+
+
+@dataclass(frozen=True)
+class Restabilisation(_Parameters):
+    """When the unit counts as being in thermal equilibrium.
+
+    All of these at once: `at_least_s` of soak in the band; over the last `window_s` the chamber within `band_degC` of
+    the setpoint and sloping less than `slope_degC_per_min`; over the same window the unit's own sensor within a span
+    of `unit_band_degC` and sloping less than `unit_slope_degC_per_min`. The unit's own heat keeps it above the
+    chamber's air, so its level is not compared with the setpoint; only that it stands still.
+    """
+
+    at_least_s: float = 45 * 60.0
+    band_degC: float = 0.5
+    slope_degC_per_min: float = 0.05
+    window_s: float = 600.0
+    unit_band_degC: float = 0.5
+    unit_slope_degC_per_min: float = 0.05
+    ceiling_s: float = 4 * 3600.0  # never wait longer than this, whatever the evidence
+    excursion_s: float = 120.0  # leaving the band for longer restarts the soak; for less, only the window
+    collect_at_ceiling: bool = True  # collect all the same (INCONCLUSIVE, never PASS), or skip the self-calibration
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "collect_at_ceiling", bool(self.collect_at_ceiling))
+        for name in ("band_degC", "slope_degC_per_min", "window_s", "unit_band_degC", "unit_slope_degC_per_min"):
+            _require(getattr(self, name) > 0.0, f"restabilisation: {name} must be positive, not {getattr(self, name)}")
+        _require(self.at_least_s >= 0.0, f"restabilisation: at_least_s must not be negative, not {self.at_least_s}")
+        _require(self.excursion_s >= 0.0, f"restabilisation: excursion_s must not be negative, not {self.excursion_s}")
+        shortest = max(self.at_least_s, self.window_s)
+        _require(
+            self.ceiling_s >= shortest,
+            f"restabilisation: ceiling_s ({self.ceiling_s:g}) is shorter than the scheduled soak or its evidence "
+            f"window ({shortest:g}), so it would always end there",
+        )
+
+
+@dataclass(frozen=True)
+class CollectSettings(_Parameters):
+    """How a collect is taken and when it is believed."""
+
+    settle_s: float = 20.0  # after the index, thrown away
+    duration_s: float = 60.0
+    index_timeout_s: float = 60.0
+    index_s: float = 20.0  # expected, for the plan's times
+    minimum_fraction: float = 0.95  # of the expected samples; fewer is INCONCLUSIVE
+    drift_limit_deg_per_hr_per_min: float = 10.0
+    drift_sigmas: float = 4.0  # a slope counts only where it is this many standard errors from zero
+    motion_limit_g: float = 0.005  # largest departure of a one-second mean of an accelerometer from its mean
+    frozen_s: float = 5.0  # a rate that does not change for so long is not being measured; 0 never
+    attempts: int = 2  # a collect that is not good is taken again, the last one is kept as it is
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "attempts", int(self.attempts))
+        for name in (
+            "duration_s",
+            "index_timeout_s",
+            "drift_limit_deg_per_hr_per_min",
+            "drift_sigmas",
+            "motion_limit_g",
+        ):
+            _require(getattr(self, name) > 0.0, f"collect: {name} must be positive, not {getattr(self, name)}")
+        for name in ("settle_s", "index_s", "frozen_s"):
+            _require(getattr(self, name) >= 0.0, f"collect: {name} must not be negative, not {getattr(self, name)}")
+        _require(0.0 < self.minimum_fraction <= 1.0, "collect: minimum_fraction must lie above 0 and not above 1")
+        _require(self.attempts >= 1, "collect: attempts must be at least 1")
+
+
+@dataclass(frozen=True)
+class SweepProcedure:
+    """A temperature sweep: at each temperature, so many self-calibrations, each of collects at the positions in order.
+
+    `positions` may repeat and come in any order (1-3-2 keeps a linear drift out of the bias and MU).
+    """
+
+    title: str
+    temperatures_degC: tuple[float, ...]
+    self_calibrations: int = 3
+    positions: tuple[str, ...] = ("1", "2", "3")
+    restabilisation: Restabilisation = field(default_factory=Restabilisation)
+    collect: CollectSettings = field(default_factory=CollectSettings)
+    ramp_degC_per_min: float = 3.0  # expected of the chamber
+    start_degC: float = 23.0  # expected of the chamber at the beginning
+    final_degC: float | None = None  # brought here before the safe state, so that nobody opens a cold chamber
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "temperatures_degC", tuple(float(value) for value in self.temperatures_degC))
+        object.__setattr__(self, "positions", tuple(str(position) for position in self.positions))
+        _require(bool(self.temperatures_degC), "sweep: at least one temperature is needed")
+        _require(bool(self.positions), "sweep: at least one position is needed")
+        _require(self.self_calibrations >= 1, "sweep: at least one self-calibration per temperature is needed")
+        _require(self.ramp_degC_per_min > 0.0, "sweep: ramp_degC_per_min must be positive")
+        for value in (*self.temperatures_degC, self.start_degC, self.final_degC or 0.0):
+            _require(math.isfinite(value), f"sweep: {value} is not a temperature")
+
+
+@dataclass(frozen=True)
+class Polling:
+    """How often the bench is looked at.
+
+    `interval_s` is the chamber's; `read_interval_s` drains the stream and must be short enough that a live serial
+    buffer (4 kB) does not overflow. On simulated devices under the virtual clock both may be tens of seconds.
+    """
+
+    interval_s: float = 5.0
+    read_interval_s: float = 0.5
+    heartbeat_s: float = 60.0
+    progress_s: float = 1.0
+    device_attempts: int = 3  # tries of a step that a device refuses, before the night ends safely
+    retry_wait_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ("interval_s", "read_interval_s", "heartbeat_s"):
+            _require(getattr(self, name) > 0.0, f"polling: {name} must be positive, not {getattr(self, name)}")
+        _require(self.device_attempts >= 1, "polling: device_attempts must be at least 1")
+        _require(self.retry_wait_s >= 0.0, "polling: retry_wait_s must not be negative")
+
+
+@dataclass(frozen=True)
+class InterlockSettings:
+    """What ends a night in the safe state, and how long each may last before it does.
+
+    The grace is the retry: a condition that clears within it is recorded and the night goes on, but no step begins
+    while one is suspected.
+    """
+
+    chamber_margin_degC: float = 3.0  # beyond the bench's limits: the chamber overshoots, a runaway does not stop
+    chamber_limit_grace_s: float = 60.0
+    unit_low_degC: float = -60.0
+    unit_high_degC: float = 90.0
+    unit_limit_grace_s: float = 30.0
+    alarm_grace_s: float = 15.0
+    chamber_loss_s: float = 120.0
+    stream_loss_s: float = 60.0
+    setpoint_tolerance_degC: float = 0.3  # between what was commanded and what the chamber says it holds
+    setpoint_grace_s: float = 60.0
+    follow_tolerance_degC: float = 3.0  # between air and setpoint, once the setpoint was reached
+    follow_grace_s: float = 15 * 60.0
+    ramp_factor: float = 3.0  # a ramp may take so many times the expected duration …
+    ramp_extra_s: float = 20 * 60.0  # … and this on top
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            _require(math.isfinite(value), f"interlocks: {item.name} must be a finite number, not {value}")
+            if not item.name.startswith("unit_") or item.name.endswith("_s"):
+                _require(value >= 0.0, f"interlocks: {item.name} must not be negative, not {value}")
+        _require(self.unit_low_degC < self.unit_high_degC, "interlocks: unit_low_degC must be below unit_high_degC")

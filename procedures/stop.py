@@ -1,0 +1,65 @@
+"""Somebody wants the sweep to end: a signal, a command, a button. The sweep ends in the safe state.
+
+    stop = StopRequest()
+    with stop.on_signals():
+        outcome = sequencer.run()
+
+A second Ctrl-C says the same thing again; it does not skip the safe state. A handler only sets a flag: nothing is
+interrupted in the middle of a write. Whatever waits, waits in pieces and asks between them.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class StopRequested(Exception):
+    """Raised at the next poll after a stop was asked for; carries who asked."""
+
+
+class StopRequest:
+    """A flag that is set once and stays set. The first reason is kept."""
+
+    def __init__(self) -> None:
+        self._reason: str | None = None
+
+    @property
+    def requested(self) -> bool:
+        """True once somebody asked."""
+        return self._reason is not None
+
+    @property
+    def reason(self) -> str:
+        """Who asked; empty where nobody did."""
+        return self._reason or ""
+
+    def request(self, reason: str) -> None:
+        """Ask for the end of the sweep."""
+        if self._reason is None:
+            self._reason = reason
+
+    def check(self) -> None:
+        """Raise `StopRequested` where somebody asked."""
+        if self._reason is not None:
+            raise StopRequested(self._reason)
+
+    @contextmanager
+    def on_signals(self) -> Iterator[StopRequest]:
+        """Turn SIGINT, SIGTERM and SIGHUP into a stop request, and put the former handlers back afterwards.
+
+        Only the main thread can do this (`ValueError` otherwise).
+        """
+        former = {number: signal.signal(number, self._handle) for number in _SIGNALS}
+        try:
+            yield self
+        finally:
+            for number, handler in former.items():
+                signal.signal(number, handler)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signature of a handler
+        self.request(f"stopped by {signal.Signals(number).name}")
