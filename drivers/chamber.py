@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,25 @@ class ChamberLimits:
 
     low_degC: float
     high_degC: float
+
+
+@dataclass(frozen=True)
+class SafeState:
+    """How the chamber may be left alone, as the bench file defines it.
+
+    `hold` keeps it at `temperature_degC` under its own controller (where the unit gives off heat, or condensation must
+    be avoided); `standby` stops heating and cooling; `off` switches the conditioning off. Raises `ValueError` where
+    a held temperature is missing, or given for a state that has none.
+    """
+
+    action: Literal["hold", "standby", "off"] = "standby"
+    temperature_degC: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.action not in ("hold", "standby", "off"):
+            raise ValueError(f"safe state {self.action!r} is none of hold, standby, off")
+        if (self.action == "hold") != (self.temperature_degC is not None):
+            raise ValueError("a safe state has a temperature when, and only when, its action is hold")
 
 
 class Chamber(Protocol):

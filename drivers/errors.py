@@ -29,3 +29,7 @@ class WrongDevice(DeviceError):
 
 class SetpointOutOfLimits(DeviceError):
     """A temperature was asked for that lies outside the limits of the bench or of the chamber; nothing was sent."""
+
+
+class SensorFault(DeviceError):
+    """A reading that no working sensor can give: not a number, or outside what is physically possible."""

@@ -1,0 +1,64 @@
+"""A positioner that is a person: asked to bring the unit to a position, and believed only once they confirm.
+
+positioner = OperatorPositioner(ask, clock, instructions={"1": "connector up, dowel pins in holes A and B"})
+positioner.move_to("1", timeout_s=600.0)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from drivers.clock import Clock
+from drivers.errors import CommandRefused, DeviceError, DeviceTimeout
+
+
+class AskOperator(Protocol):
+    """Puts a question to the operator: on a terminal, a dashboard, or in a test."""
+
+    def __call__(self, question: str, timeout_s: float) -> bool | None:
+        """Return True where the operator confirms, False where they refuse, None where no answer came in time."""
+
+
+class OperatorPositioner:
+    """A `Positioner` that asks an operator. The position is unknown until, and unless, it is confirmed.
+
+    `instructions` says per position how the unit is to lie; where it is given, other positions are refused. Positions
+    are asked for every time, also the one in which the unit already lies: seating it anew is the point.
+    """
+
+    def __init__(self, ask: AskOperator, clock: Clock, *, instructions: Mapping[str, str] | None = None) -> None:
+        self._ask = ask
+        self._clock = clock
+        self._instructions = dict(instructions or {})
+        self._position: str | None = None
+
+    def move_to(self, position: str, timeout_s: float) -> None:
+        """Ask for `position` and return once it is confirmed.
+
+        Raises `CommandRefused` where the operator refuses, `DeviceTimeout` where no confirmation came within
+        `timeout_s` seconds, and `DeviceError` for a position that the bench does not have.
+        """
+        if self._instructions and position not in self._instructions:
+            known = ", ".join(sorted(self._instructions))
+            raise DeviceError(f"the bench has no position {position}; its operator knows {known}")
+        self._position = None
+        asked_s = self._clock.now()
+        answer = self._ask(self._question(position), timeout_s)
+        waited_s = self._clock.now() - asked_s
+        if answer is None or waited_s > timeout_s:
+            raise DeviceTimeout(
+                f"the operator did not confirm position {position} within {timeout_s:g} s; "
+                "bring the unit there and start the step again"
+            )
+        if not answer:
+            raise CommandRefused(f"the operator refused to confirm position {position}; ask why before going on")
+        self._position = position
+
+    def position(self) -> str | None:
+        """Return the position last confirmed, or None where the unit may lie anywhere."""
+        return self._position
+
+    def _question(self, position: str) -> str:
+        how = self._instructions.get(position, "")
+        return f"Bring the unit to position {position}{f' ({how})' if how else ''} and confirm when it lies still."

@@ -1,0 +1,227 @@
+"""The air in a chamber under the chamber's own controller: ramp limit, overshoot, ripple, ambient when off.
+
+Every command begins a segment, and within a segment the temperature is a closed formula, so a night costs next to
+nothing and any moment of it can be asked for, in any order. While it ramps the air approaches the ramp limit s from
+the rate v0 at which it was,
+
+    T(u) = T0 + s u - (s - v0) a (1 - exp(-u / a)),
+
+and once it reaches the setpoint, at rate v, it settles as a critically damped loop does,
+
+    T(u) = setpoint + v u exp(-u / b) + ripple,
+
+which overshoots by v b / e: 1.1 °C for 3 °C/min and b = 60 s. Without conditioning it leaks towards ambient.
+The slope never exceeds the ramp limit. The form is a simulator's convenience, not any maker's control law.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+FloatArray = NDArray[np.float64]
+
+
+class _Segment(Protocol):
+    """A stretch of the history; `elapsed_s` counts from its beginning, scalar or array."""
+
+    def at(self, elapsed_s: FloatArray) -> FloatArray: ...
+
+    def at_one(self, elapsed_s: float) -> float: ...
+
+    def slope_per_s(self, elapsed_s: float) -> float: ...
+
+
+@dataclass(frozen=True)
+class _Leak:
+    """No conditioning: an exponential towards ambient."""
+
+    begins_degC: float
+    ambient_degC: float
+    time_constant_s: float
+
+    def at(self, elapsed_s: FloatArray) -> FloatArray:
+        excess = self.begins_degC - self.ambient_degC
+        return np.asarray(self.ambient_degC + excess * np.exp(-elapsed_s / self.time_constant_s), dtype=np.float64)
+
+    def at_one(self, elapsed_s: float) -> float:
+        excess = self.begins_degC - self.ambient_degC
+        return self.ambient_degC + excess * math.exp(-elapsed_s / self.time_constant_s)
+
+    def slope_per_s(self, elapsed_s: float) -> float:
+        excess = self.begins_degC - self.ambient_degC
+        return -excess / self.time_constant_s * math.exp(-elapsed_s / self.time_constant_s)
+
+
+@dataclass(frozen=True)
+class _Ramp:
+    """Conditioning towards a setpoint, at most at the ramp limit."""
+
+    begins_degC: float
+    rate_per_s: float  # the limit, signed
+    initial_per_s: float
+    response_s: float
+
+    def at(self, elapsed_s: FloatArray) -> FloatArray:
+        lag = (self.rate_per_s - self.initial_per_s) * self.response_s
+        gone = -np.expm1(-elapsed_s / self.response_s)
+        return np.asarray(self.begins_degC + self.rate_per_s * elapsed_s - lag * gone, dtype=np.float64)
+
+    def at_one(self, elapsed_s: float) -> float:
+        lag = (self.rate_per_s - self.initial_per_s) * self.response_s
+        return self.begins_degC + self.rate_per_s * elapsed_s + lag * math.expm1(-elapsed_s / self.response_s)
+
+    def slope_per_s(self, elapsed_s: float) -> float:
+        return self.rate_per_s + (self.initial_per_s - self.rate_per_s) * math.exp(-elapsed_s / self.response_s)
+
+    def duration_to(self, setpoint_degC: float) -> float:
+        """Return when the setpoint is reached (the last time, where the air still moves the other way at first)."""
+        distance = abs(setpoint_degC - self.begins_degC)
+        if distance == 0.0:
+            return 0.0
+        # The air is at most (s - v0) a behind a ramp that began at full rate.
+        behind_s = (1.0 + abs(self.initial_per_s / self.rate_per_s)) * self.response_s
+        latest_s = distance / abs(self.rate_per_s) + behind_s + 1.0
+        sign = math.copysign(1.0, self.rate_per_s)
+        return float(brentq(lambda u: sign * (self.at_one(u) - setpoint_degC), 0.0, latest_s, xtol=1e-9))
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """At the setpoint: the overshoot dies away, a small ripple of the control loop remains."""
+
+    setpoint_degC: float
+    initial_per_s: float
+    settling_s: float
+    ripple_degC: float
+    ripple_period_s: float
+
+    def at(self, elapsed_s: FloatArray) -> FloatArray:
+        fade = np.exp(-elapsed_s / self.settling_s)
+        ripple = self.ripple_degC * (1.0 - fade) * np.sin(2.0 * np.pi * elapsed_s / self.ripple_period_s)
+        return np.asarray(self.setpoint_degC + self.initial_per_s * elapsed_s * fade + ripple, dtype=np.float64)
+
+    def at_one(self, elapsed_s: float) -> float:
+        fade = math.exp(-elapsed_s / self.settling_s)
+        ripple = self.ripple_degC * (1.0 - fade) * math.sin(2.0 * math.pi * elapsed_s / self.ripple_period_s)
+        return self.setpoint_degC + self.initial_per_s * elapsed_s * fade + ripple
+
+    def slope_per_s(self, elapsed_s: float) -> float:
+        return self.initial_per_s * (1.0 - elapsed_s / self.settling_s) * math.exp(-elapsed_s / self.settling_s)
+
+
+class ChamberPlant:
+    """The chamber's air, °C, from `begins_s` on; at first unconditioned and at ambient.
+
+    Rates are °C/min, both positive; times are seconds on the caller's clock.
+    """
+
+    def __init__(
+        self,
+        *,
+        ambient_degC: float = 22.0,
+        heating_degC_per_min: float = 3.0,
+        cooling_degC_per_min: float = 2.0,
+        response_s: float = 20.0,
+        settling_s: float = 60.0,
+        ripple_degC: float = 0.05,
+        ripple_period_s: float = 180.0,
+        leak_s: float = 3600.0,
+        begins_s: float = 0.0,
+    ) -> None:
+        if heating_degC_per_min <= 0 or cooling_degC_per_min <= 0:
+            raise ValueError("heating and cooling rates are given as positive numbers, °C/min")
+        self.ambient_degC = ambient_degC
+        self._heating_per_s = heating_degC_per_min / 60.0
+        self._cooling_per_s = cooling_degC_per_min / 60.0
+        self._response_s = response_s
+        self._settling_s = settling_s
+        self._ripple = (ripple_degC, ripple_period_s)
+        self._leak_s = leak_s
+        self._commanded: float | None = None
+        self._dead = False
+        self._now_s = begins_s
+        self._begins: list[float] = [begins_s]
+        self._segments: list[_Segment] = [_Leak(ambient_degC, ambient_degC, leak_s)]
+
+    @property
+    def commanded_degC(self) -> float | None:
+        """The setpoint last commanded, None while unconditioned. A dead plant does not follow it."""
+        return self._commanded
+
+    def command(self, setpoint_degC: float | None, at_s: float) -> None:
+        """Condition to `setpoint_degC`, or stop conditioning (None), from `at_s` on.
+
+        What has been asked for is history: a command that comes earlier takes effect at the latest time asked for.
+        """
+        if setpoint_degC == self._commanded:
+            return
+        self._commanded = setpoint_degC
+        self._restart(at_s)
+
+    def kill(self, at_s: float) -> None:
+        """Let compressor and heater fail: setpoints are taken and not followed until `revive`."""
+        self._dead = True
+        self._restart(at_s)
+
+    def revive(self, at_s: float) -> None:
+        """Let compressor and heater work again, towards the setpoint last commanded."""
+        self._dead = False
+        self._restart(at_s)
+
+    def advance(self, to_s: float) -> float:
+        """Move the present to `to_s` and return the air temperature there, °C."""
+        self._now_s = max(self._now_s, to_s)
+        number = max(bisect_right(self._begins, to_s) - 1, 0)
+        return self._segments[number].at_one(max(to_s - self._begins[number], 0.0))
+
+    def air_degC(self, times_s: FloatArray) -> FloatArray:
+        """Return the air temperature at `times_s`, any shape, °C: the whole history can be asked for again."""
+        times = np.asarray(times_s, dtype=np.float64)
+        if times.size == 0:
+            return np.empty(times.shape)
+        first_s, last_s = float(times.min()), float(times.max())
+        self._now_s = max(self._now_s, last_s)
+        first = max(bisect_right(self._begins, first_s) - 1, 0)
+        last = max(bisect_right(self._begins, last_s) - 1, 0)
+        if first == last:
+            return self._segments[first].at(np.maximum(times - self._begins[first], 0.0))
+        owner = np.searchsorted(self._begins, times, side="right") - 1
+        air = np.empty(times.shape)
+        for number in range(first, last + 1):
+            mine = np.maximum(owner, 0) == number
+            air[mine] = self._segments[number].at(np.maximum(times[mine] - self._begins[number], 0.0))
+        return air
+
+    def _restart(self, at_s: float) -> None:
+        """Begin a new stretch of history from the present temperature and rate."""
+        at_s = max(at_s, self._now_s)
+        self._drop_after(at_s)
+        air = self.advance(at_s)
+        rate = self._segments[-1].slope_per_s(max(at_s - self._begins[-1], 0.0))
+        if self._commanded is None or self._dead:
+            self._append(at_s, _Leak(air, self.ambient_degC, self._leak_s))
+            return
+        rises = self._commanded > air
+        limit = self._heating_per_s if rises else -self._cooling_per_s
+        ramp = _Ramp(air, limit, rate, self._response_s)
+        duration_s = ramp.duration_to(self._commanded)
+        self._append(at_s, ramp)
+        settled = _Settled(self._commanded, ramp.slope_per_s(duration_s), self._settling_s, *self._ripple)
+        self._append(at_s + duration_s, settled)
+
+    def _append(self, begins_s: float, segment: _Segment) -> None:
+        self._begins.append(begins_s)
+        self._segments.append(segment)
+
+    def _drop_after(self, at_s: float) -> None:
+        """Forget what was to come: the settling that a new command overtakes."""
+        while len(self._begins) > 1 and self._begins[-1] > at_s:
+            self._begins.pop()
+            self._segments.pop()
