@@ -1,7 +1,7 @@
 """Sealed cases: a night, a unit, noise, hidden effects of a stated size; written as a campaign folder.
 
-The size d of a hidden effect is its norm in units of the noise after the base model has been projected out: what is left for
-anybody to see. The truth is returned, never written into the folder.
+The size d of a hidden effect is its norm in units of the noise after the base model has been projected out: what is
+left for anybody to see. The truth is returned, never written into the folder.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def make_case(
     for name in hidden:
         signal = HIDDEN[name](night, truth, rng)
         visible = visible_norm(night, noise, model, signal)
-        # An effect that the base absorbs cannot be made visible by making it huge: cap it at a hundred sigma of its own norm.
+        # An effect that the base absorbs cannot be made visible by making it huge: cap it at a hundred of its own norm.
         size = d / max(visible, 0.01 * float(np.linalg.norm(signal)) / noise.collect, 1e-12)
         rates = rates + size * signal
         sizes.append(size * visible)

@@ -1,7 +1,7 @@
 """The hidden effects, from the catalogue's equations, with what a real one has and a fitted column has not.
 
-Continuous time constants, a Preisach hysteresis, true non-linearities. Each function returns the contribution to (RA, RB), shape (n, 2),
-at unit size; `cases.py` scales it.
+Continuous time constants, a Preisach hysteresis, true non-linearities. Each function returns the contribution to
+(RA, RB), shape (n, 2), at unit size; `cases.py` scales it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Truth:
 
 
 def make_truth(night: Night, rng: np.random.Generator, *, thermal: bool, mu: float = 1.0) -> Truth:
-    """Draw a unit. `thermal` lets the coefficients vary with temperature; `mu` scales MU (0: the contractor was right)."""
+    """Draw a unit. `thermal` lets the coefficients follow temperature; `mu` scales MU (0: the contractor was right)."""
     t = (night.rotor - 25.0) / 40.0
     bend = 1.0 if thermal else 0.0
 
