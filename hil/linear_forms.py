@@ -36,7 +36,7 @@ def bias_names(sensor: Sensor) -> tuple[str, ...]:
 
 
 def rotor_names(sensor: Sensor) -> tuple[str, ...]:
-    """Name the six parameters of a two-channel rotor sensor; the names are the report's whatever its axes are called."""
+    """Name the six parameters of a two-channel rotor sensor: the report's names, whatever its axes are called."""
     if not sensor.is_rotor:
         raise InputError(f"sensor {sensor.number}: it is not a two-channel rotor sensor, so it has no GS and MU")
     return MATRIX_6
@@ -71,7 +71,7 @@ def sensitivity_columns(conditions: Conditions) -> FloatArray:
     """Columns of the full matrix G, R += G f: channel c has f in columns 3c, 3c+1, 3c+2; shape (n, c, 3c)."""
     channels = len(conditions.sensor.channels)
     columns = np.einsum("cd,na->ncda", np.eye(channels), conditions.f_g)
-    return columns.reshape(len(conditions), channels, 3 * channels)
+    return np.asarray(columns.reshape(len(conditions), channels, 3 * channels))
 
 
 def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, reference_degC: float) -> FloatArray:

@@ -1,0 +1,274 @@
+"""Weighted least squares over any set of collects, batched: one campaign or 10⁵ Monte Carlo draws are the same call.
+
+    solution = solve(design, observed, sigma=0.9, names=("BA", "BB", "GSA", "GSB", "MUA", "MUB"))
+    solution.values, solution.se, solution.covariance, solution.condition_number
+    solution.unobservable()  # ("GSA + 0.016 MUB is seen, MUB - 0.016 GSA is not", ...)
+
+A number that the rows cannot support is NaN, never a guess: a parameter that is only seen mixed with others has no
+value, and without stated noise and without a residual there is no covariance.
+
+The normal equations with one step of refinement serve the well-conditioned (all that the fast path accepts has a
+condition number below 10⁴); everything else goes through the singular value decomposition of the design.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hil.equation import FloatArray
+from hil.observability import Observability, describe, directions_seen
+
+RANK_TOLERANCE = 1e-9
+"""A combination counts as unseen where its singular value is this small beside the largest."""
+
+_FAST_CONDITION = 1e4
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Values of p parameters from m rows, over any leading dimensions.
+
+    `values` (..., p) and `covariance` (..., p, p) are NaN where unknown; `residuals` (..., m) are observed minus
+    fitted, NaN in missing rows; `chi_square` (...) is the whitened sum of squares; `rank` and `degrees_of_freedom`
+    (...) count combinations seen and residuals left. `noise_stated` tells whether the covariance rests on stated noise
+    or (with degrees of freedom) on the residuals themselves. `shortest` and `shortest_covariance` are the solution of
+    least norm, of which only the seen combinations mean anything.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    chi_square: FloatArray
+    rank: NDArray[np.int64]
+    degrees_of_freedom: NDArray[np.int64]
+    noise_stated: bool
+    design: FloatArray
+    measured: NDArray[np.bool_]
+    rank_tolerance: float
+    shortest: FloatArray
+    shortest_covariance: FloatArray
+
+    @property
+    def se(self) -> FloatArray:
+        """Standard errors, shape (..., p); NaN where the covariance is unknown."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    @cached_property
+    def condition_number(self) -> FloatArray:
+        """Largest over smallest singular value of the measured rows in the parameters' own units, shape (...).
+
+        Unweighted: it is a property of the orientations (1 + √2 for the report's three at 1 g), not of the noise.
+        Infinite where some combination is not seen.
+        """
+        rows = self.design * self.measured[..., None]
+        if rows.shape[-2] < rows.shape[-1]:
+            return np.full(self.rank.shape, np.inf)
+        singular = np.linalg.svd(rows, compute_uv=False)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            condition = singular[..., 0] / singular[..., -1]
+        return np.asarray(np.where(self.rank == len(self.names), condition, np.inf))
+
+    @property
+    def residual_rms(self) -> FloatArray:
+        """Root mean square of the residuals over the measured rows, shape (...); NaN without degrees of freedom."""
+        count = np.maximum(self.measured.sum(axis=-1), 1)
+        rms = np.sqrt(np.nansum(self.residuals**2, axis=-1) / count)
+        return np.asarray(np.where(self.degrees_of_freedom > 0, rms, np.nan))
+
+    def observability(self, index: tuple[int, ...] = ()) -> Observability:
+        """Describe what member `index` of the batch can and cannot know."""
+        batch = self.rank.shape
+        rows = np.broadcast_to(self.design, (*batch, *self.design.shape[-2:]))[index]
+        measured = np.broadcast_to(self.measured, (*batch, self.measured.shape[-1]))[index]
+        return describe(self.names, rows * measured[:, None], _scale(rows, measured), self.rank_tolerance)
+
+    def unobservable(self, index: tuple[int, ...] = ()) -> tuple[str, ...]:
+        """Say what member `index` of the batch cannot know, one sentence for each group; empty where all is known."""
+        return self.observability(index).sentences
+
+    def combinations(self, index: tuple[int, ...] = ()) -> tuple[tuple[str, float, float], ...]:
+        """Return the seen combinations of parameters that are not known singly: text, value, standard error."""
+        found = self.observability(index)
+        values = found.seen @ self.shortest[index]
+        errors = np.sqrt(np.einsum("qp,pr,qr->q", found.seen, self.shortest_covariance[index], found.seen))
+        return tuple(zip(found.seen_text, values.tolist(), errors.tolist(), strict=True))
+
+
+class _Whitened(NamedTuple):
+    """Rows scaled to unit noise, missing rows zero; leading dimensions broadcast. `rows` are those without weights."""
+
+    rows: FloatArray
+    design: FloatArray
+    observed: FloatArray
+    lowest_weight: FloatArray
+    highest_weight: FloatArray
+
+
+class _Inverse(NamedTuple):
+    """values = operator · observed, their covariance, the rank, and which parameters are known."""
+
+    operator: FloatArray
+    covariance: FloatArray
+    rank: NDArray[np.int64]
+    known: NDArray[np.bool_]
+
+
+def solve(
+    design: ArrayLike,
+    observed: ArrayLike,
+    sigma: ArrayLike | None = None,
+    *,
+    covariance: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
+) -> Solution:
+    """Solve design · values = observed by weighted least squares.
+
+    `design` (..., m, p) in the parameters' units, `observed` (..., m), NaN where missing; the noise is stated as
+    `sigma` (..., m) or a scalar, or as a full `covariance` (..., m, m), or not at all. Leading dimensions broadcast.
+    Without stated noise the rows weigh alike and the covariance comes from the residuals: NaN where there are none.
+    Raises ValueError for shapes that do not fit, a non-finite design, or noise that is not positive.
+    """
+    rows, data = np.asarray(design, dtype=np.float64), np.asarray(observed, dtype=np.float64)
+    _check(rows, data, names)
+    measured = ~np.isnan(data)
+    # With nothing missing the mask is shared by the batch, and so is the factorisation of a shared design.
+    mask = np.ones(data.shape[-1:], dtype=bool) if measured.all() else measured
+    white = _whiten(rows, data, mask, sigma, covariance)
+    inverse = _invert(white, mask, _scale(rows, mask), rank_tolerance)
+    values = _apply(inverse.operator, white.observed)
+    values = values + _apply(inverse.operator, white.observed - _apply(white.design, values))
+    remainder = white.observed - _apply(white.design, values)
+    batch = values.shape[:-1]
+    chi_square = np.einsum("...m,...m->...", remainder, remainder)
+    degrees = np.broadcast_to(mask.sum(axis=-1) - inverse.rank, batch)
+    spread = inverse.covariance
+    stated = sigma is not None or covariance is not None
+    if not stated:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            spread = spread * np.where(degrees > 0, chi_square / degrees, np.nan)[..., None, None]
+    known = inverse.known
+    square = known[..., :, None] & known[..., None, :]
+    spread = np.broadcast_to(spread, (*batch, *spread.shape[-2:]))
+    return Solution(
+        names=tuple(names) if names is not None else tuple(f"x{j}" for j in range(rows.shape[-1])),
+        values=np.where(known, values, np.nan),
+        covariance=spread if known.all() else np.where(square, spread, np.nan),
+        residuals=np.where(measured, data - _apply(rows, values), np.nan),
+        chi_square=chi_square,
+        rank=np.broadcast_to(inverse.rank, batch),
+        degrees_of_freedom=degrees,
+        noise_stated=stated,
+        design=rows,
+        measured=mask,
+        rank_tolerance=rank_tolerance,
+        shortest=values,
+        shortest_covariance=spread,
+    )
+
+
+def _apply(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Multiply (..., i, j) by (..., j); leading dimensions broadcast."""
+    return np.asarray(np.einsum("...ij,...j->...i", matrix, vector))
+
+
+def _check(rows: FloatArray, data: FloatArray, names: Sequence[str] | None) -> None:
+    if rows.ndim < 2 or data.ndim < 1 or rows.shape[-2] != data.shape[-1]:
+        raise ValueError(
+            f"design {rows.shape} and observed {data.shape} do not fit: (..., m, p) and (..., m) are needed"
+        )
+    if not np.all(np.isfinite(rows)):
+        raise ValueError("the design holds values that are not finite")
+    if np.any(np.isinf(data)):
+        raise ValueError("the observed values hold an infinity; mark missing rows with NaN")
+    if names is not None and len(names) != rows.shape[-1]:
+        raise ValueError(f"{len(names)} names for {rows.shape[-1]} parameters")
+
+
+def _whiten(
+    rows: FloatArray, data: FloatArray, mask: NDArray[np.bool_], sigma: ArrayLike | None, covariance: ArrayLike | None
+) -> _Whitened:
+    """Scale or decorrelate the rows to unit noise; missing rows become zero, which leaves them out of every sum."""
+    filled = np.where(mask, data, 0.0)
+    if covariance is not None:
+        if sigma is not None:
+            raise ValueError("state the noise once: sigma or covariance, not both")
+        return _decorrelate(rows, filled, mask, np.asarray(covariance, dtype=np.float64))
+    noise = np.ones(1) if sigma is None else np.asarray(sigma, dtype=np.float64)
+    used = np.where(mask, noise, 1.0)
+    if not np.all(np.isfinite(used) & (used > 0.0)):
+        raise ValueError("sigma must be positive and finite in every measured row")
+    weight = mask / used
+    lowest = np.where(mask, weight, np.inf).min(axis=-1)
+    return _Whitened(rows, rows * weight[..., None], filled * weight, lowest, weight.max(axis=-1))
+
+
+def _decorrelate(rows: FloatArray, filled: FloatArray, mask: NDArray[np.bool_], covariance: FloatArray) -> _Whitened:
+    """Whiten by the Cholesky factor; a missing row keeps unit noise of its own, so that it touches no other."""
+    both = mask[..., :, None] & mask[..., None, :]
+    try:
+        factor = np.linalg.cholesky(np.where(both, covariance, np.eye(mask.shape[-1])))
+    except np.linalg.LinAlgError as error:
+        raise ValueError("the noise covariance must be symmetric and positive definite") from error
+    unmix = np.asarray(np.linalg.inv(factor), dtype=np.float64)
+    spread = np.asarray(np.linalg.svd(factor, compute_uv=False), dtype=np.float64)
+    return _Whitened(
+        rows, unmix @ (rows * mask[..., None]), _apply(unmix, filled), 1.0 / spread[..., 0], 1.0 / spread[..., -1]
+    )
+
+
+def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """Scale of each column: its rms where above 1, so that squares of temperatures do not hide a bias.
+
+    A small column is never magnified: a direction hardly excited must look as small as it is.
+    """
+    count = np.maximum(mask.sum(axis=-1), 1)[..., None]
+    rms = np.sqrt(np.einsum("...mp,...m->...p", rows**2, mask.astype(np.float64)) / count)
+    return np.asarray(np.maximum(rms, 1.0))
+
+
+def _invert(white: _Whitened, mask: NDArray[np.bool_], scale: FloatArray, tolerance: float) -> _Inverse:
+    """Invert the whitened rows (..., m, p): directly where that is certainly safe, else over what is seen only."""
+    scaled = white.design / scale[..., None, :]
+    turned = np.swapaxes(scaled, -1, -2)
+    normal = turned @ scaled
+    batch, parameters = normal.shape[:-2], normal.shape[-1]
+    spread = np.broadcast_to(white.highest_weight / white.lowest_weight, batch)
+    short = np.broadcast_to(mask.sum(axis=-1) < parameters, batch)
+    inverse, slow = _fast_inverse(normal, spread, short, tolerance)
+    operator = inverse @ turned
+    rank = np.full(batch, parameters, dtype=np.int64)
+    known = np.ones((*batch, parameters), dtype=bool)
+    if np.any(slow):
+        rows = np.broadcast_to(white.rows * mask[..., None], scaled.shape)[slow]
+        widths = np.broadcast_to(scale, (*batch, parameters))[slow]
+        directions, seen, known[slow] = directions_seen(rows, widths, tolerance)
+        # In the coordinates of the seen combinations the problem has full rank; unseen columns are exactly zero.
+        kept = directions * seen[..., None]
+        back = np.linalg.pinv(scaled[slow] @ np.swapaxes(kept, -1, -2), rcond=1e-14)
+        operator[slow] = np.swapaxes(kept, -1, -2) @ back
+        inverse[slow] = operator[slow] @ np.swapaxes(operator[slow], -1, -2)
+        rank[slow] = seen.sum(axis=-1)
+    return _Inverse(operator / scale[..., :, None], inverse / (scale[..., :, None] * scale[..., None, :]), rank, known)
+
+
+def _fast_inverse(
+    normal: FloatArray, weight_ratio: FloatArray, short: NDArray[np.bool_], tolerance: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Invert the normal matrices, and mark those that are not certainly well-conditioned and of full rank."""
+    safe = np.where(short[..., None, None], np.eye(normal.shape[-1]), normal)
+    try:
+        inverse = np.linalg.inv(safe)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(normal), np.ones(normal.shape[:-2], dtype=bool)
+    # Frobenius norms bound the condition number from above; the weights' ratio bounds that of the unweighted rows.
+    bound = np.sqrt(np.einsum("...pq,...pq->...", safe, safe) * np.einsum("...pq,...pq->...", inverse, inverse))
+    limit = min(_FAST_CONDITION, 0.1 / tolerance)
+    return inverse, np.asarray(short | ~(np.sqrt(bound) * weight_ratio < limit))
