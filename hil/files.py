@@ -1,0 +1,67 @@
+"""File operations that survive a power failure, in one place so that a test can make each of them fail.
+
+A file appears whole or not at all: it is written under a temporary name in the same folder, synchronised, renamed, and
+the folder is synchronised, in this order. What a crash leaves behind has a name that begins with `.partial-`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Protocol
+
+PARTIAL = ".partial-"
+"""How the temporary name of a file or folder begins that is not finished."""
+
+
+class Disk(Protocol):
+    """The operations of the operating system that durability rests upon."""
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Write `data` to `path` and synchronise the file."""
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Give `source` the name `target`, in one step."""
+
+    def synchronise_folder(self, folder: Path) -> None:
+        """Make the names in `folder` durable."""
+
+
+class RealDisk:
+    """The operating system's files."""
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Write `data` to `path` and synchronise the file; raise `OSError` where the disk is full or read-only."""
+        with path.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def rename(self, source: Path, target: Path) -> None:
+        """Give `source` the name `target`, in one step."""
+        source.rename(target)
+
+    def synchronise_folder(self, folder: Path) -> None:
+        """Make the names in `folder` durable."""
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def write_durably(disk: Disk, path: Path, data: bytes) -> None:
+    """Write `data` so that `path` holds all of it or does not change, whatever happens meanwhile.
+
+    Raises `OSError` (disk full, read-only); the temporary file is then removed as far as the disk allows.
+    """
+    partial = path.with_name(f"{PARTIAL}{path.name}")
+    try:
+        disk.write(partial, data)
+        disk.rename(partial, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+    disk.synchronise_folder(path.parent)

@@ -1,0 +1,155 @@
+"""The tables of a journal, and one upgrade function for every version that they have had.
+
+A journal is never rewritten: rows are added, and an attempt is closed once. Two kinds of key make a duplicate
+impossible (an attempt is one row; a step is DONE at most once); row numbers without reuse make a deletion visible.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+from hil.errors import InputError
+
+APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
+
+_VERSION_1 = """
+CREATE TABLE night (
+    id INTEGER PRIMARY KEY CHECK (id = 1),
+    title TEXT NOT NULL,
+    who TEXT NOT NULL,
+    began_utc TEXT NOT NULL,         -- the instant from which every _s column counts
+    simulated INTEGER NOT NULL CHECK (simulated IN (0, 1)),
+    seed INTEGER,
+    versions TEXT NOT NULL,          -- JSON: programs and libraries
+    configuration TEXT NOT NULL,     -- the resolved configuration, as text: what a resume uses, whatever the files say
+    steps_total INTEGER NOT NULL,
+    digest TEXT NOT NULL             -- SHA-256 over the above and the plan
+);
+CREATE TABLE steps (                 -- the plan, as data
+    number INTEGER PRIMARY KEY,      -- the step's index in the plan
+    key TEXT NOT NULL UNIQUE,
+    kind TEXT NOT NULL,
+    starts_s REAL NOT NULL,
+    duration_s REAL NOT NULL,
+    temperature_degC REAL,
+    self_calibration INTEGER,
+    position TEXT,
+    parameters TEXT NOT NULL         -- JSON
+);
+CREATE TABLE controllers (           -- one row per controller process that has worked on this night
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    pid INTEGER NOT NULL,
+    host TEXT NOT NULL,
+    who TEXT NOT NULL,
+    began_s REAL NOT NULL,
+    seen_s REAL NOT NULL,            -- campaign time of its last write
+    seen_utc TEXT NOT NULL,          -- wall time of its last write, by the operating system's clock even in simulation
+    ended TEXT                       -- how it ended, in words; NULL while it lives, or after it was killed
+);
+CREATE TABLE attempts (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    step_key TEXT NOT NULL REFERENCES steps (key),
+    attempt INTEGER NOT NULL CHECK (attempt >= 1),
+    controller INTEGER NOT NULL REFERENCES controllers (id),
+    began_s REAL NOT NULL,
+    ended_s REAL,
+    outcome TEXT CHECK (outcome IN ('DONE', 'FAILED', 'ERROR', 'TIMEOUT', 'ABORTED')),  -- NULL: never ended
+    reason TEXT,
+    data TEXT,                       -- JSON
+    digest TEXT,                     -- SHA-256 over outcome, reason, data and blocks
+    UNIQUE (step_key, attempt),
+    CHECK ((outcome IS NULL) = (ended_s IS NULL) AND (outcome IS NULL) = (digest IS NULL))
+);
+CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE';
+CREATE TABLE blocks (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    step_key TEXT NOT NULL,
+    attempt INTEGER NOT NULL,
+    kind TEXT NOT NULL,
+    path TEXT NOT NULL UNIQUE,
+    sha256 TEXT NOT NULL,
+    size INTEGER NOT NULL,
+    rows INTEGER NOT NULL,
+    content_sha256 TEXT NOT NULL,
+    UNIQUE (step_key, attempt, kind),
+    FOREIGN KEY (step_key, attempt) REFERENCES attempts (step_key, attempt)
+);
+CREATE TABLE events (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    controller INTEGER NOT NULL REFERENCES controllers (id),
+    at_s REAL NOT NULL,
+    kind TEXT NOT NULL,
+    message TEXT NOT NULL,
+    evidence TEXT NOT NULL           -- JSON
+);
+CREATE TABLE heartbeats (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    controller INTEGER NOT NULL REFERENCES controllers (id),
+    at_s REAL NOT NULL,
+    step_key TEXT NOT NULL REFERENCES steps (key),
+    readings TEXT NOT NULL           -- JSON
+);
+CREATE TRIGGER an_ended_attempt_stays BEFORE UPDATE ON attempts WHEN OLD.outcome IS NOT NULL
+BEGIN SELECT RAISE(ABORT, 'an attempt that has ended is never changed'); END;
+CREATE TRIGGER a_block_stays BEFORE UPDATE ON blocks
+BEGIN SELECT RAISE(ABORT, 'a block is never changed'); END;
+"""
+
+COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats")
+"""Tables whose row numbers are never reused, so that a deleted row is a gap."""
+
+
+def _to_1(connection: sqlite3.Connection) -> None:
+    for statement in _statements(_VERSION_1):
+        connection.execute(statement)
+
+
+UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1,)
+"""UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
+
+VERSION = len(UPGRADES)
+
+
+def upgrade(connection: sqlite3.Connection) -> None:
+    """Bring a journal to the present version: all of it or, when anything fails, none of it."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        for version in range(_version(connection), VERSION):
+            UPGRADES[version](connection)
+        connection.execute(f"PRAGMA user_version = {VERSION}")
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    connection.execute("COMMIT")
+
+
+def check(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the schema version; raise `InputError` where this is no journal, or a later version's."""
+    try:
+        application = connection.execute("PRAGMA application_id").fetchone()[0]
+        version = _version(connection)
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{path}: is not a journal, or is damaged ({error})") from None
+    if application != APPLICATION_ID:
+        raise InputError(f"{path}: is a database, but not a journal of hil")
+    if version > VERSION:
+        raise InputError(f"{path}: was written by a later hil (schema {version}, this one reads {VERSION}); update hil")
+    return version
+
+
+def _version(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _statements(script: str) -> list[str]:
+    """Split at the semicolons that end a statement (`executescript` would commit the transaction in between)."""
+    statements, pending = [], ""
+    for line in script.splitlines(keepends=True):
+        pending += line
+        if sqlite3.complete_statement(pending):
+            statements.append(pending)
+            pending = ""
+    return statements
