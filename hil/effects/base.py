@@ -1,31 +1,64 @@
 """What an effect is: one small class that everything else uses.
 
 The twin simulates with it, the solver solves for it, reconcile searches over it, the report prints it. A model is a sum
-of effects. Adding one is a class with a docstring and a line in the catalogue.
+of effects. Adding one is a class with a docstring and a line in the catalogue (`hil.effects.catalogue`).
+
+    effect = effect_by_id("bias_Tdot")
+    effect.missing(conditions)                   # () or ("dTdt_degC_per_min",): it cannot be asked about this data
+    [p.name for p in effect.parameters_for(conditions)]          # ["K_Tdot_A", "K_Tdot_B"]
+    effect.columns(conditions, base=None, shape={})              # dR/dK, shape (n, c, p)
+
+There are three kinds. An `Effect` moves the averages of collects: it gives columns. A `VarianceEffect` only scatters
+them: it gives the covariance of unit size. A `SeriesEffect` shows inside a collect: it tests the series of samples.
 """
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
+import numpy as np
+
 from hil.campaign import Conditions, FloatArray, Sensor
+from hil.errors import InputError
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A linear parameter: its name, unit, and the range of sizes that is physically typical (absolute values)."""
+    """A linear parameter: its name, unit, and the range of sizes that is physically typical (absolute values).
+
+    `typical` is the range for the report's rotor sensor; `typical_other` the ranges of other technologies (RLG, FOG,
+    DTG, MEMS, gas …) where they differ. All are order-of-magnitude engineering values.
+    """
 
     name: str
     unit: str
     typical: tuple[float, float]
+    typical_other: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def for_sensor(self, sensor: Sensor, technology: str | None = None) -> Parameter:
+        """Return this parameter with `typical` as it is for a sensor.
+
+        With a `technology` of `typical_other` it is that range. Without one a rotor sensor keeps the rotor's, and any
+        other sensor, whose technology a campaign does not tell, gets the span of all that are listed.
+        """
+        if technology is not None and technology in self.typical_other:
+            return replace(self, typical=self.typical_other[technology])
+        if sensor.is_rotor or not self.typical_other:
+            return self
+        ranges = list(self.typical_other.values())
+        return replace(self, typical=(min(low for low, _ in ranges), max(high for _, high in ranges)))
 
 
 @dataclass(frozen=True)
 class ShapeParameter:
-    """A parameter that enters non-linearly (time constant, hysteresis width, lag) with the grid that is searched."""
+    """A parameter that enters non-linearly (time constant, hysteresis width, lag) with the grid that is searched.
+
+    A grid of one value is a reference that must be stored with a fitted term (nominal supply voltage), not searched.
+    """
 
     name: str
     unit: str
@@ -36,24 +69,28 @@ class ShapeParameter:
 class Base:
     """The fitted base model at each row: what effects that scale, rotate or tilt the existing terms need.
 
-    `bias` (n, c) deg/hr, `k` (n, c, 3) deg/hr/g, `rates` (n, c) deg/hr including earth rate.
+    `bias` (n, c) deg/hr, `k` (n, c, 3) deg/hr/g, `rates` (n, c) deg/hr including earth rate. The slopes by temperature,
+    per °C, have the shapes of `bias` and `k`; None where the base does not know them.
     """
 
     bias: FloatArray
     k: FloatArray
     rates: FloatArray
+    bias_slope: FloatArray | None = None
+    k_slope: FloatArray | None = None
 
 
-class Effect(ABC):
-    """A named physical effect on the pickoff rates. Subclasses are stateless; values live in a model."""
+class Described(ABC):
+    """What every entry of the catalogue says about itself, whatever it acts on."""
 
     id: ClassVar[str]
     family: ClassVar[str]
     title: ClassVar[str]
     equation: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
-    shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
-    needs: ClassVar[frozenset[str]] = frozenset()  # condition columns without which it cannot be asked about
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
+    needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
+    common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
     signature: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
@@ -62,10 +99,109 @@ class Effect(ABC):
         """Whether the effect can exist in a sensor of this layout."""
         return True
 
+    def missing(self, conditions: Conditions) -> tuple[str, ...]:
+        """Return the condition columns that the data lacks (absent or all empty), without which it cannot be asked."""
+        return tuple(
+            need
+            for need in sorted(self.needs)
+            if not any(np.any(np.isfinite(conditions.columns.get(name, np.nan))) for name in need.split("|"))
+        )
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return the parameters as they are for these rows, one per column of `columns`, in that order."""
+        sensor = conditions.sensor
+        declared = [parameter.for_sensor(sensor, technology) for parameter in self.parameters]
+        if not self.per_channel:
+            return tuple(declared)
+        return tuple(
+            replace(parameter, name=f"{parameter.name}_{axis}")
+            for parameter in declared
+            for axis in sensor.channels.values()
+        )
+
+
+class Effect(Described):
+    """A named physical effect on the averages of collects. Subclasses are stateless; values live in a model.
+
+    Rows whose needed cell is empty (NaN) get zeros: there the effect is not asked about. A parameter that the data
+    cannot excite has a column of zeros.
+    """
+
+    shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
+    needs_base: ClassVar[bool] = False  # `columns` refuses base=None
+    needs_slopes: ClassVar[bool] = False  # … and a base without slopes by temperature
+
     @abstractmethod
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the partial derivatives of the rates by the parameters, shape (n, c, p).
 
         `base` is needed by effects that act on the existing terms (scale factor, phase, tilt); `shape` gives a value
-        for every shape parameter.
+        for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:  # noqa: ARG002 (grids mostly fixed)
+        """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""
+        return self.shapes
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return every combination of the shape parameters; `[{}]` where there are none."""
+        shapes = self.shapes_for(conditions)
+        return [
+            dict(zip((shape.name for shape in shapes), values, strict=True))
+            for values in itertools.product(*(shape.grid for shape in shapes))
+        ]
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether a model file may give a value for a parameter of this name."""
+        declared = [declared.name for declared in self.parameters]
+        if self.per_channel:
+            return any(parameter.startswith(f"{name}_") for name in declared)
+        return parameter in declared
+
+
+class VarianceEffect(Described):
+    """An effect that only scatters averages, without moving their mean: it contributes to the covariance."""
+
+    @abstractmethod
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of the rates at unit size of the parameter, shape (n·c, n·c), rows (n, c) flattened."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The samples of one collect of one sensor: `t_s` (n,) from its start, `rates_deg_per_hr` (n, c).
+
+    `block_s` is the averaging time of a row where rows are block averages.
+    """
+
+    sensor: Sensor
+    t_s: FloatArray
+    rates_deg_per_hr: FloatArray
+    temperature_degC: FloatArray | None = None
+    block_s: float | None = None
+
+
+@dataclass(frozen=True)
+class SeriesFinding:
+    """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
+
+    effect: str
+    channel: str
+    p_value: float
+    estimates: Mapping[str, float]
+    sentence: str
+
+
+class SeriesEffect(Described):
+    """An effect that shows inside a collect: a test of the series with an exact or conservative null distribution."""
+
+    @abstractmethod
+    def test(self, series: Series) -> tuple[SeriesFinding, ...]:
+        """Test every channel of one collect's series."""
+
+
+def required_base(effect: Effect, base: Base | None) -> Base:
+    """Return `base`, or raise `InputError` where an effect that acts on the existing terms was asked without them."""
+    if base is None:
+        raise InputError(f"effect {effect.id} acts on the terms of the base model, and no base model was given")
+    return base

@@ -1,0 +1,147 @@
+"""A number that may depend on temperature: constant, polynomial, or a table interpolated without overshoot.
+
+    Constant(unit="deg/hr", value=22.08).at([20.0])                                   # array([22.08])
+    Polynomial(unit="deg/hr", polynomial=(10.0, 0.85), reference_degC=25.0).at([35.0])  # array([18.5])
+    Table(unit="deg/hr", table={"temperature_degC": [...], "value": [...]}).at([20.0])
+
+Tables are monotone piecewise cubics (PCHIP), because a polynomial through Table 1 of RD-GC-86-1 does not fit it and
+swings between the plateaus. Outside its table a curve keeps the end value: extrapolated cubics are no knowledge.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
+from scipy.interpolate import PchipInterpolator
+
+FloatArray = NDArray[np.float64]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Constant(_Entry):
+    """The same value at every temperature, with its standard error where one is known."""
+
+    unit: str
+    value: FiniteFloat
+    se: NonNegativeFloat | None = None
+
+    @property
+    def depends_on_temperature(self) -> bool:
+        """False: `at` needs no temperature."""
+        return False
+
+    def at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the value for each temperature, shape (n,)."""
+        return np.full(np.shape(temperature_degC), self.value)
+
+    def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the derivative by temperature, shape (n,), per °C: zero."""
+        return np.zeros(np.shape(temperature_degC))
+
+
+class Polynomial(_Entry):
+    """Σ c_k (T − T0)^k, the coefficient of the lowest power first."""
+
+    unit: str
+    polynomial: tuple[FiniteFloat, ...] = Field(min_length=1)
+    reference_degC: FiniteFloat
+    se: tuple[NonNegativeFloat, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_error_per_coefficient(self) -> Polynomial:
+        if self.se is not None and len(self.se) != len(self.polynomial):
+            raise ValueError("se must have one entry per coefficient of polynomial")
+        return self
+
+    @property
+    def depends_on_temperature(self) -> bool:
+        """True where a power of temperature has a coefficient."""
+        return len(self.polynomial) > 1
+
+    def at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the value at each temperature, shape (n,)."""
+        return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), self.polynomial))
+
+    def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the derivative by temperature, shape (n,), per °C."""
+        derivative = np.polynomial.polynomial.polyder(np.asarray(self.polynomial))
+        return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), derivative))
+
+    def _offset(self, temperature_degC: ArrayLike) -> FloatArray:
+        return np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
+
+
+class TableRows(_Entry):
+    """Temperatures, strictly rising, and the value at each."""
+
+    temperature_degC: tuple[FiniteFloat, ...] = Field(min_length=2)
+    value: tuple[FiniteFloat, ...]
+    se: tuple[NonNegativeFloat, ...] | None = None
+
+    @model_validator(mode="after")
+    def _columns_agree(self) -> TableRows:
+        if len(self.value) != len(self.temperature_degC):
+            raise ValueError("value must have as many entries as temperature_degC")
+        if self.se is not None and len(self.se) != len(self.value):
+            raise ValueError("se must have as many entries as value")
+        if np.any(np.diff(self.temperature_degC) <= 0.0):
+            raise ValueError("temperature_degC must rise strictly")
+        return self
+
+
+class Table(_Entry):
+    """A PCHIP curve through tabulated values; the end values hold outside the table."""
+
+    unit: str
+    table: TableRows
+
+    @property
+    def depends_on_temperature(self) -> bool:
+        """True: `at` needs the temperature."""
+        return True
+
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.table.temperature_degC, self.table.value)
+
+    @cached_property
+    def _slope(self) -> PchipInterpolator:
+        return self._curve.derivative()
+
+    def at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the value at each temperature, shape (n,)."""
+        temperatures = np.asarray(temperature_degC, dtype=np.float64)
+        low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
+        return np.asarray(self._curve(np.clip(temperatures, low, high)))
+
+    def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
+        """Return the derivative by temperature, shape (n,), per °C; zero outside the table."""
+        temperatures = np.asarray(temperature_degC, dtype=np.float64)
+        low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
+        inside = (temperatures >= low) & (temperatures <= high)
+        return np.where(inside, self._slope(np.clip(temperatures, low, high)), 0.0)
+
+
+def _kind(entry: Any) -> str | None:
+    if isinstance(entry, Constant | Polynomial | Table):
+        return type(entry).__name__
+    if not isinstance(entry, dict):
+        return None
+    kinds = {"table": "Table", "polynomial": "Polynomial", "value": "Constant"}
+    return next((kind for key, kind in kinds.items() if key in entry), None)
+
+
+Curve = Annotated[
+    Annotated[Constant, Tag("Constant")] | Annotated[Polynomial, Tag("Polynomial")] | Annotated[Table, Tag("Table")],
+    Discriminator(
+        _kind, custom_error_type="curve", custom_error_message="give one of value, polynomial or table, with its unit"
+    ),
+]
+"""What a model file writes for a parameter; which of the three it is shows in its keys."""

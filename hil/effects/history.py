@@ -1,0 +1,141 @@
+"""What a row's past does to it: joined rows, averaged decays, the play operator, setpoint steps, order in a run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.campaign import Conditions, FloatArray, TextArray
+
+
+def joined(earlier: Conditions, later: Conditions) -> Conditions:
+    """Return the rows of `earlier` followed by those of `later`; a column that only one has is NaN in the other."""
+    names = [*earlier.columns, *(name for name in later.columns if name not in earlier.columns)]
+
+    def part(rows: Conditions, name: str) -> FloatArray:
+        return rows.columns.get(name, np.full(len(rows), np.nan))
+
+    position: TextArray = np.concatenate([earlier.position, later.position])
+    return Conditions(
+        later.sensor,
+        collect=np.concatenate([earlier.collect, later.collect]),
+        run=np.concatenate([earlier.run, later.run]),
+        position=position,
+        start_s=np.concatenate([earlier.start_s, later.start_s]),
+        duration_s=np.concatenate([earlier.duration_s, later.duration_s]),
+        f_g=np.concatenate([earlier.f_g, later.f_g]),
+        w_deg_per_hr=np.concatenate([earlier.w_deg_per_hr, later.w_deg_per_hr]),
+        columns={name: np.concatenate([part(earlier, name), part(later, name)]) for name in names},
+    )
+
+
+def averaged_decay(since_s: FloatArray, duration_s: FloatArray, tau_s: float) -> FloatArray:
+    """Mean of exp(-t/τ) for t from `since_s` to `since_s + duration_s`, shape (n,); zero where `since_s` is NaN.
+
+    With duration 0 it is the value at that instant. Before the event (negative time) nothing has decayed: it is zero.
+    """
+    known = np.isfinite(since_s) & (since_s >= 0.0)
+    start = np.where(known, since_s, 0.0)
+    ratio = duration_s / tau_s
+    within = np.where(ratio > 1e-9, -np.expm1(-ratio) / np.maximum(ratio, 1e-9), 1.0)
+    return np.where(known, np.exp(-start / tau_s) * within, 0.0)
+
+
+def play(values: FloatArray, half_width: float) -> FloatArray:
+    """Play (backlash) operator over a history, starting relaxed: the output moves only when pushed by the edge.
+
+    |values − play| never exceeds `half_width`; the result does not depend on how fast the history was gone through.
+    """
+    output = np.empty_like(values)
+    held = values[0] if len(values) else 0.0
+    for index, value in enumerate(values):
+        held = min(max(held, value - half_width), value + half_width)
+        output[index] = held
+    return output
+
+
+def loop_side(temperature: FloatArray, start_s: FloatArray, half_width: float) -> FloatArray:
+    """Where on a hysteresis loop each row is: +1 on the heating branch, −1 on the cooling branch, shape (n,).
+
+    (T − play(T)) / half-width over the rows in time order; rows without a temperature get 0.
+    """
+    side = np.zeros(len(temperature))
+    order = np.argsort(start_s, kind="stable")
+    order = order[np.isfinite(temperature[order])]
+    history = temperature[order]
+    if half_width > 0.0 and len(history):
+        side[order] = (history - play(history, half_width)) / half_width
+    return side
+
+
+def setpoint_step(conditions: Conditions) -> FloatArray:
+    """Return by how much the setpoint was last changed before each row, °C, shape (n,); 0 before the first change.
+
+    Without a `setpoint_degC` column the plateaus are the runs: the change of mean temperature from one to the next,
+    where it is more than 1 °C.
+    """
+    order = np.argsort(conditions.start_s, kind="stable")
+    if "setpoint_degC" in conditions.columns:
+        levels, least = conditions.columns["setpoint_degC"][order], 0.0
+    else:
+        levels, least = _run_means(conditions)[order], 1.0
+    steps = np.zeros(len(levels))
+    level, step = np.nan, 0.0
+    for index, value in enumerate(levels):
+        if np.isfinite(value):
+            if np.isfinite(level) and abs(value - level) > least:
+                step = value - level
+            if not np.isfinite(level) or abs(value - level) > least:
+                level = value
+        steps[index] = step
+    result = np.zeros(len(levels))
+    result[order] = steps
+    return result
+
+
+def order_in_run(conditions: Conditions) -> FloatArray:
+    """Return when each row was taken in its run, in collect intervals from the run's middle: −1, 0, 1; shape (n,).
+
+    The interval is the campaign's usual spacing of collects, so that a missing collect does not move the others.
+    """
+    middle = conditions.start_s + 0.5 * conditions.duration_s
+    centred = middle.copy()
+    spacings: list[float] = []
+    for run in np.unique(conditions.run):
+        rows = conditions.run == run
+        moments = np.array(
+            [middle[rows & (conditions.collect == c)].mean() for c in np.unique(conditions.collect[rows])]
+        )
+        centred[rows] -= 0.5 * (moments.min() + moments.max())
+        spacings.extend(np.diff(np.sort(moments)))
+    spacing = float(np.median(spacings)) if spacings else 0.0
+    return centred / spacing if spacing > 0.0 else np.zeros(len(conditions))
+
+
+def slew_since_previous(conditions: Conditions) -> FloatArray:
+    """Return how far each collect's orientation is from the one before it, in units of 90 deg, shape (n,).
+
+    The first collect's predecessor is unknown: it gets the mean of the others (1 where there are none).
+    """
+    order = np.argsort(conditions.start_s, kind="stable")
+    f = conditions.f_g[order]
+    f = f / np.linalg.norm(f, axis=1, keepdims=True)
+    turned = np.arccos(np.clip(np.sum(f[1:] * f[:-1], axis=1), -1.0, 1.0)) / (0.5 * np.pi)
+    changed = np.asarray(conditions.position[order][1:] != conditions.position[order][:-1])
+    usual = float(turned[changed].mean()) if changed.any() else 1.0
+    slews = np.full(len(f), usual)
+    for index in range(1, len(f)):  # rows of the same collect (samples) share the slew that led to it
+        slews[index] = turned[index - 1] if changed[index - 1] else slews[index - 1]
+    result = np.zeros(len(f))
+    result[order] = slews
+    return result
+
+
+def _run_means(conditions: Conditions) -> FloatArray:
+    temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
+    means = np.full(len(conditions), np.nan)
+    for run in np.unique(conditions.run):
+        rows: NDArray[np.bool_] = (conditions.run == run) & np.isfinite(temperature)
+        if rows.any():
+            means[conditions.run == run] = temperature[rows].mean()
+    return means

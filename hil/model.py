@@ -1,0 +1,286 @@
+"""A model is a form, values for its parameters, and a list of named effects (schema hil.model/1).
+
+    model = load_model("rd-gc-86-1-truth")
+    model.base_at(sensor, temperature_degC)     # bias (n, c), K (n, c, 3), and their slopes by temperature
+    model.rates(conditions)                     # R = B + K·f + w + every term, shape (n, c), deg/hr
+
+The same file is what `hil reconcile` compares with, what it writes with a term added, and what drives the twin. A
+built-in (`matrix-6`, `collins-4` …) is the same object without values: they are fitted to the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+import hil
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.curve import Curve
+from hil.effects.base import Base, Effect
+from hil.effects.catalogue import effect_by_id
+from hil.effects.history import joined
+from hil.errors import InputError
+from hil.linear_forms import (
+    MATRIX_6,
+    MODEL_NAMES,
+    LinearForm,
+    collins_4_form,
+    constant_form,
+    matrix_6_form,
+    triad_12_form,
+)
+
+SCHEMA = "hil.model/1"
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Term(_Section):
+    """One named effect with values: on one sensor, or (`sensor` absent) on every sensor to which it applies.
+
+    `added` says where it came from: campaign, date, probability, gap before and after, rivals; free, for people.
+    """
+
+    effect: str
+    sensor: int | None = None
+    parameters: Mapping[str, Curve] = Field(min_length=1)
+    shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+    added: Mapping[str, Any] = Field(default_factory=dict)
+
+
+class SensorNoise(_Section):
+    """What a simulated sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
+
+    `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`
+    pairs of those parameters ("BA MUB") with their correlation.
+    """
+
+    angle_random_walk: Curve
+    bias_instability: Curve
+    rate_random_walk: Curve
+    resolution_deg_per_hr: FiniteFloat
+    run_to_run: Mapping[str, Curve] = Field(default_factory=dict)
+    correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+
+
+class Model(_Section):
+    """A measurement model, with or without values. See the module for what it can be asked."""
+
+    schema_: Literal["hil.model/1"] = Field(alias="schema")
+    title: str
+    form: str
+    version: int = 1
+    source: str = ""
+    sensors: Mapping[int, Mapping[str, Curve]] = Field(default_factory=dict)
+    terms: tuple[Term, ...] = ()
+    noise: Mapping[int, SensorNoise] = Field(default_factory=dict)
+
+    def has_values(self, sensor: Sensor) -> bool:
+        """Whether the file gives this sensor's parameters; otherwise they are fitted to the data."""
+        return sensor.number in self.sensors
+
+    def terms_for(self, sensor: Sensor) -> tuple[tuple[Term, Effect], ...]:
+        """Return the terms that act on a sensor, each with its effect."""
+        pairs = ((term, effect_by_id(term.effect)) for term in self.terms if term.sensor in (None, sensor.number))
+        return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
+
+    def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
+        """Return the base terms and their slopes at n temperatures; `rates` is zero, for it needs an orientation.
+
+        Raises `InputError` where the model has no values for the sensor, or they depend on a temperature that is NaN.
+        """
+        if not self.has_values(sensor):
+            raise InputError(f"model {self.title}: it has no values for sensor {sensor.number}")
+        curves = self.sensors[sensor.number]
+        temperatures = np.atleast_1d(np.asarray(temperature_degC, dtype=np.float64))
+        varying = [name for name, curve in curves.items() if curve.depends_on_temperature]
+        if varying and not np.all(np.isfinite(temperatures)):
+            raise InputError(
+                f"model {self.title}: {', '.join(varying)} of sensor {sensor.number} depend on temperature, "
+                "and the data has rows without temperature_degC"
+            )
+        form = value_form(self.form, sensor)
+        absent = [name for name in form.names if name not in curves]
+        if absent:
+            raise InputError(f"model {self.title}: sensor {sensor.number} lacks {', '.join(absent)} of {self.form}")
+        unknown = [name for name in curves if name not in form.names]
+        if unknown:
+            raise InputError(f"model {self.title}: sensor {sensor.number}: {unknown[0]}: unknown key for {self.form}")
+        per_bias, per_k = _unit_terms(form, sensor)
+        values = np.stack([curves[name].at(temperatures) for name in form.names], -1)
+        slopes = np.stack([curves[name].slope_at(temperatures) for name in form.names], -1)
+        bias = values @ per_bias.T
+        return Base(
+            bias,
+            np.einsum("cap,np->nca", per_k, values),
+            np.zeros_like(bias),
+            slopes @ per_bias.T,
+            np.einsum("cap,np->nca", per_k, slopes),
+        )
+
+    def base_for(self, conditions: Conditions) -> Base:
+        """Return the base at each row of `conditions`, with its rates B + K·f + w."""
+        base = self.base_at(conditions.sensor, _temperature(conditions))
+        rates = base.bias + np.einsum("nca,na->nc", base.k, conditions.f_g) + conditions.w_channels_deg_per_hr
+        return Base(base.bias, base.k, rates, base.bias_slope, base.k_slope)
+
+    def rates(self, conditions: Conditions, history: Conditions | None = None) -> FloatArray:
+        """Return the rates of n collects (or samples: duration 0), shape (n, c), deg/hr, terms and earth rate included.
+
+        `history` are earlier rows, decimated as one likes, for effects that remember (hysteresis, a setpoint's step).
+        """
+        rows = conditions if history is None else joined(history, conditions)
+        base = self.base_for(rows)
+        rates = base.rates.copy()
+        for term, effect in self.terms_for(conditions.sensor):
+            rates += _contribution(self.title, term, effect, rows, base)
+        return rates[len(rows) - len(conditions) :]
+
+
+def value_form(name: str, sensor: Sensor) -> LinearForm:
+    """Return the form whose parameters a model file gives values to.
+
+    `matrix-6-thermal` has the six names of matrix-6 there: their dependence on temperature is in the curves.
+    """
+    match name:
+        case "constant":
+            return constant_form(sensor)
+        case "collins-4":
+            return collins_4_form(sensor)
+        case "triad-12":
+            return triad_12_form(sensor)
+    return matrix_6_form(sensor)
+
+
+def built_in_model(name: str) -> Model:
+    """Return a built-in by name, without values; raise `InputError` naming the ones that exist."""
+    if name not in MODEL_NAMES:
+        raise InputError(f"model {name}: no built-in has this name; there are {', '.join(sorted(MODEL_NAMES))}")
+    return Model(schema=SCHEMA, title=name, form=name)
+
+
+def load_model(path_or_name: str | Path) -> Model:
+    """Load a model file, or a built-in or shipped model by its name; raise `InputError` naming file and key."""
+    name = str(path_or_name)
+    if name in MODEL_NAMES:
+        return built_in_model(name)
+    path = _find(name)
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a model file ({error})") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: is not YAML ({str(error).replace(chr(10), ' ')})") from error
+    return _parse(path, document)
+
+
+def save_model(model: Model, path: Path) -> None:
+    """Write a model file that `load_model` reads back as an equal model."""
+    document = _plain(model.model_dump(by_alias=True, exclude_defaults=True))
+    path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _parse(path: Path, document: object) -> Model:
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
+        raise InputError(f"{path}: schema: expected {SCHEMA}, found {found}")
+    try:
+        model = Model.model_validate(document)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first_problem(error)}") from error
+    _check(path, model)
+    return model
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors(include_url=False, include_context=False)[0]
+    tags = {"Constant", "Polynomial", "Table"}
+    place = ".".join(str(part) for part in problem["loc"] if part not in tags)
+    return f"{place}: {'unknown key' if problem['type'] == 'extra_forbidden' else problem['msg']}"
+
+
+def _check(path: Path, model: Model) -> None:
+    if model.form not in MODEL_NAMES:
+        raise InputError(f"{path}: form: unknown form {model.form}; there are {', '.join(sorted(MODEL_NAMES))}")
+    for index, term in enumerate(model.terms):
+        try:
+            effect = effect_by_id(term.effect)
+        except InputError as error:
+            raise InputError(f"{path}: terms.{index}.effect: {error}") from error
+        unknown = [name for name in term.parameters if not effect.accepts(name)]
+        if unknown:
+            raise InputError(f"{path}: terms.{index}.parameters.{unknown[0]}: unknown key for effect {effect.id}")
+    if model.form in {"matrix-6", "collins-4", "matrix-6-thermal"}:
+        expected = MATRIX_6[:4] if model.form == "collins-4" else MATRIX_6
+        for number, curves in model.sensors.items():
+            for name in curves:
+                if name not in expected:
+                    raise InputError(f"{path}: sensors.{number}.{name}: unknown key for {model.form}")
+            for name in expected:
+                if name not in curves:
+                    raise InputError(f"{path}: sensors.{number}.{name}: missing")
+
+
+def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArray]:
+    """Return what a unit of each parameter adds to the bias (c, p) and to K (c, 3, p), from the form's own columns."""
+    still_and_pulled = Conditions(
+        sensor,
+        collect=np.arange(4),
+        run=np.zeros(4, dtype=np.int64),
+        position=np.array(["", "", "", ""]),
+        start_s=np.zeros(4),
+        duration_s=np.zeros(4),
+        f_g=np.concatenate([np.zeros((1, 3)), np.eye(3)]),
+        w_deg_per_hr=np.zeros((4, 3)),
+    )
+    columns = form.columns(still_and_pulled)
+    return columns[0], np.moveaxis(columns[1:] - columns[0], 0, 1)
+
+
+def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base: Base) -> FloatArray:
+    lacking = effect.missing(rows)
+    if lacking:
+        raise InputError(f"model {title}: term {effect.id} needs {', '.join(lacking)}, which the data lacks")
+    shape = {**{s.name: s.grid[0] for s in effect.shapes_for(rows) if len(s.grid) == 1}, **term.shape}
+    absent = [s.name for s in effect.shapes_for(rows) if s.name not in shape]
+    if absent:
+        raise InputError(f"model {title}: term {effect.id} lacks its shape parameter {', '.join(absent)}")
+    columns = effect.columns(rows, base, shape)
+    temperatures = _temperature(rows)
+    values = np.zeros((len(rows), columns.shape[-1]))
+    for index, parameter in enumerate(effect.parameters_for(rows)):
+        if parameter.name in term.parameters:
+            values[:, index] = term.parameters[parameter.name].at(temperatures)
+    return np.asarray(np.einsum("ncp,np->nc", columns, values))
+
+
+def _temperature(conditions: Conditions) -> FloatArray:
+    return conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
+
+
+def _find(name: str) -> Path:
+    given = Path(name)
+    if given.is_file():
+        return given
+    package = Path(hil.__file__).resolve().parent
+    file_name = name if name.endswith((".yaml", ".yml")) else f"{name}.yaml"
+    for folder in (package / "configs" / "models", package.parent / "configs" / "models"):
+        if (folder / file_name).is_file():
+            return folder / file_name
+    raise InputError(
+        f"model {name}: there is no such file, and no shipped or built-in model has this name "
+        f"(built-ins: {', '.join(sorted(MODEL_NAMES))})"
+    )
