@@ -1,0 +1,145 @@
+"""The reply grammar of ESPEC's ASCII controllers, and their error texts as sentences a technician can act on.
+
+Replies to monitor commands are bare data; replies to settings are `OK:` and an echo in one of three observed
+spellings (`OK:TEMP,S25`, `OK:1,temp,s85.0`, `OK : 1,TEMP,S25`), so the echo is never compared; refusals are `NA:`
+and a text, also seen as `NA :`.
+
+Byte-exact from sources: the data of `TEMP?`, `TYPE?`, `MON?` and `CONSTANT SET?,TEMP`, the first two spellings of
+`OK`, `NA:CMD ERR`, `NA:DATA OUT OF RANGE`. The error texts are those of the SCP-220 manual (`INVALID REQ` and
+`CHB NOT READY` of the P-300). Inferred: that what the manual calls `PRGM WRITE ERR-n` looks alike on all controllers.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from drivers.errors import CommandRefused, ProtocolError
+
+_ACKNOWLEDGED = re.compile(r"OK\s*:")
+_REFUSED = re.compile(r"NA\s*:?\s*(.*)")
+_MODE = re.compile(r"[A-Z][A-Z ]*")
+
+_MEANINGS = {
+    "CMD ERR": "it does not know this command: check that the bench file names the right controller, and that the "
+    "line is free of noise",
+    "ADDR ERR": "the address is wrong: compare the address in the bench file with the one on the controller's panel",
+    "CONT NOT READY-1": "the chamber has no such equipment (humidity or product temperature control)",
+    "CONT NOT READY-2": "no program is running that the command could act on",
+    "CONT NOT READY-3": "the command belongs to another controller: check the controller named in the bench file",
+    "CONT NOT READY-4": "the keys cannot be locked or unlocked while its power is off: switch the chamber on",
+    "CONT NOT READY-5": "the time signal cannot be changed now: release it at the panel",
+    "DATA NOT READY": "it holds no such program: check the program number at the panel",
+    "PARA ERR": "it does not understand the command's parameter: check that the bench file names the right controller",
+    "DATA OUT OF RANGE": "the value lies beyond the high or low temperature alarm set on it, or beyond its own range: "
+    "check the alarm limits at the panel",
+    "PROTECT ON": "its panel protection is on: an operator must release it at the panel",
+    "INVALID REQ": "the request is not valid for this chamber: check the controller named in the bench file",
+    "INVLID REQ": "the request is not valid for this chamber: check the controller named in the bench file",
+    "CHB NOT READY": "the chamber is not ready: wait until it has started, and look for a message on its panel",
+}
+
+
+@dataclass(frozen=True)
+class Temperatures:
+    """The reply to `TEMP?`: air, setpoint, high and low alarm, °C."""
+
+    temperature_degC: float
+    setpoint_degC: float
+    high_degC: float
+    low_degC: float
+
+
+@dataclass(frozen=True)
+class Status:
+    """The reply to `MON?` without humidity: air temperature, mode, number of alarms."""
+
+    temperature_degC: float
+    mode: str
+    alarms: int
+
+
+def meaning_of(error_text: str) -> str:
+    """Return what the text after `NA:` means and what to do, as a clause."""
+    text = " ".join(error_text.upper().split())
+    if text in _MEANINGS:
+        return _MEANINGS[text]
+    if written := re.fullmatch(r"PRGM WRITE ERR-(\d+)", text):
+        return f"a program could not be written (reason {written[1]} of its manual): end program editing at the panel"
+    return "its manual must say what this means"
+
+
+class ReplyParser:
+    """Turns reply lines into values, or into errors that begin with the device's name."""
+
+    def __init__(self, device: str) -> None:
+        self._device = device
+
+    def acknowledged(self, request: str, line: str) -> bool:
+        """Return True for `OK:`, False for a line that is no reply to a setting; raise `CommandRefused` for `NA:`."""
+        self._raise_refusal(request, line)
+        return _ACKNOWLEDGED.match(line) is not None
+
+    def text(self, request: str, line: str) -> str:
+        """Return any data that is not empty, not an acknowledgement and not a refusal."""
+        self._raise_refusal(request, line)
+        if not line or _ACKNOWLEDGED.match(line) or not line.isprintable():
+            raise self._unexpected(request, line)
+        return line
+
+    def temperatures(self, request: str, line: str) -> Temperatures:
+        """Return `PV,SP,high,low`, as in `26.4,0.0,140.0,-50.0`."""
+        fields = self._fields(request, line, 4)
+        return Temperatures(*(self._number(request, line, field) for field in fields))
+
+    def status(self, request: str, line: str) -> Status:
+        """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`."""
+        temperature, _humidity, mode, alarms = self._fields(request, line, 4)
+        if not _MODE.fullmatch(mode) or not alarms.isdecimal():
+            raise self._unexpected(request, line)
+        return Status(self._number(request, line, temperature), mode, int(alarms))
+
+    def alarms(self, request: str, line: str) -> tuple[str, ...]:
+        """Return the codes of `n[,code,…]`; the single character `0` says that there is none."""
+        self._raise_refusal(request, line)
+        count, *codes = (field.strip() for field in line.split(","))
+        if not count.isdecimal() or not all(code.isdecimal() for code in codes) or int(count) != len(codes):
+            raise self._unexpected(request, line)
+        return tuple(codes)
+
+    def chamber_type(self, request: str, line: str) -> tuple[str, float | None]:
+        """Return controller and highest temperature of `T,[T,]S2,160.0`; None where it gives no highest."""
+        fields = [field.strip() for field in self.text(request, line).split(",")]
+        if len(fields) < 2:
+            raise self._unexpected(request, line)
+        try:
+            return fields[-2], float(fields[-1])
+        except ValueError:
+            return fields[-1], None
+
+    def _fields(self, request: str, line: str, count: int) -> list[str]:
+        self._raise_refusal(request, line)
+        fields = [field.strip() for field in line.split(",")]
+        if len(fields) != count:
+            raise self._unexpected(request, line)
+        return fields
+
+    def _number(self, request: str, line: str, field: str) -> float:
+        try:
+            return float(field)
+        except ValueError:
+            # A field without digits stands where a number should: what a controller shows for a missing sensor.
+            if field and not any(character.isalnum() for character in field):
+                return math.nan
+            raise self._unexpected(request, line) from None
+
+    def _raise_refusal(self, request: str, line: str) -> None:
+        if refused := _REFUSED.match(line):
+            raise CommandRefused(f"{self._device} refused {request!r} with {line!r}: {meaning_of(refused[1])}")
+
+    def _unexpected(self, request: str, line: str) -> ProtocolError:
+        return ProtocolError(
+            f"{self._device} answered {request!r} with {line!r}, which its protocol does not allow there; "
+            "check the line settings and the controller named in the bench file"
+        )
