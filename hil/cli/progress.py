@@ -101,7 +101,7 @@ class TerminalProgress(Progress):
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """Begin to draw."""
-        self._title = plan.title
+        self._title = plan.title if not done else f"{plan.title} (resumed, {len(done)} steps were done)"
         self._live.start()
 
     def step_began(self, step: Step, attempt: int) -> None:
