@@ -3,8 +3,8 @@
     python -m benchmarks.blind.score --cases 40            # everything, 40 cases per row
     python -m benchmarks.blind.score --only nulls --cases 200
 
-Each case is written as a campaign folder, read back, reconciled with the public function, and compared with its truth here, where
-the workflow cannot see it.
+Each case is written as a campaign folder, read back, reconciled with the public function, and compared with its truth
+here, where the workflow cannot see it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import beta
+
 from benchmarks.blind.cases import CATALOGUE, OUTSIDE, Noise, make_case, write_case
 from benchmarks.blind.night import Design
-from scipy.stats import beta
 
 FOUR = Design(positions=("1", "2", "3", "4"))
 HEADINGS = Design(positions=("1", "2", "3", "4"), headings_deg=(30.0, 120.0, 210.0))
 CONFIDENT = 0.8
+PLAIN = Noise()
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,13 @@ class Job:
     d: float = 8.0
     model: str = "matrix-6-thermal"
     design: Design = FOUR
-    noise: Noise = Noise()
+    noise: Noise = PLAIN
 
 
 def reconcile_job(job: Job) -> dict[str, Any]:
     """Make the case, write it, read it, reconcile it; return the document."""
     from hil.campaign_reader import read_campaign
+
     from hil.reconcile import reconcile
 
     case = make_case(job.seed, job.hidden, job.d, model=job.model, design=job.design, noise=job.noise)
