@@ -1,0 +1,196 @@
+"""What a design can tell apart: whitening, projecting out the base, overlaps, classes, and the size that shows.
+
+    whiten = whitener(covariance)                                   # (N, N)
+    base = orthonormal(whiten @ base_columns)                       # (N, b)
+    seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
+    seen.kept, overlap(seen, other), smallest_visible(seen, alpha)
+
+Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
+conditions, so it can be asked before a night is spent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import linalg, optimize, stats
+
+from hil.campaign import Conditions, FloatArray, IntArray
+
+RANK_TOLERANCE = 1e-8
+"""Directions weaker than this fraction of an effect's own norm are numerical noise, not columns."""
+
+SAME_CLASS = 0.95
+"""Effects that overlap by more than this either way are one class: only the class can be reported."""
+
+CANNOT_BE_SEEN = 0.1
+"""An effect that keeps less of its norm than this is absorbed by the base model's parameters."""
+
+
+def flattened(columns: FloatArray) -> FloatArray:
+    """Return columns of shape (n, c, p) as (n·c, p)."""
+    return columns.reshape(-1, columns.shape[-1])
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """Return the matrix W, (N, N), with W V Wᵀ = 1 for a covariance V; raises LinAlgError where V is not positive."""
+    factor = linalg.cholesky(covariance, lower=True)
+    return np.asarray(linalg.solve_triangular(factor, np.eye(len(covariance)), lower=True))
+
+
+def run_covariance(
+    conditions: Conditions,
+    sigma: FloatArray,
+    run_bias: FloatArray,
+    run_columns: Sequence[tuple[FloatArray, float]] = (),
+) -> FloatArray:
+    """Return the covariance (n·c, n·c) of collects with white noise and scatter from run to run.
+
+    `sigma` (n, c) is the standard deviation of each average, `run_bias` (c,) that of a bias per run and channel;
+    `run_columns` adds parameters that scatter from run to run: pairs of columns (n, c, p) and standard deviation.
+    """
+    count, channels = sigma.shape
+    same_run = (conditions.run[:, None] == conditions.run[None, :]).astype(np.float64)
+    covariance = np.diag(sigma.ravel() ** 2)
+    covariance += np.kron(same_run, np.diag(np.broadcast_to(run_bias, channels) ** 2))
+    for columns, deviation in run_columns:
+        flat = flattened(columns)
+        covariance += deviation**2 * (flat @ flat.T) * np.kron(same_run, np.ones((channels, channels)))
+    return np.asarray(covariance.reshape(count * channels, count * channels))
+
+
+def orthonormal(columns: FloatArray, scale: float | None = None) -> FloatArray:
+    """Return an orthonormal basis (N, r) of what the columns (N, p) span; r may be less than p, or zero.
+
+    Directions are weighed after scaling every column to unit norm; with `scale`, against that norm instead.
+    """
+    if columns.shape[1] == 0:
+        return np.zeros((len(columns), 0))
+    if scale is None:
+        norms = np.linalg.norm(columns, axis=0)
+        columns, scale = columns[:, norms > 0.0] / norms[norms > 0.0], 1.0
+    if columns.shape[1] == 0:
+        return np.zeros((len(columns), 0))
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > RANK_TOLERANCE * scale])
+
+
+def project_out(base: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return the columns (N, p) less their part in the orthonormal `base` (N, b)."""
+    return np.asarray(columns - base @ (base.T @ columns))
+
+
+@dataclass(frozen=True)
+class Visible:
+    """What is left of an effect's whitened columns beside the base.
+
+    `residual` (N, p) is per unit of each parameter, in standard deviations; `weighted` the same per typical size of
+    each; `basis` (N, r) spans it; `kept` is the fraction of the typical-size norm that is left.
+    """
+
+    residual: FloatArray
+    weighted: FloatArray
+    basis: FloatArray
+    kept: float
+
+    @property
+    def rank(self) -> int:
+        """How many directions the effect has that the base does not absorb."""
+        return int(self.basis.shape[1])
+
+
+def visible(columns: FloatArray, base: FloatArray, sizes: FloatArray) -> Visible:
+    """Project whitened `columns` (N, p) beside an orthonormal `base`; `sizes` (p,) weigh parameters of unlike units."""
+    residual = project_out(base, columns)
+    weighted = residual * sizes
+    whole = float(np.linalg.norm(columns * sizes))
+    left = float(np.linalg.norm(weighted))
+    if whole == 0.0 or left <= RANK_TOLERANCE * whole:
+        return Visible(np.zeros_like(residual), np.zeros_like(residual), np.zeros((len(columns), 0)), 0.0)
+    return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0))
+
+
+def explained(effect: Visible, by: Visible) -> float:
+    """Return how much of `effect`'s typical-size norm the columns of `by` can reproduce: 0 nothing, 1 all of it."""
+    norm = float(np.linalg.norm(effect.weighted))
+    if norm == 0.0 or by.rank == 0:
+        return 0.0
+    return min(float(np.linalg.norm(by.basis.T @ effect.weighted)) / norm, 1.0)
+
+
+def overlap(first: Visible, second: Visible) -> float:
+    """Return how alike two effects are, each reproduced by the other: 1 for identical, 0 for unrelated.
+
+    The smaller of both ways round, so that a narrow effect inside a broad one is not called the same.
+    """
+    return min(explained(first, second), explained(second, first))
+
+
+def overlap_over_shapes(first: Sequence[Visible], second: Sequence[Visible]) -> float:
+    """Overlap of two effects with shape parameters: the best match in the other's grid, averaged over one's own."""
+    table = np.array([[overlap(one, other) for other in second] for one in first])
+    if table.size == 0:
+        return 0.0
+    return float(min(table.max(axis=1).mean(), table.max(axis=0).mean()))
+
+
+def principal_cosines(first: Visible, second: Visible) -> FloatArray:
+    """Return the cosines of the principal angles between what two effects span, largest first."""
+    if first.rank == 0 or second.rank == 0:
+        return np.zeros(0)
+    return np.clip(np.linalg.svd(first.basis.T @ second.basis, compute_uv=False), 0.0, 1.0)
+
+
+def classes(overlaps: FloatArray, threshold: float = SAME_CLASS) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of indices that are linked by overlaps (k, k) above `threshold`, in order of first member."""
+    remaining = list(range(len(overlaps)))
+    groups: list[tuple[int, ...]] = []
+    while remaining:
+        group, frontier = {remaining[0]}, [remaining[0]]
+        while frontier:
+            member = frontier.pop()
+            linked = {other for other in remaining if overlaps[member, other] > threshold} - group
+            group |= linked
+            frontier.extend(linked)
+        groups.append(tuple(sorted(group)))
+        remaining = [index for index in remaining if index not in group]
+    return tuple(groups)
+
+
+def by_level(columns: FloatArray, level: IntArray) -> FloatArray:
+    """Give every level (temperature plateau, run) its own value: columns (n, c, p) become (n, c, p · levels).
+
+    The levels of one parameter stand together, in rising order of level.
+    """
+    of_level = (level[:, None] == np.unique(level)[None, :]).astype(np.float64)
+    return np.asarray((columns[..., None] * of_level[:, None, None, :]).reshape(*columns.shape[:2], -1))
+
+
+@lru_cache(maxsize=256)
+def required_noncentrality(degrees: int, alpha: float, probability: float = 0.9) -> float:
+    """Return the non-centrality at which a χ² test with `degrees` at level `alpha` succeeds with `probability`."""
+    threshold = stats.chi2.isf(alpha, degrees)
+
+    def shortfall(noncentrality: float) -> float:
+        return float(stats.ncx2.sf(threshold, degrees, noncentrality)) - probability
+
+    high = 10.0
+    while shortfall(high) < 0.0:
+        high *= 2.0
+    return float(optimize.brentq(shortfall, 1e-9, high))
+
+
+def smallest_visible(effect: Visible, alpha: float, probability: float = 0.9) -> FloatArray:
+    """Return per parameter the size, shape (p,), that is detected with `probability` when it acts alone; inf if never.
+
+    `alpha` is the level of this one test: share a whole search's false-alarm rate among the candidates first.
+    """
+    if effect.rank == 0:
+        return np.full(effect.residual.shape[1], np.inf)
+    norms = np.linalg.norm(effect.residual, axis=0)
+    floor = RANK_TOLERANCE * norms.max()
+    needed = np.sqrt(required_noncentrality(effect.rank, alpha, probability))
+    return np.where(norms > floor, needed / np.maximum(norms, floor), np.inf)
