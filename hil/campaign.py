@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]
+RowIndex = NDArray[np.bool_] | IntArray
+
+SCHEMA = "hil.campaign/1"
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,20 @@ class Conditions:
     def __len__(self) -> int:
         return len(self.start_s)
 
+    def rows(self, index: RowIndex) -> Conditions:
+        """Return the chosen rows: a mask or an array of indices, shape (n,) or (k,)."""
+        return Conditions(
+            self.sensor,
+            self.collect[index],
+            self.run[index],
+            self.position[index],
+            self.start_s[index],
+            self.duration_s[index],
+            self.f_g[index],
+            self.w_deg_per_hr[index],
+            {name: values[index] for name, values in self.columns.items()},
+        )
+
     @property
     def w_channels_deg_per_hr(self) -> FloatArray:
         """Earth rate about each channel's own axis, shape (n, c)."""
@@ -81,10 +98,34 @@ class Collects:
     rates_deg_per_hr: FloatArray
     rates_se_deg_per_hr: FloatArray
 
+    def __len__(self) -> int:
+        return len(self.conditions)
+
+    def rows(self, index: RowIndex) -> Collects:
+        """Return the chosen rows: a mask or an array of indices, shape (n,) or (k,)."""
+        return Collects(self.conditions.rows(index), self.rates_deg_per_hr[index], self.rates_se_deg_per_hr[index])
+
+
+@dataclass(frozen=True)
+class Series:
+    """The rates within one collect: `t_s` (k,) from its start, `rates_deg_per_hr` (k, c), NaN where a cell is empty.
+
+    `temperature_degC` has shape (k,) or is None; `block_s` is the averaging time of each row, None for single samples.
+    """
+
+    t_s: FloatArray
+    rates_deg_per_hr: FloatArray
+    temperature_degC: FloatArray | None = None
+    block_s: float | None = None
+
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them."""
+    """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
+
+    `series_files` says where the series of a collect stands, by collect number; `hil.campaign_reader.read_series` reads
+    one when it is needed.
+    """
 
     title: str
     source: str
@@ -95,3 +136,6 @@ class Campaign:
     centrifuge: bool = False
     warnings: Sequence[str] = ()
     folder: Path | None = None
+    notes: str = ""
+    series_files: Mapping[int, Path] = field(default_factory=dict)
+    series_block_s: float | None = None
