@@ -1,0 +1,134 @@
+"""campaign.yaml: what was measured, where, with which channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hil.campaign import SCHEMA, Sensor
+from hil.errors import InputError
+
+KNOWN_KEYS = frozenset(
+    {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
+)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The checked contents of campaign.yaml; `extra` are keys that this version does not know."""
+
+    title: str
+    source: str
+    notes: str
+    sensors: Mapping[int, Sensor]
+    conditions: Mapping[str, str]
+    site: Mapping[str, float]
+    simulated: bool
+    centrifuge: bool
+    series_block_s: float | None
+    extra: tuple[str, ...] = field(default=())
+
+
+def read_header(path: Path) -> Header:
+    """Read and check campaign.yaml; raise InputError with the file and the key."""
+    keys = _load(path)
+    if keys.get("schema") != SCHEMA:
+        raise InputError(f"{path}, key schema: it is {keys.get('schema')!r}; this program reads {SCHEMA}")
+    series = _mapping(path, keys, "series")
+    block = series.get("block_s")
+    return Header(
+        title=str(keys.get("title") or path.parent.name),
+        source=str(keys.get("source") or ""),
+        notes=str(keys.get("notes") or ""),
+        sensors=_sensors(path, keys),
+        conditions={str(name): str(unit) for name, unit in _mapping(path, keys, "conditions").items()},
+        site={str(k): _number(path, f"site.{k}", v) for k, v in _mapping(path, keys, "site").items()},
+        simulated=_flag(path, keys, "simulated"),
+        centrifuge=_flag(path, keys, "centrifuge"),
+        series_block_s=None if block is None else _number(path, "series.block_s", block),
+        extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
+    )
+
+
+def _load(path: Path) -> dict[Any, Any]:
+    try:
+        keys = yaml.safe_load(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(
+            f"{path}: there is no such file; a campaign folder needs campaign.yaml and collects.csv"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: it is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(keys, dict):
+        raise InputError(f"{path}: it must be a list of keys and values that begins with `schema: {SCHEMA}`")
+    return keys
+
+
+def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:
+    described = keys.get("sensors")
+    if not isinstance(described, dict) or not described:
+        raise InputError(f"{path}, key sensors: it must describe at least one sensor by its number, axes and channels")
+    sensors = {}
+    for number, layout in described.items():
+        where = f"{path}, key sensors.{number}"
+        if isinstance(number, bool) or not isinstance(number, int):
+            raise InputError(f"{where}: a sensor is called by a whole number, such as 2")
+        if not isinstance(layout, dict):
+            raise InputError(f"{where}: it must give axes and channels")
+        sensors[number] = _sensor(where, number, layout)
+    return sensors
+
+
+def _sensor(where: str, number: int, layout: Mapping[Any, Any]) -> Sensor:
+    axes = layout.get("axes")
+    if not isinstance(axes, list) or len(axes) != 3 or not all(isinstance(axis, str) and axis for axis in axes):
+        raise InputError(f"{where}.axes: it must be a list of three names, such as [A, B, S]")
+    if len(set(axes)) != 3:
+        raise InputError(f"{where}.axes: {', '.join(axes)} are not three different names")
+    channels = layout.get("channels")
+    if not isinstance(channels, dict) or not channels:
+        raise InputError(
+            f"{where}.channels: it must say which axis each channel measures about, such as {{RA: A, RB: B}}"
+        )
+    for channel, axis in channels.items():
+        if not isinstance(channel, str) or not channel:
+            raise InputError(f"{where}.channels: {channel!r} is no name of a channel")
+        if axis not in axes:
+            raise InputError(f"{where}.channels.{channel}: {axis!r} is not one of the axes {', '.join(axes)}")
+    unknown = sorted(str(key) for key in layout.keys() - {"axes", "channels"})
+    if unknown:
+        raise InputError(f"{where}.{unknown[0]}: this key is not known; a sensor has axes and channels")
+    # In the order of their axes: the six parameters of a rotor sensor do not depend on how the file lists its channels.
+    ordered = dict(sorted(channels.items(), key=lambda item: axes.index(item[1])))
+    return Sensor(number, (axes[0], axes[1], axes[2]), ordered)
+
+
+def _mapping(path: Path, keys: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:
+    value = keys.get(key)
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise InputError(f"{path}, key {key}: it must hold names and values")
+    return value
+
+
+def _number(path: Path, key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{path}, key {key}: {value!r} is not a number")
+    return float(value)
+
+
+def _flag(path: Path, keys: Mapping[Any, Any], key: str) -> bool:
+    value = keys.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(f"{path}, key {key}: it must be true or false, not {value!r}")
+    return value

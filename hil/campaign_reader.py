@@ -1,0 +1,285 @@
+"""Read a campaign folder (schema hil.campaign/1), recorded by this project or written by hand in a spreadsheet.
+
+    campaign = read_campaign("my-campaign")
+    campaign.warnings  # suspicious but legal input, with its rows
+    series = read_series(campaign, collect=7)  # the rates within a collect, read when asked for
+
+Bad input is refused whole, with one sentence that names file, row and column: nothing partial is imported.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign_header import Header, read_header
+from hil.campaign_warnings import F_LIMITS_G, suspicions
+from hil.collects_table import Table, rows_in_words
+from hil.errors import InputError
+
+HEADER_FILE = "campaign.yaml"
+COLLECTS_FILE = "collects.csv"
+SERIES_FOLDER = "series"
+
+IDENTITY = ("collect", "run", "sensor", "position", "start_s", "duration_s")
+
+STANDARD_CONDITIONS = (
+    "n_samples",
+    "temperature_degC",
+    "case_degC",
+    "chamber_degC",
+    "setpoint_degC",
+    "dTdt_degC_per_min",
+    "time_since_power_on_s",
+    "time_since_setpoint_s",
+    "time_since_index_s",
+)
+"""Condition columns whose meaning and unit the format itself gives."""
+
+
+def f_columns(sensor: Sensor) -> list[str]:
+    """Names of the three columns of f, g."""
+    return [f"f_{axis}_g" for axis in sensor.axes]
+
+
+def w_columns(sensor: Sensor) -> list[str]:
+    """Names of the three columns of the earth rate, deg/hr."""
+    return [f"w_{axis}_deg_per_hr" for axis in sensor.axes]
+
+
+def rate_columns(sensor: Sensor) -> list[str]:
+    """Names of the channels' rate columns, deg/hr."""
+    return [f"{channel}_deg_per_hr" for channel in sensor.channels]
+
+
+def se_columns(sensor: Sensor) -> list[str]:
+    """Names of the columns of the rates' standard errors, deg/hr."""
+    return [f"{channel}_se_deg_per_hr" for channel in sensor.channels]
+
+
+def read_campaign(folder: Path | str) -> Campaign:
+    """Read and check a campaign folder; raise InputError for anything that campaign.md says must be refused."""
+    root = Path(folder)
+    if not root.is_dir():
+        raise InputError(f"{root}: there is no such campaign folder")
+    header = read_header(root / HEADER_FILE)
+    _check_names(root / HEADER_FILE, header)
+    table = Table(root / COLLECTS_FILE)
+    if not len(table):
+        raise InputError(f"{table.path}, row 2: there is no collect; at least one row is needed")
+    used = _used_sensors(table, header)
+    own = {name for sensor in header.sensors.values() for name in _own_columns(sensor)}
+    table.require([*IDENTITY, *(name for sensor in used.values() for name in _needed_columns(sensor))])
+    collects = table.integers("collect")
+    _check_identity(table)
+    extra = [name for name in table.header if name not in IDENTITY and name not in own]
+    columns = {name: table.numbers(name) for name in extra}
+    numbers = table.integers("sensor")
+    sensors: dict[int, Collects] = {}
+    lines: dict[int, list[int]] = {}
+    for number, sensor in used.items():
+        chosen = np.flatnonzero(numbers == number)
+        lines[number] = [table.rows[int(i)] for i in chosen]
+        sensors[number] = _collects_of(table, sensor, chosen, columns, header.centrifuge)
+    series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
+    declared = {*STANDARD_CONDITIONS, *header.conditions}
+    return Campaign(
+        title=header.title,
+        source=header.source,
+        sensors=sensors,
+        condition_units=header.conditions,
+        simulated=header.simulated,
+        site=header.site,
+        centrifuge=header.centrifuge,
+        warnings=suspicions(table, header, sensors, lines, [name for name in extra if name not in declared]),
+        folder=root,
+        notes=header.notes,
+        series_files=series,
+        series_block_s=header.series_block_s,
+    )
+
+
+def read_series(campaign: Campaign, collect: int) -> Series | None:
+    """Read the rates within one collect, or return None where the campaign holds no series of it."""
+    path = campaign.series_files.get(collect)
+    if path is None:
+        return None
+    sensor = next(
+        rows.conditions.sensor for rows in campaign.sensors.values() if np.any(rows.conditions.collect == collect)
+    )
+    columns = _parquet_columns(path) if path.suffix == ".parquet" else _csv_columns(path)
+    rates = rate_columns(sensor)
+    missing = [name for name in ["t_s", *rates] if name not in columns]
+    if missing:
+        raise InputError(f"{path}, row 1: column {missing[0]} is missing; a series has t_s and {', '.join(rates)}")
+    times = columns["t_s"]
+    if np.any(np.isnan(times)) or np.any(np.diff(times) <= 0.0):
+        bad = int(np.flatnonzero(np.isnan(times) | (np.diff(times, prepend=-np.inf) <= 0.0))[0])
+        raise InputError(f"{path}, row {bad + 2}, column t_s: times must be filled and increase from row to row")
+    return Series(
+        times,
+        np.stack([columns[name] for name in rates], -1),
+        columns.get("temperature_degC"),
+        campaign.series_block_s,
+    )
+
+
+def _own_columns(sensor: Sensor) -> list[str]:
+    return [*f_columns(sensor), *w_columns(sensor), *rate_columns(sensor), *se_columns(sensor)]
+
+
+def _needed_columns(sensor: Sensor) -> list[str]:
+    return [*f_columns(sensor), *w_columns(sensor), *rate_columns(sensor)]
+
+
+def _check_names(path: Path, header: Header) -> None:
+    """Refuse channels whose column would be another column's (a channel called w_A, or RA_se beside RA)."""
+    for number, sensor in header.sensors.items():
+        names = [*IDENTITY, *STANDARD_CONDITIONS, *_own_columns(sensor)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"{path}, key sensors.{number}.channels: two things would share the column {twice[0]}")
+
+
+def _used_sensors(table: Table, header: Header) -> dict[int, Sensor]:
+    table.require(["sensor"])
+    numbers = table.integers("sensor")
+    for i, number in enumerate(numbers):
+        if int(number) not in header.sensors:
+            known = ", ".join(str(key) for key in sorted(header.sensors))
+            raise table.complaint(i, "sensor", f"sensor {number} is not described in {HEADER_FILE} (it has {known})")
+    present = {int(number) for number in numbers}
+    return {number: sensor for number, sensor in header.sensors.items() if number in present}
+
+
+def _check_identity(table: Table) -> None:
+    collects = table.integers("collect")
+    first: dict[int, int] = {}
+    for i, collect in enumerate(collects):
+        if int(collect) in first:
+            earlier = table.rows[first[int(collect)]]
+            raise table.complaint(
+                i, "collect", f"collect {collect} already stands in row {earlier}; every row needs a number of its own"
+            )
+        first[int(collect)] = i
+        if collect < 0:
+            raise table.complaint(i, "collect", f"{collect} is negative")
+    table.integers("run")
+    for i, position in enumerate(table.texts("position")):
+        if not position:
+            raise table.complaint(i, "position", "the cell is empty; the orientation needs a label")
+    table.numbers("start_s", required=True)
+    for line in np.flatnonzero(table.numbers("duration_s", required=True) <= 0.0):
+        raise table.complaint(int(line), "duration_s", "the averaging time must be more than 0 s")
+
+
+def _collects_of(
+    table: Table, sensor: Sensor, chosen: np.ndarray, columns: Mapping[str, FloatArray], centrifuge: bool
+) -> Collects:
+    """Gather one sensor's lines, `chosen` (n,), and check what is special to them."""
+    f_g = np.stack([_filled(table, name, chosen) for name in f_columns(sensor)], -1)
+    w = np.stack([_filled(table, name, chosen) for name in w_columns(sensor)], -1)
+    size = np.linalg.norm(f_g, axis=-1)
+    low, high = F_LIMITS_G
+    for i in [] if centrifuge else np.flatnonzero((size < low) | (size > high)):
+        raise table.complaint(
+            int(chosen[i]),
+            ", ".join(f_columns(sensor)),
+            f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g (`centrifuge: true` in {HEADER_FILE} allows it)",
+        )
+    rates = np.stack([table.numbers(name)[chosen] for name in rate_columns(sensor)], -1)
+    for name, values in zip(rate_columns(sensor), rates.T, strict=True):
+        if np.all(np.isnan(values)):
+            rows = rows_in_words([table.rows[int(i)] for i in chosen])
+            raise InputError(
+                f"{table.path}, {rows}, column {name}: no cell is filled for sensor {sensor.number}; "
+                f"leave the channel out of {HEADER_FILE} where it was not measured"
+            )
+    return Collects(
+        Conditions(
+            sensor,
+            table.integers("collect")[chosen],
+            table.integers("run")[chosen],
+            np.array(table.texts("position"), dtype=np.str_)[chosen],
+            table.numbers("start_s")[chosen],
+            table.numbers("duration_s")[chosen],
+            f_g,
+            w,
+            # A column that is empty in all of a sensor's rows is one that its data lacks.
+            {name: values[chosen] for name, values in columns.items() if not np.all(np.isnan(values[chosen]))},
+        ),
+        rates,
+        np.stack([_errors(table, name, chosen) for name in se_columns(sensor)], -1),
+    )
+
+
+def _filled(table: Table, column: str, chosen: np.ndarray) -> FloatArray:
+    values = np.asarray(table.numbers(column)[chosen])
+    for i in np.flatnonzero(np.isnan(values)):
+        raise table.complaint(int(chosen[i]), column, "the cell is empty; a number is needed (0 where w is unknown)")
+    return values
+
+
+def _errors(table: Table, column: str, chosen: np.ndarray) -> FloatArray:
+    """Return standard errors, NaN where not stated; an error of exactly zero states nothing."""
+    if column not in table.header:
+        return np.full(len(chosen), np.nan)
+    values = np.asarray(table.numbers(column)[chosen])
+    for i in np.flatnonzero(values < 0.0):
+        raise table.complaint(int(chosen[i]), column, "a standard error cannot be negative")
+    return np.where(values > 0.0, values, np.nan)
+
+
+def _series_files(folder: Path, collects: set[int]) -> dict[int, Path]:
+    """Find the series by their collect; refuse one without its row, and two for one collect."""
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix not in {".csv", ".parquet"} or path.name.startswith("."):
+            continue
+        if not re.fullmatch(r"\d{4,}", path.stem):
+            raise InputError(f"{path}: a series is named after its collect, four digits or more, such as 0007.csv")
+        collect = int(path.stem)
+        if collect not in collects:
+            raise InputError(f"{path}: a series without its row: {COLLECTS_FILE}, column collect, holds no {collect}")
+        if collect in found:
+            raise InputError(f"{path}: collect {collect} has two series, this and {found[collect].name}; keep one")
+        found[collect] = path
+    return found
+
+
+def _csv_columns(path: Path) -> dict[str, FloatArray]:
+    try:
+        table = pyarrow.csv.read_csv(path)
+    except (pa.ArrowInvalid, OSError):
+        table = None
+    if table is None or not all(pa.types.is_floating(t) or pa.types.is_integer(t) for t in table.schema.types):
+        slow = Table(path)  # says which cell is wrong, and takes what the fast reader will not
+        return {name: slow.numbers(name) for name in slow.header}
+    return _finite(path, table)
+
+
+def _parquet_columns(path: Path) -> dict[str, FloatArray]:
+    try:
+        return _finite(path, pyarrow.parquet.read_table(path))
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
+
+
+def _finite(path: Path, table: pa.Table) -> dict[str, FloatArray]:
+    columns = {}
+    for name in table.column_names:
+        if not (pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)):
+            raise InputError(f"{path}, column {name}: it does not hold numbers")
+        values = np.asarray(table[name].cast(pa.float64()).to_numpy(), dtype=np.float64)
+        if np.any(np.isinf(values)):
+            row = int(np.flatnonzero(np.isinf(values))[0]) + 2
+            raise InputError(f"{path}, row {row}, column {name}: the value is not finite")
+        columns[name.removeprefix("\ufeff")] = values
+    return columns

@@ -1,0 +1,103 @@
+"""What is suspicious in a campaign but legal: imported, said, and repeated by every report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hil.campaign import Collects
+from hil.campaign_header import Header
+from hil.collects_table import Table, rows_in_words
+from hil.earth import EARTH_RATE_DEG_PER_HR
+
+F_LIMITS_G = (0.5, 1.5)
+"""Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
+
+F_SUSPICIOUS = 0.02
+POSITION_TOLERANCE_G = 0.1
+"""Collects of one label may differ by this much in f: about 6 degrees, far more than indexing or a hand does."""
+
+
+def suspicions(
+    table: Table,
+    header: Header,
+    sensors: Mapping[int, Collects],
+    lines: Mapping[int, Sequence[int]],
+    undeclared: Sequence[str],
+) -> tuple[str, ...]:
+    """Return one sentence for each suspicion, with the file and the rows; `lines` gives each sensor's row numbers."""
+    found = [f"{table.path.with_name('campaign.yaml')}, key {key}: not known, so not used" for key in header.extra]
+    found += [f"{table.path}: sensor {n} is described but has no row" for n in header.sensors if n not in sensors]
+    found += [
+        f"{table.path}, column {name}: campaign.yaml does not say under conditions what it is; taken as a condition"
+        for name in undeclared
+    ]
+    backwards = np.flatnonzero(np.diff(table.numbers("start_s")) < 0.0) + 1
+    if len(backwards):
+        rows = rows_in_words([table.rows[int(i)] for i in backwards])
+        found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
+    for number, collects in sensors.items():
+        found += _of_sensor(f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.centrifuge)
+    found += _zero_errors(table, sensors)
+    return tuple(found)
+
+
+def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: bool) -> list[str]:
+    found = []
+    conditions, rates = collects.conditions, collects.rates_deg_per_hr
+    measured = ~np.isnan(rates)
+    zeros = np.any(measured, axis=-1) & np.all(np.where(measured, rates == 0.0, True), axis=-1)
+    if np.any(zeros):
+        found.append(f"{where}, {_words(rows[zeros])}: every rate is exactly 0; a missing collect is an empty cell")
+    size = np.linalg.norm(conditions.f_g, axis=-1)
+    off = np.abs(size - 1.0) > F_SUSPICIOUS
+    if np.any(off) and not centrifuge:
+        worst = size[np.argmax(np.abs(size - 1.0))]
+        found.append(f"{where}, {_words(rows[off])}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
+    spin = np.linalg.norm(conditions.w_deg_per_hr, axis=-1)
+    fast = spin > 1.02 * EARTH_RATE_DEG_PER_HR
+    if np.any(fast):
+        found.append(f"{where}, {_words(rows[fast])}: |w| is up to {spin.max():.2f} deg/hr, more than the Earth turns")
+    for channel, values in zip(conditions.sensor.channels, rates.T, strict=True):
+        present = ~np.isnan(values)
+        if present.sum() > 1 and np.ptp(values[present]) == 0.0:
+            found.append(
+                f"{where}, {_words(rows[present])}, column {channel}_deg_per_hr: the channel never changes "
+                f"(always {values[present][0]:g} deg/hr)"
+            )
+    return found + _contradictions(where, collects, rows)
+
+
+def _contradictions(where: str, collects: Collects, rows: np.ndarray) -> list[str]:
+    found = []
+    positions, f_g = collects.conditions.position, collects.conditions.f_g
+    for label in dict.fromkeys(positions.tolist()):
+        chosen = positions == label
+        centre = np.median(f_g[chosen], axis=0)
+        odd = np.linalg.norm(f_g[chosen] - centre, axis=-1) > POSITION_TOLERANCE_G
+        if np.any(odd):
+            found.append(
+                f"{where}, {_words(rows[chosen][odd])}: f contradicts the other rows of position {label}; "
+                "a label or a sign may be wrong"
+            )
+    return found
+
+
+def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
+    found = []
+    names = dict.fromkeys(
+        f"{channel}_se_deg_per_hr" for collects in sensors.values() for channel in collects.conditions.sensor.channels
+    )
+    for name in names:
+        if name not in table.header:
+            continue
+        zero = np.flatnonzero(table.numbers(name) == 0.0)
+        if len(zero):
+            rows = rows_in_words([table.rows[int(i)] for i in zero])
+            found.append(f"{table.path}, {rows}, column {name}: a standard error of 0 is taken as not stated")
+    return found
+
+
+def _words(rows: np.ndarray) -> str:
+    return rows_in_words([int(row) for row in rows])

@@ -1,0 +1,180 @@
+"""Write a campaign folder (schema hil.campaign/1) that `hil.campaign_reader` reads back as the same campaign.
+
+    write_campaign(campaign, "my-campaign")
+
+The folder appears whole or not at all: it is made under a temporary name beside its place, synchronised and renamed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import yaml
+
+from hil.campaign import SCHEMA, Campaign, Collects, FloatArray, Sensor, Series
+from hil.campaign_reader import (
+    COLLECTS_FILE,
+    HEADER_FILE,
+    IDENTITY,
+    SERIES_FOLDER,
+    STANDARD_CONDITIONS,
+    f_columns,
+    rate_columns,
+    se_columns,
+    w_columns,
+)
+from hil.errors import InputError
+from hil.files import PARTIAL, RealDisk
+
+SeriesFormat = Literal["csv", "parquet"]
+
+
+def write_campaign(
+    campaign: Campaign,
+    folder: Path | str,
+    series: Iterable[tuple[int, Series]] = (),
+    series_format: SeriesFormat = "csv",
+) -> Path:
+    """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
+
+    Values are written so that they read back to the last bit. Raises InputError where `folder` already exists or a
+    series belongs to no collect.
+    """
+    target = Path(folder)
+    if target.exists():
+        raise InputError(f"{target}: it already exists; name a new folder")
+    disk = RealDisk()
+    partial = target.with_name(f"{PARTIAL}{target.name}")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        disk.write(partial / HEADER_FILE, _header(campaign).encode())
+        disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())
+        _write_series(disk, campaign, partial / SERIES_FOLDER, series, series_format)
+        disk.synchronise_folder(partial)
+        disk.rename(partial, target)
+        disk.synchronise_folder(target.parent)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    return target
+
+
+def _header(campaign: Campaign) -> str:
+    keys: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
+    if campaign.simulated:
+        keys["simulated"] = True
+    if campaign.centrifuge:
+        keys["centrifuge"] = True
+    if campaign.site:
+        keys["site"] = dict(campaign.site)
+    keys["sensors"] = {
+        number: {"axes": list(rows.conditions.sensor.axes), "channels": dict(rows.conditions.sensor.channels)}
+        for number, rows in campaign.sensors.items()
+    }
+    if campaign.condition_units:
+        keys["conditions"] = dict(campaign.condition_units)
+    if campaign.series_block_s is not None:
+        keys["series"] = {"block_s": campaign.series_block_s}
+    if campaign.notes:
+        keys["notes"] = campaign.notes
+    return str(yaml.safe_dump(keys, sort_keys=False, allow_unicode=True, width=120))
+
+
+def _collects(campaign: Campaign) -> str:
+    """Return collects.csv: the union of all sensors' columns, in the order of time, then of collect numbers."""
+    lines = [line for rows in campaign.sensors.values() for line in _lines(rows)]
+    lines.sort(key=lambda line: (line["start_s"], line["collect"]))
+    present = {name for line in lines for name in line}
+    layouts = [rows.conditions.sensor for rows in campaign.sensors.values()]
+    order = [*IDENTITY]
+    for group in (f_columns, w_columns, rate_columns, se_columns):
+        order += [name for sensor in layouts for name in group(sensor)]
+    order += [*STANDARD_CONDITIONS, *campaign.condition_units, *sorted(present)]
+    columns = [name for name in dict.fromkeys(order) if name in present]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(line.get(name)) for name in columns] for line in lines)
+    return text.getvalue()
+
+
+def _lines(rows: Collects) -> list[dict[str, Any]]:
+    conditions = rows.conditions
+    sensor: Sensor = conditions.sensor
+    numeric: dict[str, FloatArray] = {"start_s": conditions.start_s, "duration_s": conditions.duration_s}
+    blocks = [
+        (f_columns(sensor), conditions.f_g),
+        (w_columns(sensor), conditions.w_deg_per_hr),
+        (rate_columns(sensor), rows.rates_deg_per_hr),
+    ]
+    if not np.all(np.isnan(rows.rates_se_deg_per_hr)):
+        blocks.append((se_columns(sensor), rows.rates_se_deg_per_hr))
+    for names, values in blocks:
+        numeric |= {name: values[:, j] for j, name in enumerate(names)}
+    numeric |= conditions.columns
+    lines: list[dict[str, Any]] = []
+    for i in range(len(conditions)):
+        identity = {
+            "collect": int(conditions.collect[i]),
+            "run": int(conditions.run[i]),
+            "sensor": sensor.number,
+            "position": str(conditions.position[i]),
+        }
+        lines.append(identity | {name: float(values[i]) for name, values in numeric.items()})
+    return lines
+
+
+def _cell(value: float | int | str | None) -> str:
+    """Write a cell: shortest digits that read back exactly, whole numbers without a point, nothing for NaN."""
+    if value is None or (isinstance(value, float) and np.isnan(value)):
+        return ""
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    return str(value)
+
+
+def _write_series(
+    disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]], form: SeriesFormat
+) -> None:
+    sensors: Mapping[int, Sensor] = {
+        int(collect): rows.conditions.sensor
+        for rows in campaign.sensors.values()
+        for collect in rows.conditions.collect
+    }
+    for collect, samples in series:
+        if collect not in sensors:
+            raise InputError(f"series of collect {collect}: the campaign has no such collect")
+        folder.mkdir(exist_ok=True)
+        columns = {"t_s": samples.t_s}
+        columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensors[collect]))}
+        if samples.temperature_degC is not None:
+            columns["temperature_degC"] = samples.temperature_degC
+        path = folder / f"{collect:04d}.{form}"
+        disk.write(path, _parquet(columns) if form == "parquet" else _csv(columns))
+    if folder.is_dir():
+        disk.synchronise_folder(folder)
+
+
+def _csv(columns: Mapping[str, FloatArray]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(float(value)) for value in row] for row in zip(*columns.values(), strict=True))
+    return text.getvalue().encode()
+
+
+def _parquet(columns: Mapping[str, FloatArray]) -> bytes:
+    # NaN marks a missing sample in memory; a file says so with a null.
+    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+    sink = pa.BufferOutputStream()
+    pyarrow.parquet.write_table(table, sink, compression="zstd")
+    return bytes(sink.getvalue().to_pybytes())

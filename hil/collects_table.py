@@ -1,0 +1,149 @@
+"""A CSV file as a person wrote it: every complaint names the file, the row as a spreadsheet counts it, and the column.
+
+Tolerated: a byte order mark, CR LF, blank lines, empty columns at the right edge. Everything else is refused.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.errors import InputError
+
+ABSOLUTE_ZERO_DEGC = -273.15
+
+
+class Table:
+    """The cells of one file: `header` and `lines`, each line with its row number (the header is row 1)."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        records = _records(path)
+        if not records:
+            raise InputError(f"{path}: the file is empty; its first row must name the columns")
+        self.header_row, header = records[0]
+        self.header = [name.strip() for name in header]
+        while self.header and not self.header[-1]:
+            self.header.pop()
+        self._check_header()
+        self.lines = [(row, self._padded(row, cells)) for row, cells in records[1:]]
+        self._index = {name: j for j, name in enumerate(self.header)}
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @property
+    def rows(self) -> list[int]:
+        """Row number of each line, as a spreadsheet shows it."""
+        return [row for row, _ in self.lines]
+
+    def require(self, columns: Sequence[str]) -> None:
+        """Refuse the file where one of `columns` is missing."""
+        missing = [name for name in columns if name not in self._index]
+        if missing:
+            hint = " (the file seems to be separated by semicolons; commas are needed)" if ";" in self.header[0] else ""
+            raise InputError(
+                f"{self.path}, row {self.header_row}: column{'s' if len(missing) > 1 else ''} {', '.join(missing)} "
+                f"{'are' if len(missing) > 1 else 'is'} missing{hint}"
+            )
+
+    def texts(self, column: str) -> list[str]:
+        """Return the cells of a column as text, stripped."""
+        j = self._index[column]
+        return [cells[j].strip() for _, cells in self.lines]
+
+    def numbers(self, column: str, *, required: bool = False) -> FloatArray:
+        """Return the cells of a column as numbers, NaN where empty; refuse what is no finite number."""
+        values = np.empty(len(self.lines))
+        for i, text in enumerate(self.texts(column)):
+            values[i] = self._number(i, column, text, required)
+        if column.endswith("_degC") and np.any(values < ABSOLUTE_ZERO_DEGC):
+            i = int(np.flatnonzero(values < ABSOLUTE_ZERO_DEGC)[0])
+            raise self.complaint(i, column, f"{values[i]:g} °C is below absolute zero")
+        return values
+
+    def integers(self, column: str) -> IntArray:
+        """Return the cells of a column as whole numbers, none empty."""
+        values = self.numbers(column, required=True)
+        for i in np.flatnonzero(values != np.round(values)):
+            raise self.complaint(int(i), column, f"{self.texts(column)[int(i)]!r} is not a whole number")
+        return values.astype(np.int64)
+
+    def complaint(self, line: int, column: str, what: str) -> InputError:
+        """Word a complaint about the cell of the `line`-th data line."""
+        return InputError(f"{self.path}, row {self.rows[line]}, column {column}: {what}")
+
+    def _check_header(self) -> None:
+        for j, name in enumerate(self.header):
+            if not name:
+                raise InputError(f"{self.path}, row {self.header_row}: column number {j + 1} has no name")
+            if name in self.header[:j]:
+                raise InputError(f"{self.path}, row {self.header_row}: column {name} stands there twice")
+
+    def _padded(self, row: int, cells: list[str]) -> list[str]:
+        extra = [cell for cell in cells[len(self.header) :] if cell.strip()]
+        if extra:
+            raise InputError(
+                f"{self.path}, row {row}: {len(cells)} cells under {len(self.header)} columns; "
+                f"{extra[0]!r} stands beyond the last column ({self.header[-1]})"
+            )
+        if len(cells) < len(self.header):
+            raise InputError(
+                f"{self.path}, row {row}, column {self.header[len(cells)]}: the row ends before this column; "
+                "it seems to be cut off (an empty cell still needs its comma)"
+            )
+        return cells
+
+    def _number(self, line: int, column: str, text: str, required: bool) -> float:
+        if not text:
+            if required:
+                raise self.complaint(line, column, "the cell is empty; a number is needed")
+            return float("nan")
+        try:
+            value = float(text)
+        except ValueError:
+            value = None
+        if value is None or "_" in text:
+            hint = " (use a point as decimal separator)" if "," in text else ""
+            raise self.complaint(line, column, f"{text!r} is not a number{hint}")
+        if not np.isfinite(value):
+            raise self.complaint(
+                line, column, f"{text!r} is not finite; leave the cell empty where nothing was measured"
+            )
+        return value
+
+
+def _records(path: Path) -> list[tuple[int, list[str]]]:
+    """Return (row number, cells) of every line that is not blank."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as CSV UTF-8") from error
+    if "\0" in text:
+        raise InputError(f"{path}: it holds zero bytes, so it is no CSV text; save the file as CSV UTF-8")
+    try:
+        records = list(csv.reader(io.StringIO(text, newline=""), strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: it is no CSV ({error})") from error
+    return [(row, cells) for row, cells in enumerate(records, start=1) if any(cell.strip() for cell in cells)]
+
+
+def rows_in_words(rows: Sequence[int]) -> str:
+    """Write row numbers as people do: "row 7" or "rows 2, 5, 9-12"."""
+    spans: list[list[int]] = []
+    for row in sorted(rows):
+        if spans and row == spans[-1][1] + 1:
+            spans[-1][1] = row
+        else:
+            spans.append([row, row])
+    text = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)
+    return f"row{'s' if len(rows) > 1 else ''} {text}"
