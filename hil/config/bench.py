@@ -1,0 +1,291 @@
+"""The bench file: which devices stand where, how the unit is oriented at each position, and what is safe.
+
+    bench = load_bench("simulated")
+    bench.orientations(2)["1"].components(bench.site.gravity_g())   # f at position 1, along A, B, S
+    bench.chamber.limits.high                                       # °C
+
+Numbers carry their unit in the file and are plain floats here: s, °C, °C/min, deg, g, Hz. Orientations may be written
+as the report's figure shows them (`{A: -1, B: +2, S: +3}`: A along minus axis 1), as a rotation of the unit from
+another position (`{from: "3", rotate: -90 deg, about: 2}`), or as a matrix with one row per sensor axis.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
+
+from hil.campaign import Sensor
+from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.config.orientation import build_orientations
+from hil.config.settings import to_settings
+from hil.config.simulation import SimulationSection
+from hil.config.units import Celsius, Degrees, Gravities, Hertz, Seconds
+from hil.earth import Site
+from hil.equation import Orientation
+from hil.errors import InputError
+from procedures.settings import InterlockSettings, Polling
+
+SIMULATED_SCHEME = "sim://"
+_SCHEMES = ("sim", "socket", "rfc2217")
+
+
+def _port(value: object, name: str) -> str:
+    text = str(value)
+    if not isinstance(value, str) or not text.strip():
+        raise ValueError(
+            f"{value!r} is not a port; write /dev/ttyUSB0, socket://host:port, rfc2217://host:port, sim://{name}"
+        )
+    scheme = text.split("://", 1)[0] if "://" in text else ""
+    if scheme and scheme not in _SCHEMES:
+        raise ValueError(f"{text!r}: ports begin with {', '.join(f'{known}://' for known in _SCHEMES)} or are a path")
+    if scheme == "sim" and text != f"sim://{name}":
+        raise ValueError(f"there is no simulated port {text!r}; the simulated {name} is sim://{name}")
+    if scheme in {"socket", "rfc2217"}:
+        parts = urlsplit(text)
+        try:
+            complete = bool(parts.hostname) and parts.port is not None
+        except ValueError:
+            complete = False
+        if not complete:
+            raise ValueError(f"{text!r} lacks its host or port number; write {scheme}://host:10001")
+    return text
+
+
+def _labels(value: object) -> object:
+    # YAML reads an unquoted 1 as a number; a position's label is text.
+    return {str(label): entry for label, entry in value.items()} if isinstance(value, dict) else value
+
+
+def _off_is_a_word(value: object) -> object:
+    return "off" if value is False else value  # YAML 1.1 reads an unquoted off as false
+
+
+ImuPort = Annotated[str, BeforeValidator(lambda value: _port(value, "imu"))]
+ChamberPort = Annotated[str, BeforeValidator(lambda value: _port(value, "chamber"))]
+
+
+def _settings(kind: type) -> BeforeValidator:
+    return BeforeValidator(lambda given: to_settings(given, kind))
+
+
+def _plain_name(value: str) -> str:
+    if not re.fullmatch(r"[\w.+-]+", value):
+        raise ValueError(f"{value!r} is not a name; use letters, digits, '.', '_', '+' and '-'")
+    return value
+
+
+class UnitSection(Section):
+    """The unit under test as its label says; the controller refuses another one."""
+
+    model: str
+    serial: str
+
+
+class SiteSection(Section):
+    """Where the bench stands and how level it is. G2 and G3 are what axes 2 and 3 measure of gravity at rest."""
+
+    latitude: Degrees
+    heading: Degrees
+    G2: Gravities | None = None
+    G3: Gravities | None = None
+    axis_2_elevation: Degrees | None = None
+    axis_3_elevation: Degrees | None = None
+
+    @model_validator(mode="after")
+    def _one_description_of_level(self) -> SiteSection:
+        by_gravity = self.G2 is not None or self.G3 is not None
+        by_angle = self.axis_2_elevation is not None or self.axis_3_elevation is not None
+        if by_gravity and by_angle:
+            raise ValueError("give G2 and G3, or axis_2_elevation and axis_3_elevation, not both")
+        if max(abs(self.G2 or 0.0), abs(self.G3 or 0.0)) > 0.5:
+            raise ValueError("G2 and G3 are components of a nearly level bench and must be within 0.5 g")
+        self.site()  # the remaining limits are the site's own
+        return self
+
+    def site(self) -> Site:
+        """Return the site, which knows gravity and earth rate in the bench frame."""
+        if self.G2 is not None or self.G3 is not None:
+            return Site.from_gravity(self.latitude, self.heading, self.G2 or 0.0, self.G3 or 0.0)
+        return Site(self.latitude, self.heading, self.axis_2_elevation or 0.0, self.axis_3_elevation or 0.0)
+
+
+def _site(given: object) -> Site:
+    return validated_inside(SiteSection, given).site()
+
+
+class SensorSection(Section):
+    """A sensor's axes, the axis that each channel measures about, and its orientation at each position."""
+
+    axes: tuple[str, str, str]
+    channels: dict[str, str] = Field(min_length=1)
+    orientations: Annotated[dict[str, Any], BeforeValidator(_labels)] = Field(min_length=1)
+    assumed: bool = False
+
+    @model_validator(mode="after")
+    def _hangs_together(self) -> SensorSection:
+        if len(set(self.axes)) != 3:
+            raise ValueError(f"axes: three different names are needed, not {', '.join(self.axes)}")
+        for channel, axis in self.channels.items():
+            if axis not in self.axes:
+                raise ValueError(f"channels.{channel}: there is no axis {axis!r}; allowed: {', '.join(self.axes)}")
+        _ = self.built
+        return self
+
+    @cached_property
+    def built(self) -> Mapping[str, Orientation]:
+        """The orientation at each position."""
+        return build_orientations(self.orientations, self.axes)
+
+
+class ImuSection(Section):
+    """The IMU's port and stream, and who turns the unit. Baud and rate are the description's where they are not given.
+
+    `instructions` tell an operator how the unit lies at each position.
+    """
+
+    description: str
+    port: ImuPort
+    baud: PositiveInt | None = None
+    rate: Annotated[Hertz, Field(gt=0.0)] | None = None
+    positioner: Literal["indexing", "operator"]
+    instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
+
+
+class LimitsSection(Section):
+    """The range in which the bench may set the chamber."""
+
+    low: Celsius
+    high: Celsius
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LimitsSection:
+        if self.low >= self.high:
+            raise ValueError(f"low ({self.low:g} °C) must be below high ({self.high:g} °C)")
+        return self
+
+
+class SafeStateSection(Section):
+    """How the chamber may be left alone: it keeps `setpoint`, or stands by, or is switched off."""
+
+    mode: Annotated[Literal["hold", "standby", "off"], BeforeValidator(_off_is_a_word)] = "standby"
+    setpoint: Celsius = 23.0
+
+
+class ChamberSection(Section):
+    """The chamber's port, its controller, its limits and its safe state."""
+
+    driver: Literal["espec"]
+    port: ChamberPort
+    baud: PositiveInt = 19200
+    address: PositiveInt | None = None
+    model: str = ""
+    limits: LimitsSection
+    safe_state: SafeStateSection = SafeStateSection()
+
+    @model_validator(mode="after")
+    def _safe_is_within_limits(self) -> ChamberSection:
+        setpoint = self.safe_state.setpoint
+        if not self.limits.low <= setpoint <= self.limits.high:
+            raise ValueError(
+                f"safe_state.setpoint: {setpoint:.4g} °C lies outside the chamber's limits "
+                f"{self.limits.low:.4g} … {self.limits.high:.4g} °C"
+            )
+        return self
+
+
+class RecordSection(Section):
+    """What is kept of a night besides the averages."""
+
+    raw: bool = True
+    series_block: Seconds = Field(default=1.0, gt=0.0)
+
+
+class Bench(Section):
+    """A bench, as its file describes it."""
+
+    name: Annotated[str, AfterValidator(_plain_name)]
+    title: str = ""
+    unit: UnitSection
+    clock: Literal["system", "virtual"]
+    site: Annotated[Site, BeforeValidator(_site)]
+    sensors: dict[int, SensorSection] = Field(min_length=1)
+    imu: ImuSection
+    chamber: ChamberSection
+    interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
+    polling: Annotated[Polling, _settings(Polling)] = Polling()
+    record: RecordSection = RecordSection()
+    simulation: SimulationSection | None = None
+
+    _text: str = PrivateAttr(default="")
+    _source: str = PrivateAttr(default="")
+
+    @model_validator(mode="after")
+    def _simulation_belongs_to_simulated_ports(self) -> Bench:
+        for key, port in (("imu.port", self.imu.port), ("chamber.port", self.chamber.port)):
+            if port.startswith(SIMULATED_SCHEME) and self.simulation is None:
+                raise ValueError(f"{key}: {port} needs a simulation section, which says what is simulated")
+            if self.clock == "virtual" and not port.startswith(SIMULATED_SCHEME):
+                raise ValueError(
+                    f"clock: a virtual clock cannot drive the real port {port} ({key}); write clock: system"
+                )
+        return self
+
+    @property
+    def text(self) -> str:
+        """The YAML text that this bench was read from: what a record keeps."""
+        return self._text
+
+    @property
+    def source(self) -> str:
+        """The file that this bench was read from."""
+        return self._source
+
+    @property
+    def simulated(self) -> bool:
+        """True where the devices are simulated, in process or behind a port: the data must say so."""
+        return self.simulation is not None
+
+    def sensor(self, number: int) -> Sensor:
+        """Return a sensor's layout, as the equation and campaigns use it."""
+        section = self.sensors[number]
+        return Sensor(number, section.axes, dict(section.channels))
+
+    def orientations(self, number: int) -> Mapping[str, Orientation]:
+        """Return the orientation of a sensor at each position."""
+        return self.sensors[number].built
+
+    @property
+    def positions(self) -> tuple[str, ...]:
+        """The positions in which the orientation of every sensor is known."""
+        tables = [section.built for section in self.sensors.values()]
+        return tuple(label for label in tables[0] if all(label in table for table in tables))
+
+    @cached_property
+    def imu_description(self) -> Path:
+        """The frame description of the IMU; raises `InputError` where there is none of this name."""
+        beside = Path(self._source).parent if self._source else None
+        try:
+            return find_config("imus", self.imu.description, beside)
+        except InputError as error:
+            raise InputError(f"{self._source or self.name}: imu.description: {error}") from error
+
+
+def load_bench(name: str | Path) -> Bench:
+    """Read a bench file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
+    path = find_config("benches", name)
+    return parse_bench(read_text(path), str(path))
+
+
+def parse_bench(text: str, source: str) -> Bench:
+    """Read a bench from YAML text, such as the copy that a record kept; `source` names it in messages."""
+    document = parse_yaml(text, source)
+    bench = validated(Bench, document, source)
+    bench._text, bench._source = text, source
+    _ = bench.imu_description
+    return bench

@@ -1,0 +1,171 @@
+"""Finding configuration files by name, reading them strictly, and saying in one sentence what is wrong with one.
+
+find_config("benches", "simulated")     # the file that ships with hil
+find_config("benches", "./my-bench.yaml")  # a path given in full wins
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Hashable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+import hil
+from hil.errors import InputError
+
+SINGULAR = {"benches": "bench", "sweeps": "sweep", "imus": "IMU description", "models": "model"}
+"""The kinds of configuration: the folder's name, and the word for one of them."""
+
+
+class Section(BaseModel):
+    """A mapping in a configuration file. Keys that it does not know are errors, with the nearest one suggested."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_every_key(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise ValueError(f"must be a mapping with the keys {', '.join(cls.model_fields)}")
+        for key in data:
+            if key not in cls.model_fields:
+                raise ValueError(f"unknown key {key!r}{near(str(key), list(cls.model_fields))}")
+        return data
+
+
+def near(word: str, allowed: Sequence[str]) -> str:
+    """Return "; did you mean …?" where one of `allowed` is near, else "; allowed: …"."""
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; allowed: {', '.join(sorted(allowed))}"
+
+
+def config_folders(kind: str) -> list[Path]:
+    """Return the folders of shipped configuration of a kind: the installed package's, and the checkout's."""
+    package = Path(hil.__file__).resolve().parent
+    return [folder for folder in (package / "configs" / kind, package.parent / "configs" / kind) if folder.is_dir()]
+
+
+def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path:
+    """Return the file for `name`, with or without `.yaml`, from anywhere.
+
+    An existing path wins, then a file of that name in the folder `beside` (where the file stands that names it), then
+    what ships with hil. `kind` is "benches", "sweeps", "imus" or "models". Raises `InputError` naming the nearest.
+    """
+    path = Path(name).expanduser()
+    if path.is_file():
+        return path
+    folders = ([beside] if beside is not None else []) + config_folders(kind)
+    if path.is_absolute():
+        folders = []
+    for folder in folders:
+        for candidate in (folder / path, folder / f"{path}.yaml"):
+            if candidate.is_file():
+                return candidate
+    what = SINGULAR.get(kind, kind)
+    if path.is_dir():
+        raise InputError(f"{name}: this is a folder, not a {what} file")
+    shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob("*.yaml")})
+    if path.is_absolute() or "/" in str(name):
+        raise InputError(f"{name}: there is no such {what} file")
+    raise InputError(f"{name}: there is no {what} of this name{near(path.stem, shipped)}")
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML's safe loader, which in addition refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[object] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key!r} is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file; raise `InputError` where it cannot be read or is not UTF-8."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+
+
+def parse_yaml(text: str, source: str) -> dict[str, Any]:
+    """Return the mapping that a YAML text holds; raise `InputError` with the line where it is not one."""
+    try:
+        document = yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
+        raise InputError(f"{source}{where}: not valid YAML: {error.problem or error.context}") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{source}: must be a mapping of keys to values, not {type(document).__name__}")
+    return document
+
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+def validated(model: type[ModelT], document: dict[str, Any], source: str) -> ModelT:
+    """Return `document` as a `model`; raise `InputError` with one sentence about the first thing that is wrong."""
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        more = f" ({len(problems) - 1} more after this one)" if len(problems) > 1 else ""
+        raise InputError(f"{source}: {_sentence(dict(problems[0]))}{more}") from error
+
+
+class _ProblemInside(ValueError):
+    """What is wrong in a section that is validated on its own, with the place within it."""
+
+    def __init__(self, where: str, what: str) -> None:
+        super().__init__(f"{where}: {what}" if where else what)
+        self.where = where
+        self.what = what
+
+
+def validated_inside(model: type[ModelT], given: object) -> ModelT:
+    """Return `given` as a `model` from within another model's validator, keeping the place of what is wrong."""
+    try:
+        return model.model_validate(given)
+    except ValidationError as error:
+        raise _ProblemInside(*_place_and_sentence(dict(error.errors(include_url=False)[0]))) from error
+
+
+def _sentence(problem: dict[str, Any]) -> str:
+    where, what = _place_and_sentence(problem)
+    return f"{where}: {what}" if where else what
+
+
+def _place_and_sentence(problem: dict[str, Any]) -> tuple[str, str]:
+    where = ".".join(str(part) for part in problem["loc"])
+    kind, given = problem["type"], problem.get("input")
+    context = problem.get("ctx") or {}
+    if kind == "missing":
+        return where, "this key is missing"
+    if kind == "value_error":
+        inner = context["error"]
+        if isinstance(inner, _ProblemInside):
+            return ".".join(part for part in (where, inner.where) if part), inner.what
+        what = str(inner)
+        if where and what.startswith(f"{where}: "):  # a dataclass that names its own section
+            what = what.removeprefix(f"{where}: ")
+    elif kind == "literal_error":
+        what = f"{given!r} is not allowed; allowed: {context['expected']}"
+    elif kind in {"tuple_type", "list_type"}:
+        what = f"this must be a list, such as [a, b], not {given!r}"
+    else:
+        what = f"{problem['msg'][0].lower()}{problem['msg'][1:]}, not {given!r}"
+    return where, what

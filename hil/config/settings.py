@@ -1,0 +1,58 @@
+"""A procedure's dataclass of settings as a section of a configuration file, with units.
+
+`Restabilisation.at_least_s` is written `at_least: 45 min`, `band_degC` is `band: 0.5 degC`. The names and defaults stay
+in one place, the procedures; what a file does not give keeps its default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar, get_type_hints
+
+from pydantic import create_model
+
+from hil.config.files import Section, validated_inside
+from hil.config.units import (
+    Celsius,
+    CelsiusDifference,
+    CelsiusPerMinute,
+    DegreesPerHourPerMinute,
+    Gravities,
+    Seconds,
+)
+
+_BY_SUFFIX: Mapping[str, Any] = {
+    "_deg_per_hr_per_min": DegreesPerHourPerMinute,
+    "_degC_per_min": CelsiusPerMinute,
+    "_degC": CelsiusDifference,
+    "_g": Gravities,
+    "_s": Seconds,
+}
+_POINTS = frozenset({"unit_low_degC", "unit_high_degC"})  # the readings of a thermometer among the differences
+
+SettingsT = TypeVar("SettingsT")
+
+
+def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
+    if name in _POINTS:
+        return name.removesuffix("_degC"), Celsius
+    for suffix, quantity in _BY_SUFFIX.items():
+        if name.endswith(suffix):
+            return name.removesuffix(suffix), quantity
+    return name, plain
+
+
+def section_for(settings: type) -> type[Section]:
+    """Return the section for a dataclass of settings: its names without their unit, each optional."""
+    hints = get_type_hints(settings)
+    keys = dict(_key_and_type(name, hints[name]) for name in settings.__dataclass_fields__)  # type: ignore[attr-defined]
+    fields: dict[str, Any] = {key: (quantity | None, None) for key, quantity in keys.items()}
+    return create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
+
+
+def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
+    """Return the settings that a mapping of a file gives; raise `ValueError` where they contradict each other."""
+    section = validated_inside(section_for(settings), given)
+    hints = get_type_hints(settings)
+    values = {name: getattr(section, _key_and_type(name, hints[name])[0]) for name in hints if name[:1] != "_"}
+    return settings(**{name: value for name, value in values.items() if value is not None})

@@ -1,0 +1,103 @@
+"""The sweep file: which temperatures, how many self-calibrations at each, which collects, and when a soak is enough.
+
+sweep = load_sweep("rd-gc-86-1")
+plan = make_plan(sweep.procedure())
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, PositiveInt, PrivateAttr
+
+from hil.config.bench import Bench
+from hil.config.files import Section, find_config, parse_yaml, read_text, validated
+from hil.config.settings import to_settings
+from hil.config.units import Celsius, CelsiusPerMinute
+from hil.errors import InputError
+from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
+
+
+def _settings(kind: type) -> BeforeValidator:
+    return BeforeValidator(lambda given: to_settings(given, kind))
+
+
+def _as_labels(value: object) -> object:
+    # YAML reads an unquoted 1 as a number; a position's label is text.
+    return [str(label) for label in value] if isinstance(value, list) else value
+
+
+class Sweep(Section):
+    """A sweep, as its file describes it."""
+
+    title: str
+    temperatures: tuple[Celsius, ...] = Field(min_length=1)
+    self_calibrations_per_temperature: PositiveInt = 3
+    positions: Annotated[tuple[str, ...], BeforeValidator(_as_labels)] = Field(default=("1", "2", "3"), min_length=1)
+    restabilisation: Annotated[Restabilisation, _settings(Restabilisation)] = Restabilisation()
+    collect: Annotated[CollectSettings, _settings(CollectSettings)] = CollectSettings()
+    ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] = 3.0
+    start: Celsius = 23.0
+    final: Celsius | None = None
+
+    _text: str = PrivateAttr(default="")
+    _source: str = PrivateAttr(default="")
+
+    @property
+    def text(self) -> str:
+        """The YAML text that this sweep was read from: what a record keeps."""
+        return self._text
+
+    @property
+    def source(self) -> str:
+        """The file that this sweep was read from."""
+        return self._source
+
+    def procedure(self) -> SweepProcedure:
+        """Return the sweep as the procedures take it."""
+        return SweepProcedure(
+            title=self.title,
+            temperatures_degC=self.temperatures,
+            self_calibrations=self.self_calibrations_per_temperature,
+            positions=self.positions,
+            restabilisation=self.restabilisation,
+            collect=self.collect,
+            ramp_degC_per_min=self.ramp,
+            start_degC=self.start,
+            final_degC=self.final,
+        )
+
+
+def load_sweep(name: str | Path) -> Sweep:
+    """Read a sweep file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
+    path = find_config("sweeps", name)
+    return parse_sweep(read_text(path), str(path))
+
+
+def parse_sweep(text: str, source: str) -> Sweep:
+    """Read a sweep from YAML text, such as the copy that a record kept; `source` names it in messages."""
+    document: dict[str, Any] = parse_yaml(text, source)
+    sweep = validated(Sweep, document, source)
+    sweep._text, sweep._source = text, source
+    return sweep
+
+
+def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
+    """Raise `InputError` where the sweep asks for what the bench cannot do: a temperature, or a position."""
+    limits = bench.chamber.limits
+    wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]
+    wanted += [("final", sweep.final)] if sweep.final is not None else []
+    for key, value in wanted:
+        if not limits.low <= value <= limits.high:
+            raise InputError(
+                f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
+                f"{limits.low:.4g} … {limits.high:.4g} °C"
+            )
+    for label in sweep.positions:
+        for number, section in bench.sensors.items():
+            if label not in section.built:
+                raise InputError(
+                    f"{sweep.source}: positions: bench {bench.name} gives no orientation of sensor {number} at "
+                    f"position {label}; it knows {', '.join(section.built)}"
+                )

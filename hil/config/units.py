@@ -1,0 +1,117 @@
+"""Quantities as people write them, turned into the project's plain floats at the boundary.
+
+    to_number("45 min", TIME)              # 2700.0 (s)
+    to_number("-21.5 degF", TEMPERATURE)   # -29.72 (°C)
+    to_number("0.9 degF", DIFFERENCE)      # 0.5 (°C): a difference has no zero point
+    to_number("3 degC/min", SLOPE)         # 3.0 (°C/min)
+
+A number without its unit is refused, and so is a unit of another kind: "45 kg" is not a time. Nothing behind this
+boundary knows pint.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any
+
+import pint
+from pydantic import BeforeValidator
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of quantity: its name in messages, the unit used inside, and examples of what is allowed."""
+
+    name: str
+    unit: str
+    example: str
+    is_difference: bool = False
+    zero: float = -math.inf  # the smallest value that can exist
+
+
+TIME = Kind("a time", "second", "45 min", zero=0.0)
+TEMPERATURE = Kind("a temperature", "degC", "-21.5 degF or 20 degC", zero=-273.15)
+DIFFERENCE = Kind("a temperature difference", "delta_degC", "0.5 degC", is_difference=True, zero=0.0)
+SLOPE = Kind("a rate of temperature change", "delta_degC/minute", "3 degC/min", is_difference=True, zero=0.0)
+ANGLE = Kind("an angle", "degree", "34.6 deg")
+ACCELERATION = Kind("an acceleration", "standard_gravity", "-0.016 g")
+RATE = Kind("a rotation rate", "degree/hour", "30 deg/hr")
+DRIFT = Kind("a drift of a rate", "degree/hour/minute", "10 deg/hr/min", zero=0.0)
+RANDOM_WALK = Kind("an angle random walk", "degree/hour**0.5", "0.12 deg/sqrt(hr)", zero=0.0)
+VOLTAGE = Kind("a voltage", "volt", "28 V", zero=0.0)
+FREQUENCY = Kind("a frequency", "hertz", "20 Hz", zero=0.0)
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+_SQUARE_ROOT = re.compile(r"sqrt\(\s*(\w+)\s*\)")
+_GRAVITY = re.compile(r"(?<![A-Za-z_])(m|u|µ)?g(?![A-Za-z_])")
+_POINTS = {"degree_Celsius": "delta_degree_Celsius", "degree_Fahrenheit": "delta_degree_Fahrenheit"}
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    # Made on first use: a command that reads no configuration does not wait for it.
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry()
+    registry.define("gee = standard_gravity")  # pint's g is the gram
+    return registry
+
+
+def to_number(value: object, kind: Kind) -> float:
+    """Return `value` as a float in the unit of `kind`; raise `ValueError` with a sentence where it is not one."""
+    match = _NUMBER_AND_UNIT.match(value.replace("−", "-")) if isinstance(value, str) else None
+    if match is None:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            raise ValueError(f"{value} has no unit; write {kind.name} with its unit, such as {kind.example}")
+        raise ValueError(f"{value!r} is not {kind.name}; write a number and a unit, such as {kind.example}")
+    number, unit = float(match[1]), match[2]
+    if not unit:
+        raise ValueError(f"{value!r} has no unit; write {kind.name} with its unit, such as {kind.example}")
+    converted = _convert(number, unit, kind)
+    if not math.isfinite(converted):
+        raise ValueError(f"{value!r} is too large a number; write {kind.name} like {kind.example}")
+    if converted < kind.zero:
+        raise ValueError(f"{value!r} cannot be: {kind.name} is at least {kind.zero:g} {_symbol(kind)}")
+    return converted
+
+
+def _convert(number: float, unit_text: str, kind: Kind) -> float:
+    registry = _registry()
+    wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"
+    try:
+        unit = str(registry.parse_units(_spell_out(unit_text, kind)))
+    except Exception as error:  # pint raises whatever its tokeniser meets: all of it means "not a unit"
+        raise ValueError(f"{wrong} ({unit_text!r} is not a unit that is known here)") from error
+    try:
+        converted = registry.Quantity(number, _POINTS.get(unit, unit) if kind.is_difference else unit).to(kind.unit)
+    except pint.PintError as error:
+        raise ValueError(wrong) from error
+    return float(converted.magnitude)
+
+
+def _spell_out(unit_text: str, kind: Kind) -> str:
+    """Turn a bench engineer's spelling into pint's: `sqrt(hr)`, and `g` for gravity where it cannot be a gram."""
+    text = _SQUARE_ROOT.sub(r"\1**0.5", unit_text)
+    return _GRAVITY.sub(r"\1gee", text) if "standard_gravity" in kind.unit else text
+
+
+def _symbol(kind: Kind) -> str:
+    return f"{_registry().parse_units(kind.unit):~P}".replace("Δ", "")
+
+
+def _of(kind: Kind) -> BeforeValidator:
+    return BeforeValidator(lambda value: to_number(value, kind))
+
+
+Seconds = Annotated[float, _of(TIME)]
+Celsius = Annotated[float, _of(TEMPERATURE)]
+CelsiusDifference = Annotated[float, _of(DIFFERENCE)]
+CelsiusPerMinute = Annotated[float, _of(SLOPE)]
+Degrees = Annotated[float, _of(ANGLE)]
+Gravities = Annotated[float, _of(ACCELERATION)]
+DegreesPerHour = Annotated[float, _of(RATE)]
+DegreesPerHourPerMinute = Annotated[float, _of(DRIFT)]
+RandomWalk = Annotated[float, _of(RANDOM_WALK)]
+Volts = Annotated[float, _of(VOLTAGE)]
+Hertz = Annotated[float, _of(FREQUENCY)]
