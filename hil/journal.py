@@ -1,0 +1,281 @@
+"""The journal of a night: the truth, in SQLite. When a call returns, what it recorded survives a power failure.
+
+    SqliteJournal.create(folder, plan, night)                      # once
+    with SqliteJournal.open(folder, clock=clock, who="rk") as journal:  # one controller at a time
+        attempt = journal.begin(step)
+        journal.end(step, attempt, StepResult(Outcome.DONE, data={...}, samples=block))
+
+The order of `end` is: data blocks (hil.blocks), then one transaction with the result and the names of the blocks. A
+crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a result.
+
+Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
+with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import Clock, SystemClock
+from hil import journal_schema
+from hil.blocks import BLOCKS, Block, BlockWriter
+from hil.errors import InputError
+from hil.files import Disk, RealDisk
+from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.journal_records import Night, result_digest, step_row, to_json
+from hil.lock import FolderLock
+from procedures.journal import StepResult
+from procedures.plan import Plan, Step
+
+__all__ = ["JOURNAL_NAME", "SqliteJournal"]
+
+_BUSY_S = 30.0
+
+Listener = Callable[[str, Mapping[str, Any]], None]
+"""Called after every commit with what happened and its facts: the log."""
+
+
+class SqliteJournal(JournalReader):
+    """A journal that is written: `procedures.journal.Journal`, durable. Belongs to one thread of one controller."""
+
+    def __init__(
+        self,
+        folder: Path,
+        connection: sqlite3.Connection,
+        lock: FolderLock,
+        *,
+        clock: Clock,
+        who: str,
+        units: Mapping[str, str],
+        disk: Disk,
+        listener: Listener | None,
+    ) -> None:
+        super().__init__(folder, connection)
+        self._lock = lock
+        self._clock = clock
+        self._system = SystemClock()
+        self._listener = listener
+        self._blocks = BlockWriter(folder, simulated=self.night.simulated, units=units, disk=disk)
+        # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
+        self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
+        last_s = max((controller.seen_s for controller in self.controllers()), default=0.0)
+        backwards_s = last_s - self.now_s()
+        if backwards_s > 0.0:  # somebody set the wall clock back; the campaign's time never goes backwards
+            self._offset_s += backwards_s
+        with self._transaction():
+            row = (os.getpid(), socket.gethostname(), who, self.now_s(), self.now_s(), self._system.utc().isoformat())
+            self._controller = self._insert("controllers", "pid, host, who, began_s, seen_s, seen_utc", row)
+        if backwards_s > 0.0:
+            message = (
+                f"the wall clock stands {backwards_s:.0f} s before the last record; the campaign goes on from there"
+            )
+            self.event("clock_went_back", message, backwards_s=backwards_s)
+
+    @classmethod
+    def create(cls, folder: Path, plan: Plan, night: Night) -> None:
+        """Write a new journal with its plan into the existing `folder`; `open` it afterwards.
+
+        Raises `InputError` where there is a journal already, or where two steps of the plan have one key.
+        """
+        path = folder / JOURNAL_NAME
+        if path.exists():
+            raise InputError(f"{folder}: holds a night already; choose another folder, or resume it")
+        if len({step.key for step in plan.steps}) != len(plan.steps):
+            raise InputError("the plan has two steps of one key, so that their results could not be told apart")
+        with contextlib.closing(_connect(path)) as connection:
+            journal_schema.upgrade(connection)
+            connection.execute("BEGIN IMMEDIATE")
+            connection.executemany(
+                "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
+            )
+            connection.execute(
+                "INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (
+                    night.title,
+                    night.who,
+                    night.began_utc.isoformat(),
+                    int(night.simulated),
+                    night.seed,
+                    to_json(night.versions or {}),
+                    night.configuration,
+                    len(plan.steps),
+                    night.digest(plan),
+                ),
+            )
+            connection.execute("COMMIT")
+        (folder / BLOCKS).mkdir(exist_ok=True)
+        RealDisk().synchronise_folder(folder)
+
+    @classmethod
+    def open(
+        cls,
+        folder: Path,
+        *,
+        clock: Clock,
+        who: str = "",
+        units: Mapping[str, str] | None = None,
+        disk: Disk | None = None,
+        listener: Listener | None = None,
+    ) -> SqliteJournal:
+        """Open a night to carry it on, as its only controller; `units` are those of the decoded fields, by name.
+
+        Raises `InputError` where there is no journal, or another controller holds it. The lock of a controller that
+        has died is taken over, and an event says so.
+        """
+        path = folder / JOURNAL_NAME
+        if not path.is_file():
+            raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+        lock = FolderLock(folder).acquire()
+        try:
+            connection = _connect(path)
+            try:
+                if journal_schema.check(connection, path) < journal_schema.VERSION:
+                    journal_schema.upgrade(connection)
+                journal = cls(
+                    folder,
+                    connection,
+                    lock,
+                    clock=clock,
+                    who=who,
+                    units=units or {},
+                    disk=disk or RealDisk(),
+                    listener=listener,
+                )
+            except BaseException:
+                connection.close()
+                raise
+        except BaseException:
+            lock.release()
+            raise
+        if lock.taken_over_from is not None:
+            journal.event("lock_taken_over", f"the lock of {lock.taken_over_from} was taken over: that process is gone")
+        return journal
+
+    @staticmethod
+    def open_readonly(folder: Path) -> JournalReader:
+        """Open a night to read it, also while a controller writes; see `hil.journal_reader.open_readonly`."""
+        return open_readonly(folder)
+
+    def now_s(self) -> float:
+        """Return the seconds since the campaign began, across a resume."""
+        return self._clock.now() + self._offset_s
+
+    def begin(self, step: Step) -> int:
+        """Record that `step` begins; return the attempt number, 1 for the first.
+
+        Raises `ValueError` where the step is DONE already, or is none of the plan.
+        """
+        with self._transaction():
+            outcomes = self._connection.execute("SELECT outcome FROM attempts WHERE step_key = ?", (step.key,))
+            earlier = [outcome for (outcome,) in outcomes]
+            if "DONE" in earlier:
+                raise ValueError(f"step {step.key} is done; it cannot begin again")
+            attempt = len(earlier) + 1
+            try:
+                row = (step.key, attempt, self._controller, self.now_s())
+                self._insert("attempts", "step_key, attempt, controller, began_s", row)
+            except sqlite3.IntegrityError:
+                raise ValueError(f"step {step.key} is no step of this night's plan") from None
+        self._tell("step begins", step=step.key, attempt=attempt)
+        return attempt
+
+    def end(self, step: Step, attempt: int, result: StepResult) -> None:
+        """Commit the result, with its samples, before the next step begins.
+
+        Raises `OSError` or `sqlite3.OperationalError` where the disk is full: the attempt then never ended, and
+        nothing of it counts. Raises `ValueError` where the attempt never began or has ended already.
+        """
+        blocks: tuple[Block, ...] = ()
+        if result.samples is not None:
+            blocks = self._blocks.write(step, attempt, result.samples, self._offset_s)
+        data, ended_s = to_json(result.data), self.now_s()
+        digest = result_digest(result.outcome.value, result.reason, data, ended_s, blocks)
+        with self._transaction():
+            for block in blocks:
+                columns = "step_key, attempt, kind, path, sha256, size, rows, content_sha256"
+                self._insert("blocks", columns, (step.key, attempt, *astuple(block)))
+            changed = self._connection.execute(
+                "UPDATE attempts SET outcome = ?, reason = ?, data = ?, ended_s = ?, digest = ? "
+                "WHERE step_key = ? AND attempt = ? AND outcome IS NULL",
+                (result.outcome.value, result.reason, data, ended_s, digest, step.key, attempt),
+            )
+            if changed.rowcount != 1:
+                raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
+        self._tell("step ends", step=step.key, attempt=attempt, outcome=result.outcome.value, reason=result.reason)
+
+    def event(self, kind: str, message: str, **evidence: Any) -> None:
+        """Record something that happened: a retry, an alarm, a hold, a signal, a resumption."""
+        text = to_json(evidence)
+        with self._transaction():
+            row = (self._controller, self.now_s(), kind, message, text)
+            self._insert("events", "controller, at_s, kind, message, evidence", row)
+        self._tell("event", kind=kind, message=message, **({"evidence": json.loads(text)} if evidence else {}))
+
+    def heartbeat(self, step: Step, readings: Mapping[str, float]) -> None:
+        """Record that the controller is alive, what it is doing and the latest readings."""
+        self._connection.execute("PRAGMA synchronous = NORMAL")
+        try:
+            with self._transaction():
+                row = (self._controller, self.now_s(), step.key, to_json(readings))
+                self._insert("heartbeats", "controller, at_s, step_key, readings", row)
+        finally:
+            self._connection.execute("PRAGMA synchronous = FULL")
+
+    def finish(self, how: str) -> None:
+        """Record in words how this controller ended; `close` does it in default."""
+        with self._transaction():
+            self._connection.execute("UPDATE controllers SET ended = ? WHERE id = ?", (how, self._controller))
+
+    def close(self) -> None:
+        """Record the end, release the database and the lock. Closing twice is allowed."""
+        try:
+            with contextlib.suppress(sqlite3.Error), self._transaction():
+                self._connection.execute(
+                    "UPDATE controllers SET ended = 'closed' WHERE id = ? AND ended IS NULL", (self._controller,)
+                )
+        finally:
+            super().close()
+            self._lock.release()
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All or nothing, and a sign of life with it."""
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            if hasattr(self, "_controller"):
+                self._connection.execute(
+                    "UPDATE controllers SET seen_s = ?, seen_utc = ? WHERE id = ?",
+                    (self.now_s(), self._system.utc().isoformat(), self._controller),
+                )
+            self._connection.execute("COMMIT")
+        except BaseException:
+            # SQLite rolls back by itself after some failures (disk full); a second time would be an error.
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
+
+    def _insert(self, table: str, columns: str, row: tuple[Any, ...]) -> int:
+        marks = ", ".join("?" * len(row))
+        cursor = self._connection.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", row)  # noqa: S608
+        return int(cursor.lastrowid or 0)
+
+    def _tell(self, what: str, **facts: Any) -> None:
+        if self._listener is not None:
+            self._listener(what, facts)
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("PRAGMA foreign_keys = ON")
+    return connection

@@ -1,0 +1,215 @@
+"""Reading a journal, also from another process while the controller writes it.
+
+    with open_readonly(folder) as journal:
+        journal.night, journal.plan, journal.completed()
+
+Nothing here changes a night. Inside `snapshot` all reads see the same instant.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+from urllib.parse import quote
+
+from hil import journal_schema
+from hil.blocks import Block
+from hil.errors import InputError
+from hil.journal_records import Attempt, BlockRow, Controller, Event, Heartbeat, Night, result_digest, step_of
+from procedures.journal import Outcome, StepResult
+from procedures.plan import Plan, Step
+
+JOURNAL_NAME = "journal.sqlite"
+_BUSY_S = 30.0
+
+
+class JournalReader:
+    """A journal that is read. Close it, or use it in a `with` statement."""
+
+    def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
+        self.folder = folder
+        self._connection = connection
+
+    def close(self) -> None:
+        """Release the database. Closing twice is allowed."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Let all reads within see one and the same instant."""
+        self._connection.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._connection.execute("ROLLBACK")
+
+    @cached_property
+    def night(self) -> Night:
+        """What the night is: title, who, when, configuration, versions, seed."""
+        row = self._connection.execute(
+            "SELECT title, who, began_utc, simulated, configuration, seed, versions FROM night"
+        ).fetchone()
+        if row is None:
+            raise InputError(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
+        title, who, began_utc, simulated, configuration, seed, versions = row
+        began = datetime.fromisoformat(began_utc)
+        return Night(title, who, began, bool(simulated), configuration, seed, json.loads(versions))
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The steps of the night, as they were planned."""
+        rows = self._connection.execute(
+            "SELECT number, key, kind, starts_s, duration_s, temperature_degC, self_calibration, position, parameters "
+            "FROM steps ORDER BY number"
+        )
+        return Plan(self.night.title, tuple(step_of(row) for row in rows))
+
+    def steps_by_key(self) -> Mapping[str, Step]:
+        """Return the plan's steps by their key."""
+        return {step.key: step for step in self.plan.steps}
+
+    def completed(self) -> Mapping[str, StepResult]:
+        """Return the results of the steps that are DONE, by step key (without samples), in the order of the plan."""
+        rows = self._connection.execute(
+            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "
+            "WHERE outcome = 'DONE' ORDER BY number"
+        )
+        return {key: StepResult(Outcome.DONE, reason, json.loads(data)) for key, reason, data in rows}
+
+    def attempts(self) -> tuple[Attempt, ...]:
+        """Return every attempt, in the order in which they began; one without an outcome never ended."""
+        rows = self._connection.execute(
+            "SELECT step_key, attempt, controller, began_s, ended_s, outcome, reason, data FROM attempts ORDER BY id"
+        )
+        return tuple(
+            Attempt(key, n, by, began, ended, Outcome(outcome) if outcome else None, reason or "", _mapping(data))
+            for key, n, by, began, ended, outcome, reason, data in rows
+        )
+
+    def done_attempts(self) -> Mapping[str, Attempt]:
+        """Return the one DONE attempt of every step that has one, by step key."""
+        return {each.step_key: each for each in self.attempts() if each.outcome is Outcome.DONE}
+
+    def blocks(self) -> tuple[BlockRow, ...]:
+        """Return every block that was committed, in the order in which they were."""
+        rows = self._connection.execute(
+            "SELECT step_key, attempt, kind, path, sha256, size, rows, content_sha256 FROM blocks ORDER BY id"
+        )
+        return tuple(BlockRow(key, attempt, Block(*columns)) for key, attempt, *columns in rows)
+
+    def events(self, after: int = 0) -> tuple[Event, ...]:
+        """Return what happened, in order; only events with a number above `after`."""
+        rows = self._connection.execute(
+            "SELECT id, controller, at_s, kind, message, evidence FROM events WHERE id > ? ORDER BY id", (after,)
+        )
+        return tuple(Event(*columns, evidence=_mapping(evidence)) for *columns, evidence in rows)
+
+    def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
+        """Return the signs of life, in order; only those with a number above `after`."""
+        rows = self._connection.execute(
+            "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
+        )
+        return tuple(Heartbeat(*columns, readings=_mapping(readings)) for *columns, readings in rows)
+
+    def last_heartbeat(self) -> Heartbeat | None:
+        """Return the newest sign of life, or None before the first."""
+        number = self._connection.execute("SELECT max(id) FROM heartbeats").fetchone()[0]
+        return self.heartbeats(number - 1)[0] if number else None
+
+    def controllers(self) -> tuple[Controller, ...]:
+        """Return the controller processes that worked on this night, in order."""
+        rows = self._connection.execute(
+            "SELECT id, pid, host, who, began_s, seen_s, seen_utc, ended FROM controllers ORDER BY id"
+        )
+        return tuple(
+            Controller(number, pid, host, who, began_s, seen_s, datetime.fromisoformat(seen_utc), ended)
+            for number, pid, host, who, began_s, seen_s, seen_utc, ended in rows
+        )
+
+    def damage(self) -> list[str]:
+        """Return what is wrong with the journal itself, in words: SQLite's own check, gaps, and digests.
+
+        A damaged file may also make this or any other read raise `sqlite3.DatabaseError`.
+        """
+        found = [
+            f"{JOURNAL_NAME}: {line}"
+            for (line,) in self._connection.execute("PRAGMA integrity_check(5)")
+            if line != "ok"
+        ]
+        if found:
+            return found
+        found += [
+            f"{JOURNAL_NAME}: a row of {table} refers to a row of {parent} that is missing"
+            for table, _, parent, _ in self._connection.execute("PRAGMA foreign_key_check")
+        ]
+        return found + self._deleted_rows() + self._changed_rows()
+
+    def _deleted_rows(self) -> list[str]:
+        given = dict(self._connection.execute("SELECT name, seq FROM sqlite_sequence"))
+        found = []
+        for table in journal_schema.COUNTED_TABLES:
+            count, last = self._connection.execute(f"SELECT count(*), max(id) FROM {table}").fetchone()  # noqa: S608
+            ever = max(given.get(table, 0), last or 0)
+            if count != ever:
+                found.append(f"{JOURNAL_NAME}: {ever - count} of {ever} rows of the table {table} were deleted")
+        return found
+
+    def _changed_rows(self) -> list[str]:
+        found = []
+        total, digest = self._connection.execute("SELECT steps_total, digest FROM night").fetchone() or (0, "")
+        if len(self.plan.steps) != total:
+            found.append(f"{JOURNAL_NAME}: the plan has {len(self.plan.steps)} steps, {total} were planned")
+        elif self.night.digest(self.plan) != digest:
+            found.append(f"{JOURNAL_NAME}: the plan or the configuration was changed after the night had begun")
+        blocks: dict[tuple[str, int], list[Block]] = {}
+        for row in self.blocks():
+            blocks.setdefault((row.step_key, row.attempt), []).append(row.block)
+        ended = self._connection.execute(
+            "SELECT step_key, attempt, outcome, reason, data, ended_s, digest FROM attempts WHERE outcome IS NOT NULL"
+        )
+        for key, attempt, outcome, reason, data, ended_s, recorded in ended:
+            if result_digest(outcome, reason, data, ended_s, blocks.get((key, attempt), [])) != recorded:
+                found.append(
+                    f"{JOURNAL_NAME}: the record of {key}, attempt {attempt}, was changed after it was written"
+                )
+        return found
+
+
+def open_readonly(folder: Path) -> JournalReader:
+    """Open the journal of a night to read it, whether or not a controller is writing.
+
+    Raises `InputError` where the folder holds no journal, or one that cannot be read.
+    """
+    path = folder / JOURNAL_NAME
+    if not path.is_file():
+        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    uri = f"file:{quote(str(path.resolve()))}?mode=ro"
+    if not os.access(folder, os.W_OK) and not path.with_name(f"{JOURNAL_NAME}-wal").exists():
+        uri += "&immutable=1"  # an archived night on a read-only medium: nobody can be writing
+    try:
+        connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S)
+    except sqlite3.Error as error:
+        raise InputError(f"{path}: cannot be opened ({error})") from None
+    try:
+        journal_schema.check(connection, path)
+    except BaseException:
+        connection.close()
+        raise
+    return JournalReader(folder, connection)
+
+
+def _mapping(text: str | None) -> Mapping[str, Any]:
+    return dict(json.loads(text)) if text else {}

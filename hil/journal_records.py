@@ -1,0 +1,166 @@
+"""The rows of a journal as objects, and the digests that make a changed row visible."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.blocks import Block
+from procedures.journal import Outcome
+from procedures.plan import Plan, Step, StepKind
+
+
+@dataclass(frozen=True)
+class Night:
+    """What a night is. Every `_s` in a journal counts from `began_utc`."""
+
+    title: str
+    who: str
+    began_utc: datetime
+    simulated: bool
+    configuration: str
+    seed: int | None = None
+    versions: Mapping[str, str] | None = None
+
+    def utc(self, at_s: float) -> datetime:
+        """Return the instant that lies `at_s` seconds after the beginning."""
+        return self.began_utc + timedelta(seconds=at_s)
+
+    def digest(self, plan: Plan) -> str:
+        """Return the SHA-256 over everything that was decided before the first step."""
+        facts = [self.title, self.who, self.began_utc.isoformat(), self.simulated, self.configuration, self.seed]
+        return digest_of([*facts, dict(self.versions or {}), [step_row(step) for step in plan.steps]])
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt at a step. `outcome` is None where it never ended: it is going on, or the controller was killed."""
+
+    step_key: str
+    attempt: int
+    controller: int
+    began_s: float
+    ended_s: float | None
+    outcome: Outcome | None
+    reason: str
+    data: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class BlockRow:
+    """A block, and the attempt that it belongs to."""
+
+    step_key: str
+    attempt: int
+    block: Block
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened."""
+
+    number: int
+    controller: int
+    at_s: float
+    kind: str
+    message: str
+    evidence: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """A sign of life with the readings of that moment."""
+
+    number: int
+    controller: int
+    at_s: float
+    step_key: str
+    readings: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Controller:
+    """One controller process that worked on the night. `ended` is None while it lives, or after it was killed."""
+
+    number: int
+    pid: int
+    host: str
+    who: str
+    began_s: float
+    seen_s: float
+    seen_utc: datetime  # by the operating system's clock, in simulation too
+    ended: str | None
+
+
+def to_json(value: object) -> str:
+    """Return `value` as JSON text in one canonical form. What is not finite becomes null: JSON has no NaN."""
+    return json.dumps(_plain(value), ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, Mapping):
+        return {str(_plain(key)): _plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, datetime):
+        return value.isoformat()
+    # Evidence is written when something has gone wrong: better its text than no record of it.
+    return str(value) if isinstance(value, Path | BaseException) else repr(value)
+
+
+def digest_of(value: object) -> str:
+    """Return the SHA-256 of the canonical JSON of `value`."""
+    return hashlib.sha256(to_json(value).encode()).hexdigest()
+
+
+def result_digest(outcome: str, reason: str, data: str, ended_s: float, blocks: Sequence[Block]) -> str:
+    """Return the SHA-256 over everything that an ended attempt claims; `data` as JSON text."""
+    return digest_of([outcome, reason, data, ended_s, [asdict(block) for block in blocks]])
+
+
+def step_row(step: Step) -> tuple[int, str, str, float, float, float | None, int | None, str | None, str]:
+    """Return a step as a row of the table `steps`."""
+    return (
+        step.index,
+        step.key,
+        step.kind.value,
+        float(step.starts_s),
+        float(step.duration_s),
+        None if step.temperature_degC is None else float(step.temperature_degC),
+        step.self_calibration,
+        step.position,
+        to_json(step.parameters),
+    )
+
+
+def step_of(row: Sequence[Any]) -> Step:
+    """Return the step that `step_row` turned into a row."""
+    number, key, kind, starts_s, duration_s, temperature, self_calibration, position, parameters = row
+    return Step(
+        number,
+        key,
+        StepKind(kind),
+        starts_s,
+        duration_s,
+        temperature,
+        self_calibration,
+        position,
+        json.loads(parameters),
+    )
