@@ -10,7 +10,8 @@ and once it reaches the setpoint, at rate v, it settles as a critically damped l
 
     T(u) = setpoint + v u exp(-u / b) + ripple,
 
-which overshoots by v b / e: 1.1 °C for 3 °C/min and b = 60 s. Without conditioning it leaks towards ambient.
+which overshoots by v b / e: 1.1 °C for 3 °C/min and b = 60 s (b is less for a small step, which overshoots by at most
+0.3 of itself). Without conditioning it leaks towards ambient.
 The slope never exceeds the ramp limit. The form is a simulator's convenience, not any maker's control law.
 """
 
@@ -26,6 +27,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 FloatArray = NDArray[np.float64]
+
+_OVERSHOOT_OF_A_STEP = 0.3
+_FASTEST_SETTLING_S = 5.0
 
 
 class _Segment(Protocol):
@@ -213,8 +217,16 @@ class ChamberPlant:
         ramp = _Ramp(air, limit, rate, self._response_s)
         duration_s = ramp.duration_to(self._commanded)
         self._append(at_s, ramp)
-        settled = _Settled(self._commanded, ramp.slope_per_s(duration_s), self._settling_s, *self._ripple)
-        self._append(at_s + duration_s, settled)
+        arrives = ramp.slope_per_s(duration_s)
+        settling_s = self._settling_for(abs(self._commanded - air), abs(arrives))
+        self._append(at_s + duration_s, _Settled(self._commanded, arrives, settling_s, *self._ripple))
+
+    def _settling_for(self, step_degC: float, arrives_per_s: float) -> float:
+        """Return the settling time with which a small step overshoots by at most a share of itself."""
+        if arrives_per_s == 0.0:
+            return self._settling_s
+        allowed_s = _OVERSHOOT_OF_A_STEP * step_degC * math.e / arrives_per_s
+        return min(self._settling_s, max(allowed_s, _FASTEST_SETTLING_S))
 
     def _append(self, begins_s: float, segment: _Segment) -> None:
         self._begins.append(begins_s)
