@@ -1,0 +1,25 @@
+"""Any IMU by description: the frame language, the decoder and the encoder.
+
+description = load_description("configs/imus/mfs.yaml")
+decoder = StreamDecoder(description)
+decoded = decoder.feed(data, arrival_s=clock.now())
+decoded["sample"].column("rate_A1")  # deg/hr, shape (n,)
+decoded.counts.lost
+"""
+
+from drivers.frames.decoder import Decoded, StreamDecoder
+from drivers.frames.description import DescriptionError, StreamDescription, load_description, parse_description
+from drivers.frames.encoder import encode
+from drivers.frames.layout import FrameBatch, FrameLayout
+
+__all__ = [
+    "Decoded",
+    "DescriptionError",
+    "FrameBatch",
+    "FrameLayout",
+    "StreamDecoder",
+    "StreamDescription",
+    "encode",
+    "load_description",
+    "parse_description",
+]

@@ -1,0 +1,110 @@
+"""Checksums as they are written in a description: the kind, its parameters, what it covers and where it stands."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class _Checksum(BaseModel):
+    """What every kind has. Positions count from the frame's first byte.
+
+    `span` is [first byte covered, first byte no longer covered]; without it, everything from the sync to the checksum.
+    `at` is where the checksum stands; without it, right before the delimiter.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    span: tuple[int, int] | None = None
+    at: int | None = Field(default=None, ge=0)
+    stored: Literal["little", "big"] = "big"
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        raise NotImplementedError
+
+    def position(self, body_end: int) -> int:
+        """Return where the checksum stands in a frame whose delimiter begins at `body_end`."""
+        return body_end - self.size if self.at is None else self.at
+
+    def covered(self, body_end: int) -> tuple[int, int]:
+        """Return the covered bytes, [start, end), of such a frame."""
+        return (0, self.position(body_end)) if self.span is None else self.span
+
+    def check_span(self, covered: int) -> None:
+        """Raise `ValueError` where the kind cannot cover so many bytes."""
+
+
+class CrcKind(_Checksum):
+    """A cyclic redundancy check in the parameters of the Rocksoft model (as in the catalogue of CRC algorithms).
+
+    `pad_to: 4` computes it as if zeros followed the covered bytes up to the next multiple of 4; they are not sent.
+    """
+
+    kind: Literal["crc"]
+    width: int = Field(ge=8, le=64)
+    poly: int = Field(gt=0)
+    init: int = Field(default=0, ge=0)
+    refin: bool = False
+    refout: bool = False
+    xorout: int = Field(default=0, ge=0)
+    pad_to: int = Field(default=1, ge=1, le=64)
+
+    @model_validator(mode="after")
+    def _fits(self) -> CrcKind:
+        for key in ("poly", "init", "xorout"):
+            if getattr(self, key) >> self.width:
+                raise ValueError(f"{key} has more than {self.width} bits")
+        return self
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return (self.width + 7) // 8
+
+
+class SumKind(_Checksum):
+    """The sum of the covered words (`word` bytes each, in `word_order`) modulo 2^width, negated with `negate`."""
+
+    kind: Literal["sum"]
+    width: Literal[8, 16, 32]
+    word: Literal[1, 2, 4] = 1
+    word_order: Literal["little", "big"] = "big"
+    negate: bool = False
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return self.width // 8
+
+    def check_span(self, covered: int) -> None:
+        """Raise `ValueError` where the covered bytes are not whole words."""
+        if covered % self.word:
+            raise ValueError(f"checksum.word: {covered} covered bytes are not whole words of {self.word} bytes")
+
+
+class FletcherKind(_Checksum):
+    """Fletcher's two running sums modulo 256 over the covered bytes, the first sum first on the wire."""
+
+    kind: Literal["fletcher"]
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return 2
+
+
+class XorKind(_Checksum):
+    """The exclusive or of the covered bytes."""
+
+    kind: Literal["xor"]
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return 1
+
+
+ChecksumDescription = Annotated[CrcKind | SumKind | FletcherKind | XorKind, Field(discriminator="kind")]

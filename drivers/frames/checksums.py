@@ -1,0 +1,99 @@
+"""The checksum of a frame: verify it, in one frame or in thousands at once, and write it."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import xor
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind
+from drivers.frames.crc import Crc
+from drivers.frames.description import FrameDescription
+from drivers.frames.wire import Rows, read_column, write_column
+
+
+class _Algorithm(Protocol):
+    def of_bytes(self, message: bytes) -> int: ...
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]: ...
+
+
+class _Sum:
+    def __init__(self, kind: SumKind) -> None:
+        self._kind = kind
+        self._mask = (1 << kind.width) - 1
+
+    def of_bytes(self, message: bytes) -> int:
+        kind, total = self._kind, 0
+        for start in range(0, len(message), kind.word):
+            total += int.from_bytes(message[start : start + kind.word], kind.word_order)
+        return (-total if kind.negate else total) & self._mask
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        kind = self._kind
+        words = np.ascontiguousarray(rows).view(f"{'<' if kind.word_order == 'little' else '>'}u{kind.word}")
+        total: NDArray[Any] = words.sum(axis=1, dtype=np.int64)
+        return (-total if kind.negate else total) & self._mask
+
+
+class _Fletcher:
+    """First sum Σb, second sum Σ of the first sums, both modulo 256."""
+
+    def of_bytes(self, message: bytes) -> int:
+        first = second = 0
+        for byte in message:
+            first += byte
+            second += first
+        return (first & 0xFF) << 8 | (second & 0xFF)
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        weights = np.arange(rows.shape[1], 0, -1, dtype=np.int64)
+        first = rows.sum(axis=1, dtype=np.int64)
+        second = rows.astype(np.int64) @ weights
+        both: NDArray[Any] = (first & 0xFF) << 8 | (second & 0xFF)
+        return both
+
+
+class _Xor:
+    def of_bytes(self, message: bytes) -> int:
+        return reduce(xor, message)
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        return np.asarray(np.bitwise_xor.reduce(rows, axis=1))
+
+
+class FrameChecksum:
+    """The checksum of one frame type: what it covers, where it stands, and how it is computed."""
+
+    def __init__(self, frame: FrameDescription) -> None:
+        kind = frame.checksum
+        body_end = frame.length - len(frame.delimiter)
+        self._at = kind.position(body_end)
+        self._size = kind.size
+        self._order = kind.stored
+        self._start, self._end = kind.covered(body_end)
+        self._algorithm: _Algorithm
+        if isinstance(kind, CrcKind):
+            self._algorithm = Crc(kind, self._end - self._start)
+        elif isinstance(kind, SumKind):
+            self._algorithm = _Sum(kind)
+        else:
+            self._algorithm = _Fletcher() if isinstance(kind, FletcherKind) else _Xor()
+
+    def matches(self, frame: bytes) -> bool:
+        """Tell whether one whole frame carries the right checksum."""
+        stored = int.from_bytes(frame[self._at : self._at + self._size], self._order)
+        return self._algorithm.of_bytes(frame[self._start : self._end]) == stored
+
+    def matches_rows(self, rows: Rows) -> NDArray[np.bool_]:
+        """Tell it for n whole frames, shape (n, length), contiguous; the result has shape (n,)."""
+        stored = read_column(rows, self._at, f"u{8 * self._size}", self._order)
+        return np.asarray(self._algorithm.of_rows(rows[:, self._start : self._end]) == stored, dtype=np.bool_)
+
+    def write(self, rows: Rows) -> None:
+        """Compute and store the checksums of n whole frames, in place."""
+        values = self._algorithm.of_rows(rows[:, self._start : self._end])
+        write_column(rows, self._at, f"u{8 * self._size}", self._order, values)

@@ -1,0 +1,150 @@
+"""A cyclic redundancy check in two speeds with one meaning: frame by frame, and over thousands of frames at once.
+
+A CRC is affine over GF(2): for messages of one length, crc = C ⊕ T₀[b₀] ⊕ T₁[b₁] ⊕ …, where Tᵢ is the register left
+by byte i followed by zeros, and C the CRC of the all-zero message. One table per position turns the check of n frames
+into one gather per byte over all frames. Zero padding (STIM300) and unequal reflection of input and output are linear
+too, so that they fold into the tables.
+"""
+
+from __future__ import annotations
+
+import zlib
+from binascii import crc_hqx
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.checksum_kinds import CrcKind
+from drivers.frames.wire import Rows
+
+_IEEE = 0x04C11DB7
+_CCITT = 0x1021
+_REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+Words = NDArray[np.uint64]
+
+
+def _reflect(value: int, width: int) -> int:
+    return int(f"{value:0{width}b}"[::-1], 2)
+
+
+def _zero_byte(register: Words, kind: CrcKind) -> Words:
+    """Return the registers after one further zero byte, bit by bit (the CRC's definition)."""
+    one = np.uint64(1)
+    if kind.refin:
+        poly = np.uint64(_reflect(kind.poly, kind.width))
+        for _ in range(8):
+            register = (register >> one) ^ np.where(register & one, poly, np.uint64(0))
+        return register
+    mask, poly, top = np.uint64((1 << kind.width) - 1), np.uint64(kind.poly), np.uint64(kind.width - 1)
+    for _ in range(8):
+        register = ((register << one) & mask) ^ np.where(register >> top, poly, np.uint64(0))
+    return register
+
+
+def _byte_table(kind: CrcKind) -> Words:
+    """Return the register that each byte leaves in a register of zeros, shape (256,)."""
+    values = np.arange(256, dtype=np.uint64)
+    return _zero_byte(values if kind.refin else values << np.uint64(kind.width - 8), kind)
+
+
+def _output(register: int, kind: CrcKind) -> int:
+    """Return the CRC for a final register."""
+    return (_reflect(register, kind.width) if kind.refin != kind.refout else register) ^ kind.xorout
+
+
+class Crc:
+    """The CRC of messages of `length` bytes (those it covers, without padding)."""
+
+    def __init__(self, kind: CrcKind, length: int) -> None:
+        self._kind = kind
+        self._length = length
+        self._padding = bytes(-length % kind.pad_to)
+        self._register = _compiled_register(kind) or _table_register(kind)
+        self._tables, self._constant = _position_tables(kind, length, len(self._padding))
+
+    def of_bytes(self, message: bytes) -> int:
+        """Return the CRC of one message."""
+        return _output(self._register(message + self._padding), self._kind)
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        """Return the CRCs of n messages, shape (n,), given as `rows` of shape (n, length)."""
+        columns = np.ascontiguousarray(rows.T)
+        crc: NDArray[Any] = self._tables[0].take(columns[0], mode="clip")
+        crc ^= self._constant
+        part = np.empty_like(crc)
+        for table, column in zip(self._tables[1:], columns[1:], strict=True):
+            table.take(column, mode="clip", out=part)
+            crc ^= part
+        return crc
+
+
+@lru_cache(maxsize=64)
+def _position_tables(kind: CrcKind, length: int, padding: int) -> tuple[NDArray[Any], Any]:
+    """Return the tables of the affine form, shape (length, 256), and its constant."""
+    table = _byte_table(kind)
+    tables = np.empty((length, 256), np.uint64)
+    for _ in range(padding):
+        table = _zero_byte(table, kind)
+    for position in range(length - 1, -1, -1):
+        tables[position] = table
+        table = _zero_byte(table, kind)
+    if kind.refin != kind.refout:
+        bits = np.arange(kind.width, dtype=np.uint64)
+        tables = sum(
+            (((tables >> bit) & np.uint64(1)) << (np.uint64(kind.width - 1) - bit) for bit in bits),
+            start=np.zeros_like(tables),
+        )
+    init = _reflect(kind.init, kind.width) if kind.refin else kind.init
+    register = np.array([init], np.uint64)
+    for _ in range(length + padding):
+        register = _zero_byte(register, kind)
+    dtype = np.uint32 if kind.width <= 32 else np.uint64
+    return tables.astype(dtype), dtype(_output(int(register[0]), kind))
+
+
+def _compiled_register(kind: CrcKind) -> Callable[[bytes], int] | None:
+    """Return the final register by the standard library's compiled loops, where one of them fits."""
+    if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
+        return lambda message: crc_hqx(message, kind.init)
+    if kind.width != 32 or kind.poly != _IEEE:
+        return None
+    ones = 0xFFFFFFFF
+    if kind.refin:
+        start = _reflect(kind.init, 32) ^ ones
+        return lambda message: zlib.crc32(message, start) ^ ones
+    # The unreflected CRC is the reflected one of the bytes with their bits reversed, with its own bits reversed.
+    start = _reflect(kind.init, 32) ^ ones
+
+    def unreflected(message: bytes) -> int:
+        reflected = zlib.crc32(message.translate(_REVERSED_BITS), start) ^ ones
+        return int.from_bytes(reflected.to_bytes(4, "little").translate(_REVERSED_BITS), "big")
+
+    return unreflected
+
+
+def _table_register(kind: CrcKind) -> Callable[[bytes], int]:
+    """Return the final register by a byte table, for every CRC."""
+    table = [int(entry) for entry in _byte_table(kind)]
+    if kind.refin:
+        start = _reflect(kind.init, kind.width)
+
+        def reflected(message: bytes) -> int:
+            register = start
+            for byte in message:
+                register = (register >> 8) ^ table[(register ^ byte) & 0xFF]
+            return register
+
+        return reflected
+    top, mask = kind.width - 8, (1 << kind.width) - 1
+
+    def direct(message: bytes) -> int:
+        register = kind.init
+        for byte in message:
+            register = ((register << 8) & mask) ^ table[((register >> top) ^ byte) & 0xFF]
+        return register
+
+    return direct

@@ -1,0 +1,38 @@
+"""Frames from columns: the inverse of decoding, for simulated units and for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drivers.frames.description import StreamDescription
+from drivers.frames.layout import FrameLayout
+from drivers.frames.wire import Rows
+
+
+def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: int) -> Rows:
+    """Return n frames, shape (n, length), with their checksums.
+
+    `columns` holds numeric fields in their units, shape (n,) or one value for all frames, and text fields as text.
+    Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have.
+    """
+    rows = layout.blank(n)
+    for field, values in columns.items():
+        if isinstance(values, str):
+            layout.store_text(rows, field, values)
+        else:
+            layout.store(rows, field, values)
+    layout.checksum.write(rows)
+    return rows
+
+
+def encode(description: StreamDescription, frame: str, columns: Mapping[str, ArrayLike | str]) -> bytes:
+    """Return the bytes of the frames of type `frame` with the given columns (see `encode_rows`).
+
+    There are as many frames as the longest column has values.
+    """
+    sizes = {np.size(values) for values in columns.values() if not isinstance(values, str)} | {1}
+    n = 0 if 0 in sizes else max(sizes)
+    return encode_rows(FrameLayout(description, frame), columns, n).tobytes()

@@ -1,0 +1,153 @@
+"""A frame type made ready for work: where its fields lie, and frames of that type as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drivers.frames.checksums import FrameChecksum
+from drivers.frames.description import ByteOrder, FieldDescription, StreamDescription
+from drivers.frames.wire import Rows, read_column, write_column
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their columns are read
+
+
+class FrameLayout:
+    """One frame type of a stream, compiled: header, offsets, checksum, template."""
+
+    def __init__(self, description: StreamDescription, name: str) -> None:
+        frame = description.frames[name]
+        self.name = name
+        self.description = frame
+        self.header = description.header(name)
+        self.length = frame.length
+        self.delimiter = frame.delimiter
+        self.checksum = FrameChecksum(frame)
+        self.offsets = description.offsets(name)
+        self.numeric: Mapping[str, FieldDescription] = {k: f for k, f in frame.fields.items() if f.type != "text"}
+        self._order: ByteOrder = description.byte_order
+
+    def order(self, field: FieldDescription) -> ByteOrder:
+        """Return the byte order of `field`: its own, or the stream's."""
+        return field.byte_order or self._order
+
+    def blank(self, n: int) -> Rows:
+        """Return n frames with header and delimiter, everything else 0, shape (n, length)."""
+        template = self.header + bytes(self.length - len(self.header) - len(self.delimiter)) + self.delimiter
+        return np.tile(np.frombuffer(template, np.uint8), (n, 1))
+
+    def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
+        """Return a numeric field's values as they stand on the wire, shape (n,)."""
+        found = self.numeric[field]
+        return read_column(rows, self.offsets[field], found.type, self.order(found))
+
+    def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
+        """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
+
+        Integers are rounded to the nearest and held at the end of their range, as a converter saturates. NaN in an
+        integer field raises `ValueError`.
+        """
+        found = self.numeric[field]
+        wire = np.broadcast_to(np.asarray(values), (len(rows),))
+        if wire.dtype.kind == "f" or found.scale != 1.0 or found.offset != 0.0:
+            wire = (np.asarray(wire, np.float64) - found.offset) / found.scale
+        if found.type[0] != "f":
+            wire = _to_integers(wire, found, field)
+        write_column(rows, self.offsets[field], found.type, self.order(found), wire)
+
+    def store_text(self, rows: Rows, field: str, text: str) -> None:
+        """Write a text field, padded with NUL; raise `ValueError` where it does not fit or is not ASCII."""
+        size = self.description.fields[field].width
+        if not text.isascii() or len(text) > size:
+            raise ValueError(f"{field}: {text!r} is not ASCII text of at most {size} characters")
+        at = self.offsets[field]
+        rows[:, at : at + size] = np.frombuffer(text.encode("ascii").ljust(size, b"\0"), np.uint8)
+
+
+def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
+    bits = 8 * field.width
+    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if field.type[0] == "i" else (0, (1 << bits) - 1)
+    dtype = np.dtype(np.int64 if field.type[0] == "i" else np.uint64)
+    if values.dtype.kind != "f":
+        return np.asarray(np.clip(values, low, high), dtype)
+    if np.isnan(values).any():
+        raise ValueError(f"{name}: an integer field cannot hold NaN")
+    rounded = np.rint(values)
+    held = np.clip(rounded, low, high)
+    if bits < 64:
+        return np.asarray(held, dtype)
+    # float(2^63 - 1) is 2^63, which does not fit: the end of the range is put in by itself.
+    inside = np.where(rounded < float(high), held, 0.0).astype(dtype)
+    return np.asarray(np.where(rounded >= float(high), np.array(high, dtype), inside))
+
+
+class FrameBatch:
+    """n good frames of one type, in the order of their arrival. Columns are converted when they are asked for.
+
+    `rows` are the frames' bytes, shape (n, length); `starts` the position of each frame's first byte in the stream,
+    shape (n,); `sequence` the unwrapped counter, in frames, shape (n,): it goes on over wraps and counts lost frames
+    (without a counter it counts the frames that arrived).
+    """
+
+    def __init__(self, layout: FrameLayout, rows: Rows, starts: IntArray, sequence: IntArray) -> None:
+        self.layout = layout
+        self.rows = rows
+        self.starts = starts
+        self.sequence = sequence
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def wire(self, field: str) -> NDArray[Any]:
+        """Return a numeric field as it stood on the wire (integers where it is an integer), shape (n,)."""
+        return self.layout.wire_values(self.rows, field)
+
+    def column(self, field: str) -> FloatArray:
+        """Return a numeric field in its unit, shape (n,)."""
+        return self.columns[field]
+
+    def text(self, field: str) -> list[str]:
+        """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
+        at = self.layout.offsets[field]
+        size = self.layout.description.fields[field].width
+        cells = (bytes(row[at : at + size]) for row in self.rows)
+        return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
+
+    def bits(self, name: str) -> NDArray[np.bool_]:
+        """Return whether status bit `name` is set, shape (n,); raise `KeyError` where the frame has no such bit."""
+        for field, bits in self.layout.description.status.items():
+            if name in bits:
+                return ((self.wire(field).astype(np.uint64) >> np.uint64(bits[name].bit)) & np.uint64(1)).astype(bool)
+        raise KeyError(name)
+
+    @cached_property
+    def columns(self) -> Mapping[str, FloatArray]:
+        """All numeric fields in their units, each of shape (n,)."""
+        n = len(self.rows)
+        columns = {name: np.empty(n) for name in self.layout.numeric}
+        for start in range(0, n, _BLOCK):
+            rows = self.rows[start : start + _BLOCK]
+            for name, field in self.layout.numeric.items():
+                part = columns[name][start : start + _BLOCK]
+                wire = self.layout.wire_values(rows, name)
+                if field.scale == 1.0:
+                    part[:] = wire
+                else:
+                    np.multiply(wire, field.scale, out=part)
+                if field.offset != 0.0:
+                    part += field.offset
+        return columns
+
+
+def join_rows(parts: Sequence[Rows], length: int) -> Rows:
+    """Return the parts, each of shape (n, length), one after another."""
+    if not parts:
+        return np.empty((0, length), np.uint8)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

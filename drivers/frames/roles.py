@@ -1,0 +1,107 @@
+"""What the fields are for: which is the rate of which sensor's channel, which the temperature, which the position.
+
+The rest of the project asks for rates in deg/hr, accelerations in g and temperatures in °C. A description gives them so
+(`scale: 3600*2^-14, unit: deg/hr`), and a field with another unit in such a role is refused: nothing is converted
+silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Role(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SensorRole(_Role):
+    """One sensor: channel to field (deg/hr), axis to field (g), its own temperature field (degC), its conditions."""
+
+    rates: dict[str, str] = Field(min_length=1)
+    accelerations: dict[str, str] = Field(default_factory=dict)
+    temperature: str | None = None
+    conditions: dict[str, str] = Field(default_factory=dict)
+
+
+class IndexRole(_Role):
+    """How the stream tells the collect position: the field with its code, and the status bits around a move."""
+
+    position: str
+    moving: str
+    in_position: str
+    fault: str | None = None
+    rejected: str | None = None
+
+
+class IdentityRole(_Role):
+    """The frame that says who the unit is, with its text fields; or, without a frame, a model name from here."""
+
+    frame: str | None = None
+    model: str
+    serial: str | None = None
+    firmware: str | None = None
+
+
+class Roles(_Role):
+    """All roles. `frame` is the frame type that carries the samples; `conditions` maps campaign columns to fields."""
+
+    frame: str
+    sensors: dict[int, SensorRole] = Field(min_length=1)
+    conditions: dict[str, str] = Field(default_factory=dict)
+    index: IndexRole | None = None
+    identity: IdentityRole | None = None
+
+
+class _HasUnit(Protocol):
+    @property
+    def unit(self) -> str: ...
+
+    @property
+    def type(self) -> str: ...
+
+
+def check_roles(roles: Roles, frames: Mapping[str, Mapping[str, _HasUnit]], bits: Mapping[str, Iterable[str]]) -> None:
+    """Raise `ValueError` naming the key of a role that points to no field, or to one in another unit.
+
+    `frames` maps frame name to its fields, `bits` frame name to the names of its status bits.
+    """
+    if roles.frame not in frames:
+        raise ValueError(f"roles.frame: there is no frame {roles.frame!r}")
+    fields = frames[roles.frame]
+    for number, sensor in roles.sensors.items():
+        place = f"roles.sensors.{number}"
+        _check_fields(f"{place}.rates", sensor.rates, fields, "deg/hr")
+        _check_fields(f"{place}.accelerations", sensor.accelerations, fields, "g")
+        _check_fields(f"{place}.conditions", sensor.conditions, fields, None)
+        if sensor.temperature is not None:
+            _check_fields(place, {"temperature": sensor.temperature}, fields, "degC")
+    _check_fields("roles.conditions", roles.conditions, fields, None)
+    if roles.index is not None:
+        _check_fields("roles.index", {"position": roles.index.position}, fields, None)
+        for key in ("moving", "in_position", "fault", "rejected"):
+            bit = getattr(roles.index, key)
+            if bit is not None and bit not in bits[roles.frame]:
+                raise ValueError(f"roles.index.{key}: there is no status bit {bit!r} in frame {roles.frame!r}")
+    if roles.identity is not None and roles.identity.frame is not None:
+        _check_identity(roles.identity, roles.identity.frame, frames)
+
+
+def _check_fields(place: str, wanted: Mapping[str, str], fields: Mapping[str, _HasUnit], unit: str | None) -> None:
+    for key, name in wanted.items():
+        if name not in fields or fields[name].type == "text":
+            raise ValueError(f"{place}.{key}: there is no numeric field {name!r} in the sample frame")
+        if unit is not None and fields[name].unit != unit:
+            given = fields[name].unit or "no unit"
+            raise ValueError(f"{place}.{key}: field {name!r} has {given}; scale it to {unit} and say so in its unit")
+
+
+def _check_identity(identity: IdentityRole, frame: str, frames: Mapping[str, Mapping[str, _HasUnit]]) -> None:
+    if frame not in frames:
+        raise ValueError(f"roles.identity.frame: there is no frame {frame!r}")
+    for key in ("model", "serial", "firmware"):
+        name = getattr(identity, key)
+        if name is not None and (name not in frames[frame] or frames[frame][name].type != "text"):
+            raise ValueError(f"roles.identity.{key}: there is no text field {name!r} in frame {frame!r}")

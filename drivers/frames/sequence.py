@@ -1,0 +1,61 @@
+"""Gap accounting: from the counters of good frames to lost frames, repeated frames and an unwrapped sequence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.frames.description import CounterDescription
+from drivers.frames.layout import FrameBatch, FrameLayout, IntArray
+from drivers.frames.wire import Rows
+
+
+class FrameSequence:
+    """Follows the counter of one frame type over any number of feeds.
+
+    A frame whose counter did not move repeats the one before it: it is counted and left out. A counter that moved by
+    more than one step means lost frames; outages of a whole turn of the counter and more cannot be seen in it, and are
+    resolved by arrival time elsewhere. Without a counter, frames are numbered as they arrive.
+    """
+
+    def __init__(self, layout: FrameLayout) -> None:
+        self._layout = layout
+        self._counter = layout.description.counter
+        self._last: int | None = None  # counter of the last frame
+        self._sequence = -1  # its unwrapped number, in frames
+        self._continuous = True
+
+    def interrupt(self) -> None:
+        """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
+        self._continuous = False
+
+    def take(self, rows: Rows, starts: IntArray) -> tuple[FrameBatch, int, int]:
+        """Return the frames that are not repetitions, how many were lost between them, and how many were repeated."""
+        if self._counter is None or not len(rows):
+            sequence = self._sequence + 1 + np.arange(len(rows), dtype=np.int64)
+            self._sequence += len(rows)
+            return FrameBatch(self._layout, rows, starts, sequence), 0, 0
+        counters = self._layout.wire_values(rows, self._counter.field).astype(np.int64)
+        steps = self._steps(counters, self._counter)
+        repeated = steps == 0
+        if not self._continuous:
+            steps[0] = max(1, int(steps[0]))
+            repeated[0] = False
+        gaps = np.maximum(steps - 1, 0)
+        lost = int(gaps.sum()) - (0 if self._continuous else int(gaps[0]))
+        sequence = self._sequence + np.cumsum(steps)
+        self._last, self._sequence, self._continuous = int(counters[-1]), int(sequence[-1]), True
+        if not repeated.any():
+            return FrameBatch(self._layout, rows, starts, sequence), lost, 0
+        keep = ~repeated
+        batch = FrameBatch(self._layout, np.ascontiguousarray(rows[keep]), starts[keep], sequence[keep])
+        return batch, lost, int(repeated.sum())
+
+    def _steps(self, counters: IntArray, counter: CounterDescription) -> IntArray:
+        """Return by how many frames each counter is ahead of the one before; the very first is one ahead of nothing."""
+        moved = np.empty_like(counters)
+        np.subtract(counters[1:], counters[:-1], out=moved[1:])
+        modulus, step = counter.modulus, counter.step
+        moved[0] = step if self._last is None else counters[0] - self._last
+        moved %= modulus
+        # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
+        return np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)

@@ -1,0 +1,57 @@
+"""Numbers on the wire, one column at a time: n frames of equal length are a contiguous array of shape (n, length)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[np.uint8]
+ByteOrder = Literal["little", "big"]
+
+_NATIVE = {"u": (1, 2, 4, 8), "i": (1, 2, 4, 8), "f": (4, 8)}
+
+
+def _view(rows: Rows, offset: int, dtype: str) -> NDArray[Any]:
+    """Return a view of the number at `offset` of every row, without copying."""
+    if not len(rows):
+        return np.empty(0, dtype)
+    return np.ndarray((len(rows),), dtype, rows, offset, (rows.shape[1],))
+
+
+def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray[Any]:
+    """Return the wire values of a column, shape (n,), of the smallest native type that holds them.
+
+    `kind` is u, i or f and the number of bits: u8, i24, f32, u40.
+    """
+    size = int(kind[1:]) // 8
+    if size in _NATIVE[kind[0]]:
+        return _view(rows, offset, f"{'<' if order == 'little' else '>'}{kind[0]}{size}")
+    return _assemble(rows, offset, size, order, signed=kind[0] == "i")
+
+
+def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: bool) -> NDArray[Any]:
+    """Put together integers of 3, 5, 6 or 7 bytes."""
+    dtype: type[np.signedinteger[Any]] | type[np.uint64] = np.int32 if size == 3 else np.uint64
+    positions = range(offset, offset + size) if order == "big" else range(offset + size - 1, offset - 1, -1)
+    value: NDArray[Any] = np.zeros(len(rows), dtype)
+    for position in positions:
+        value <<= dtype(8)
+        value |= rows[:, position]
+    if signed:  # a 24-bit integer: move its sign bit to the top and back
+        value = (value << 8) >> 8
+    return value
+
+
+def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: NDArray[Any]) -> None:
+    """Store `values`, shape (n,), at `offset` of every row. Integers must already be in range."""
+    size = int(kind[1:]) // 8
+    if size in _NATIVE[kind[0]]:
+        _view(rows, offset, f"{'<' if order == 'little' else '>'}{kind[0]}{size}")[:] = values
+        return
+    positions = range(offset + size - 1, offset - 1, -1) if order == "big" else range(offset, offset + size)
+    rest = values.astype(np.int64 if kind[0] == "i" else np.uint64)
+    for position in positions:
+        rows[:, position] = (rest & rest.dtype.type(0xFF)).astype(np.uint8)
+        rest = rest >> rest.dtype.type(8)

@@ -1,0 +1,70 @@
+"""What a simulated unit can be told to do wrong, and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ImuFault(StrEnum):
+    """The ways in which a unit's stream and its index misbehave."""
+
+    DROPPED_FRAMES = "dropped_frames"  # whole frames never arrive; the counter goes on
+    FLIPPED_BITS = "flipped_bits"  # one bit of a frame is wrong
+    GARBAGE = "garbage"  # a burst of random bytes stands before a frame
+    REPEATED_FRAMES = "repeated_frames"  # a frame is sent twice
+    STALL = "stall"  # the stream stops
+    FROZEN = "frozen"  # every value stays as it is; counter and checksum go on
+    SPIN_FAULT = "spin_fault"  # a rotor is not at speed, and the status says so
+    SILENT_IDENTITY = "silent_identity"  # the identity is asked for in vain
+    INDEX_REFUSED = "index_refused"  # an index command only sets the fault bit
+    INDEX_NEVER_FINISHES = "index_never_finishes"  # an index move begins and does not end
+    INDEX_WRONG_POSITION = "index_wrong_position"  # it arrives, but elsewhere
+
+
+@dataclass(frozen=True)
+class FaultWindow:
+    """One fault, from `begins_s` up to `ends_s` on the device's clock.
+
+    `probability` is per frame and concerns dropped, flipped, repeated frames and garbage; the others always happen.
+    """
+
+    fault: ImuFault
+    begins_s: float = 0.0
+    ends_s: float = math.inf
+    probability: float = 1.0
+
+
+class FaultPlan:
+    """The faults of one device."""
+
+    def __init__(self, windows: Sequence[FaultWindow]) -> None:
+        self._windows = tuple(windows)
+
+    def active(self, fault: ImuFault, now_s: float) -> bool:
+        """Tell whether `fault` is on at `now_s`."""
+        return any(w.fault == fault and w.begins_s <= now_s < w.ends_s for w in self._windows)
+
+    def during(self, fault: ImuFault, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell for each time whether `fault` is on, shape (n,)."""
+        on = np.zeros(len(times_s), np.bool_)
+        for window in self._windows:
+            if window.fault == fault:
+                on |= (times_s >= window.begins_s) & (times_s < window.ends_s)
+        return on
+
+    def strikes(
+        self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.bool_]:
+        """Draw for each time whether `fault` happens to the frame sent then, shape (n,)."""
+        struck = np.zeros(len(times_s), np.bool_)
+        for window in self._windows:
+            if window.fault == fault:
+                on = (times_s >= window.begins_s) & (times_s < window.ends_s)
+                struck |= on & (rng.random(len(times_s)) < window.probability)
+        return struck

@@ -1,0 +1,106 @@
+"""A transport to a simulated device in the same process, under any clock.
+
+    transport = MemoryTransport(device, VirtualClock(), "sim://imu")
+
+Under a virtual clock a read that must wait jumps to the moment at which the device sends, or to its deadline.
+"""
+
+from __future__ import annotations
+
+from drivers.clock import Clock
+from drivers.errors import DeviceTimeout, TransportError
+from drivers.simulators import SimulatedDevice
+
+_LEAST_WAIT_S = 1e-6  # moves the clock on even where adding the exact time is lost to rounding
+
+
+class MemoryTransport:
+    """A `Transport` whose far end is `device`. Nothing runs between calls."""
+
+    def __init__(self, device: SimulatedDevice, clock: Clock, name: str) -> None:
+        self._device = device
+        self._clock = clock
+        self._name = name
+        self._arrived = bytearray()
+        self._closed = False
+        self._plugged = True
+
+    @property
+    def name(self) -> str:
+        """The name that messages use."""
+        return self._name
+
+    def unplug(self) -> None:
+        """Pull the cable: every call fails until `replug`, and what the device sends meanwhile is lost."""
+        self._plugged = False
+
+    def replug(self) -> None:
+        """Put the cable back."""
+        self._device.transmit(self._clock.now())
+        self._arrived.clear()
+        self._plugged = True
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        self._check()
+        self._device.receive(data, self._clock.now())
+
+    def read_available(self) -> bytes:
+        """Return what has already arrived, perhaps nothing; never waits."""
+        self._pump()
+        data = bytes(self._arrived)
+        self._arrived.clear()
+        return data
+
+    def read(self, size: int, timeout_s: float) -> bytes:
+        """Return `size` bytes, or fewer where `timeout_s` passed first."""
+        deadline_s = self._clock.now() + timeout_s
+        self._pump()
+        while len(self._arrived) < size and self._wait(deadline_s):
+            self._pump()
+        return self._take(min(size, len(self._arrived)))
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
+        deadline_s = self._clock.now() + timeout_s
+        self._pump()
+        while terminator not in self._arrived:
+            if not self._wait(deadline_s):
+                raise DeviceTimeout(
+                    f"{self._name}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
+                )
+            self._pump()
+        return self._take(self._arrived.index(terminator) + len(terminator))
+
+    def drain(self) -> bytes:
+        """Throw away and return what has arrived."""
+        return self.read_available()
+
+    def close(self) -> None:
+        """Release the port. Closing twice is allowed."""
+        self._closed = True
+
+    def _check(self) -> None:
+        if self._closed:
+            raise TransportError(f"{self._name}: the port is closed")
+        if not self._plugged:
+            raise TransportError(f"{self._name}: the port is gone; check its cable")
+
+    def _pump(self) -> None:
+        self._check()
+        self._arrived += self._device.transmit(self._clock.now())
+
+    def _take(self, size: int) -> bytes:
+        data = bytes(self._arrived[:size])
+        del self._arrived[:size]
+        return data
+
+    def _wait(self, deadline_s: float) -> bool:
+        """Let time pass until the device sends or the deadline is reached; False where it was reached before."""
+        now_s = self._clock.now()
+        if now_s >= deadline_s:
+            return False
+        sends_s = self._device.next_transmission(now_s)
+        until_s = deadline_s if sends_s is None else min(deadline_s, sends_s)
+        self._clock.sleep(max(until_s - now_s, _LEAST_WAIT_S))
+        return True

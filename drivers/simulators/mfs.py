@@ -1,0 +1,211 @@
+"""A simulated unit that streams the frames of a description and indexes between collect positions.
+
+It encodes from the same description as the driver decodes from. The physics (what the rates, accelerations and
+temperatures are) is somebody else's: `UnitPhysics`. Here are the frame clock, counter, status, index timing, the
+answers to commands, and the faults it can be told to have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.description import StreamDescription
+from drivers.frames.encoder import encode_rows
+from drivers.frames.layout import FrameLayout
+from drivers.frames.roles import IndexRole
+from drivers.frames.wire import Rows
+from drivers.imu import ImuIdentity
+from drivers.simulators.faults import FaultPlan, FaultWindow, ImuFault
+from drivers.simulators.index import SimulatedIndex
+
+FloatArray = NDArray[np.float64]
+_LONGEST_LINE = 128  # bytes without a line end before they are thrown away, as a small command buffer would
+
+
+class UnitPhysics(Protocol):
+    """What the unit measures. Times are the bench clock's, s, and never go backwards."""
+
+    def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
+        """Turn to `position` (its label), arriving at `ends_s`. Called once at the start for the first position."""
+
+    def signals(self, times_s: FloatArray) -> Mapping[str, FloatArray]:
+        """Return the signals at `times_s`, shape (n,), by frame field name and in the field's unit."""
+
+
+@dataclass(frozen=True)
+class IndexSettings:
+    """How the unit indexes: position labels with their codes, the position at power-on, and the time a move takes."""
+
+    positions: Mapping[str, int]
+    first: str
+    move_s: float = 10.0
+
+
+DEFAULT_INDEX = IndexSettings(positions={"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
+
+
+class SimulatedImu:
+    """A `SimulatedDevice` that streams samples at `rate_hz` from `starts_s` on.
+
+    `seed` is that of the faults alone; the noise of the signals is the physics'.
+    """
+
+    def __init__(
+        self,
+        description: StreamDescription,
+        physics: UnitPhysics,
+        *,
+        rate_hz: float | None = None,
+        identity: ImuIdentity = ImuIdentity("MFS", "SIM-0001", "simulated"),
+        index: IndexSettings = DEFAULT_INDEX,
+        faults: Sequence[FaultWindow] = (),
+        starts_s: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        if description.roles is None:
+            raise ValueError(f"{description.name}: a description without roles cannot be simulated")
+        self._description = description
+        self._roles = description.roles
+        self._physics = physics
+        self._rate_hz = description.sample_rate_hz if rate_hz is None else rate_hz
+        self._identity = identity
+        self._faults = FaultPlan(faults)
+        self._starts_s = starts_s
+        self._rng = np.random.default_rng(seed)
+        self._layout = FrameLayout(description, self._roles.frame)
+        self._index = SimulatedIndex(index.positions, index.first, index.move_s, self._faults)
+        physics.start_move(index.first, starts_s, starts_s)
+        self._next = 0  # number of the next frame
+        self._outbox: list[bytes] = []
+        self._line = bytearray()
+        self._rejected = False
+        self._frozen: dict[str, float] | None = None
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes of command lines; a complete line is carried out at once."""
+        self._stream(now_s)
+        self._line += data
+        while b"\n" in self._line:
+            end = self._line.index(b"\n") + 1
+            line = bytes(self._line[:end])
+            del self._line[:end]
+            self._rejected = not self._carry_out(line, now_s)
+        if len(self._line) > _LONGEST_LINE:
+            self._line.clear()
+
+    def transmit(self, now_s: float) -> bytes:
+        """Return everything sent since the last call, up to `now_s`."""
+        self._stream(now_s)
+        sent = b"".join(self._outbox)
+        self._outbox.clear()
+        return sent
+
+    def next_transmission(self, now_s: float) -> float | None:
+        """Return when the next frame is due, or `now_s` where something waits to be taken."""
+        return now_s if self._outbox else max(now_s, self._time(self._next))
+
+    def _time(self, number: int) -> float:
+        return self._starts_s + number / self._rate_hz
+
+    def _carry_out(self, line: bytes, now_s: float) -> bool:
+        """Carry out one line; False where it is not a command of this unit, or its checksum is wrong."""
+        commands = self._description.commands
+        if commands is None:
+            return False
+        if commands.identify is not None and line == commands.line(commands.identify):
+            if not self._faults.active(ImuFault.SILENT_IDENTITY, now_s):
+                self._outbox.append(self._identity_frame())
+            return True
+        for label, code in self._index.positions.items():
+            if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
+                for target, begins_s, ends_s in self._index.command(label, now_s):
+                    self._physics.start_move(target, begins_s, ends_s)
+                return True
+        return False
+
+    def _identity_frame(self) -> bytes:
+        role = self._roles.identity
+        if role is None or role.frame is None:
+            return b""
+        texts = {role.model: self._identity.model}
+        texts |= {role.serial: self._identity.serial} if role.serial else {}
+        texts |= {role.firmware: self._identity.firmware} if role.firmware else {}
+        return encode_rows(FrameLayout(self._description, role.frame), texts, 1).tobytes()
+
+    def _stream(self, now_s: float) -> None:
+        """Send the frames that are due up to `now_s`."""
+        due = math.floor((now_s - self._starts_s) * self._rate_hz + 1e-6) + 1
+        if due <= self._next:
+            return
+        numbers = np.arange(self._next, due)
+        self._next = due
+        times_s = self._starts_s + numbers / self._rate_hz
+        rows = self._encode(numbers, times_s)
+        self._outbox.append(self._spoil(rows, times_s))
+
+    def _encode(self, numbers: NDArray[np.int64], times_s: FloatArray) -> Rows:
+        columns: dict[str, FloatArray | NDArray[np.int64]] = dict(self._physics.signals(times_s))
+        self._freeze(columns, times_s)
+        counter = self._layout.description.counter
+        if counter is not None:
+            columns[counter.field] = (numbers * counter.step) % counter.modulus
+        if self._roles.index is not None:
+            self._write_index(self._roles.index, columns, times_s)
+        return encode_rows(self._layout, columns, len(numbers))
+
+    def _freeze(self, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray) -> None:
+        """Hold every signal at its first value in the window of the fault."""
+        frozen = self._faults.during(ImuFault.FROZEN, times_s)
+        if not frozen.any():
+            self._frozen = None
+            return
+        first = int(np.argmax(frozen))
+        if self._frozen is None:
+            self._frozen = {name: float(values[first]) for name, values in columns.items()}
+        for name, held in self._frozen.items():
+            columns[name] = np.where(frozen, held, columns[name])
+        if not frozen[-1]:
+            self._frozen = None
+
+    def _write_index(
+        self, role: IndexRole, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray
+    ) -> None:
+        state = self._index.state(times_s)
+        columns[role.position] = state.code
+        bits = {role.moving: state.moving, role.in_position: state.in_position}
+        if role.fault is not None:
+            bits[role.fault] = state.fault
+        if role.rejected is not None:
+            bits[role.rejected] = np.full(len(times_s), self._rejected)
+        bits["spin_fault"] = self._faults.during(ImuFault.SPIN_FAULT, times_s)
+        for field, described in self._layout.description.status.items():
+            word = np.zeros(len(times_s), np.int64)
+            for name, bit in described.items():
+                word |= bits.get(name, np.zeros(len(times_s), np.bool_)).astype(np.int64) << bit.bit
+            columns[field] = word
+
+    def _spoil(self, rows: Rows, times_s: FloatArray) -> bytes:
+        """Return the bytes of the frames after what the line and the unit do to them."""
+        faults, rng = self._faults, self._rng
+        flipped = np.flatnonzero(faults.strikes(ImuFault.FLIPPED_BITS, times_s, rng))
+        rows[flipped, rng.integers(0, rows.shape[1], len(flipped))] ^= (1 << rng.integers(0, 8, len(flipped))).astype(
+            np.uint8
+        )
+        sent = ~faults.strikes(ImuFault.DROPPED_FRAMES, times_s, rng) & ~faults.during(ImuFault.STALL, times_s)
+        repeated = faults.strikes(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
+        garbage = faults.strikes(ImuFault.GARBAGE, times_s, rng)
+        if not (garbage | repeated).any():
+            return (rows if sent.all() else rows[sent]).tobytes()
+        pieces: list[bytes] = []
+        for number in range(len(rows)):
+            if garbage[number]:
+                pieces.append(rng.bytes(int(rng.integers(1, 2 * rows.shape[1]))))
+            if sent[number]:
+                pieces.append(rows[number].tobytes() * (2 if repeated[number] else 1))
+        return b"".join(pieces)
