@@ -1,0 +1,132 @@
+"""The report's closed forms for the three collects of sensor 2: what the solver must reproduce, and people can check.
+
+`rates` has shape (..., 3, 2): Collects 1, 2, 3 by (RA, RB), deg/hr. `G` (..., 3) and `W` (..., 3) are (G1, G2, G3) in g
+and (W1, W2, W3) in deg/hr along the bench axes 1-2-3. Parameters come in the order BA, BB, GSA, GSB, MUA, MUB.
+
+Misprints in RD-GC-86-1; the corrected form is followed here:
+
+- eqs. (7)-(10): "+ 2" is a lost division, "/ 2"; as printed they do not even have one dimension;
+- eq. (7): its last term, -W1, is right only once the division is restored;
+- the matrix equation, row 6 of the left-hand side: RA_2(C3) - W_2 stands for RB_2(C3) - W_2 (C6 has it right);
+- the matrix equation, row 6 of the unknowns: MU_SA2 stands for GSB_2;
+- the text gives only the G1 term of the contractor's error; `contractor_error` has the G3 terms too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hil.equation import FloatArray
+
+
+def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
+    """Solve for the six parameters by eqs. (11), (12), (A-23)-(A-26); shape (..., 6).
+
+    (A-21), (A-22) are (11), (12) again; (A-17), (A-18) are (A-23), (A-24).
+    """
+    (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
+    (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
+    square = g1**2 + g3**2
+    mua = ((rb1 + rb2 - 2 * rb3) * g1 + (rb2 - rb1) * g3) / (2 * square)  # (11)
+    mub = ((2 * ra3 - ra1 - ra2 - 2 * w3) * g1 + (ra1 - ra2 + 2 * w1) * g3) / (2 * square)  # (12)
+    gsa = (ra2 - ra1 - 2 * w1) / (2 * g1) + mub * g3 / g1  # (A-23)
+    gsb = (rb1 - rb2) / (2 * g1) + mua * g3 / g1  # (A-24)
+    ba = (ra1 + ra2) / 2 - gsb * g2  # (A-25)
+    bb = (rb1 + rb2 - 2 * w2) / 2 - gsa * g2  # (A-26)
+    return _stack(ba, bb, gsa, gsb, mua, mub)
+
+
+def matrix_covariance(G: ArrayLike) -> FloatArray:
+    """Return the covariance of the six parameters for white noise of 1 deg/hr in every rate; shape (..., 6, 6)."""
+    g1, g2, g3 = _parts(G)
+    square = g1**2 + g3**2
+    gs = (g1**2 + 3 * g3**2) / (2 * square**2)
+    mu = (3 * g1**2 + g3**2) / (2 * square**2)
+    bias = 0.5 + g2**2 * gs
+    bias_gs = -g3 / (2 * square)  # BA with GSA; BB with GSB has the other sign
+    bias_mu = -g1 / (2 * square)  # BA with MUB; BB with MUA has the other sign
+    cross_gs = -g2 * gs  # BA with GSB, BB with GSA
+    cross_mu = -g1 * g2 * g3 / square**2  # BA with MUA, BB with MUB
+    gs_mu = g1 * g3 / square**2  # GSA with MUB, GSB with MUA
+    zero = np.zeros_like(gs)
+    rows = [
+        [bias, zero, bias_gs, cross_gs, cross_mu, bias_mu],
+        [zero, bias, cross_gs, -bias_gs, -bias_mu, cross_mu],
+        [bias_gs, cross_gs, gs, zero, zero, gs_mu],
+        [cross_gs, -bias_gs, zero, gs, gs_mu, zero],
+        [cross_mu, -bias_mu, zero, gs_mu, mu, zero],
+        [bias_mu, cross_mu, gs_mu, zero, zero, mu],
+    ]
+    return np.stack([_stack(*row) for row in rows], axis=-2)
+
+
+def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
+    """Solve for BA, BB, GSA, GSB as the contractor did, MU taken as zero: eqs. (A-13)-(A-16); shape (..., 4)."""
+    (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
+    (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
+    gsa = (ra2 - ra1 - 2 * w1) / (2 * g1)  # (A-13)
+    gsb = (rb1 - rb2) / (2 * g1)  # (A-14)
+    ba = ra3 - gsa * g3 - gsb * g2 - w3  # (A-15)
+    bb = rb3 - gsa * g2 + gsb * g3 - w2  # (A-16)
+    return _stack(ba, bb, gsa, gsb)
+
+
+def contractor_covariance(G: ArrayLike, covariance: ArrayLike) -> FloatArray:
+    """Propagate the covariance of the rates through (A-13)-(A-16); shape (..., 4, 4).
+
+    `covariance` (..., 6, 6) is that of (RA1, RB1, RA2, RB2, RA3, RB3); for white noise it is sigma² times the identity.
+    """
+    gravity = np.asarray(G, dtype=np.float64)
+    unit_rates = np.eye(6).reshape(6, 3, 2)
+    # The four are linear in the rates: their response to one rate at a time is the Jacobian.
+    jacobian = np.swapaxes(contractor_solution(unit_rates, gravity[..., None, :], np.zeros(3)), -1, -2)
+    return np.asarray(jacobian @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(jacobian, -1, -2))
+
+
+def contractor_error(G: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray:
+    """Return contractor's minus true BA, BB, GSA, GSB where MU is not zero; shape (..., 4).
+
+    Exact: BA by MUB (G1 + G3²/G1) + MUA G2 G3/G1, BB by -MUA (G1 + G3²/G1) + MUB G2 G3/G1, GSA by -MUB G3/G1, GSB by
+    -MUA G3/G1. With G3 = 0 that is the report's statement, the bias off by MUB G1 and -MUA G1.
+    """
+    g1, g2, g3 = _parts(G)
+    a, b = np.asarray(mua, dtype=np.float64), np.asarray(mub, dtype=np.float64)
+    long, short = g1 + g3**2 / g1, g2 * g3 / g1
+    return _stack(b * long + a * short, -a * long + b * short, -b * g3 / g1, -a * g3 / g1)
+
+
+def seven_biases(
+    rates: ArrayLike, G: ArrayLike, W: ArrayLike, gsa: ArrayLike, gsb: ArrayLike, mub: ArrayLike
+) -> FloatArray:
+    """Return the bias BA seven ways, eqs. (A-27)-(A-33), for given GSA, GSB, MUB; shape (..., 7).
+
+    With the true parameters and no noise they are BA + {0, MUB G3, -MUB G3, MUB G1, 0, 0, 0}.
+    """
+    (ra1, ra2, ra3), _ = _by_channel(rates)
+    (g1, g2, g3), (w1, _, w3) = _parts(G), _parts(W)
+    a, b, m = (np.asarray(value, dtype=np.float64) for value in (gsa, gsb, mub))
+    from_1 = ra1 + a * g1 - b * g2 + w1  # (A-28)
+    from_2 = ra2 - a * g1 - b * g2 - w1  # (A-29)
+    from_3 = ra3 - a * g3 - b * g2 - w3  # (A-30), the contractor's
+    mean = (ra1 + ra2) / 2 - b * g2  # (A-27), the matrix solution
+    return _stack(mean, from_1, from_2, from_3, from_1 - m * g3, from_2 + m * g3, from_3 - m * g1)
+
+
+def _by_channel(rates: ArrayLike) -> FloatArray:
+    """Return [channel][collect] with the batch behind, from (..., 3, 2)."""
+    array = np.asarray(rates, dtype=np.float64)
+    if array.shape[-2:] != (3, 2):
+        raise ValueError(f"rates {array.shape}: three collects by two channels, (..., 3, 2), are needed")
+    return np.moveaxis(array, (-1, -2), (0, 1))
+
+
+def _parts(vector: ArrayLike) -> FloatArray:
+    array = np.asarray(vector, dtype=np.float64)
+    if array.shape[-1:] != (3,):
+        raise ValueError(f"{array.shape}: three components, (..., 3), are needed")
+    return np.moveaxis(array, -1, 0)
+
+
+def _stack(*parts: FloatArray) -> FloatArray:
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)

@@ -1,0 +1,291 @@
+"""Solve a campaign: each run of each sensor for the parameters of a named model, with a verdict and its reason.
+
+    solutions = solve_campaign(read_campaign("my-campaign"))
+    solutions[0].parameters["MUB"]  # Estimate(value=-7.5, se=1.1, unit="deg/hr/g")
+    solution_document(campaign, solutions)  # the JSON of `hil solve`
+
+A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
+missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
+exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from hil.campaign import Campaign, Collects, FloatArray
+from hil.contractor import METHOD, can_follow, solve_as_contractor
+from hil.linear_forms import LinearForm, default_form, named_form
+from hil.solver import solve
+from procedures.verdict import Judgement, Verdict
+
+SCHEMA = "hil.solution/1"
+
+PASS_PROBABILITY = 0.05
+FAIL_PROBABILITY = 0.001
+
+OBSERVABLE = 1e-3
+"""A combination counts as seen where the collects excite it by more than a thousandth of what they excite best.
+
+A thousandth of 1 g is a milliradian: less than that, and the error of the attitude is as large as the excitation.
+"""
+
+LEAST_SQUARES = "weighted least squares"
+
+_COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value, standard error and unit; None where these collects cannot tell."""
+
+    value: float | None
+    se: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class RunSolution:
+    """One sensor's parameters from one run (or, for a thermal model, from all: `run` is None, `runs` says which).
+
+    `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
+    `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
+    not known singly.
+    """
+
+    run: int | None
+    runs: tuple[int, ...]
+    sensor: int
+    model: str
+    method: str
+    parameters: Mapping[str, Estimate]
+    combinations: Mapping[str, Estimate]
+    covariance: FloatArray
+    condition_number: float | None
+    residual_rms_deg_per_hr: float | None
+    degrees_of_freedom: int
+    unobservable: tuple[str, ...]
+    verdict: Verdict
+    reason: str
+    assumed: tuple[str, ...]
+
+
+def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[RunSolution]:
+    """Solve every run of every sensor, in the order of runs, then sensors.
+
+    `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
+    it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor.
+    """
+    found = []
+    for number, collects in campaign.sensors.items():
+        if model_name == "matrix-6-thermal":
+            form = named_form(model_name, collects.conditions)
+            found.append(_solve_rows(number, None, form, collects))
+            continue
+        for run in np.unique(collects.conditions.run):
+            chosen = collects.rows(collects.conditions.run == run)
+            conditions = chosen.conditions
+            form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
+            found.append(_solve_rows(number, int(run), form, chosen))
+    return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+
+
+def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[str, Any]:
+    """Return what `hil solve --json` prints: finite numbers, null where a thing is not known."""
+    return {
+        "schema": SCHEMA,
+        "campaign": campaign.title,
+        "simulated": campaign.simulated,
+        "warnings": list(campaign.warnings),
+        "solutions": [_solution_entry(each) for each in solutions],
+    }
+
+
+def _solution_entry(each: RunSolution) -> dict[str, Any]:
+    covariance: list[list[float | None]] | None = [[_finite(value) for value in row] for row in each.covariance]
+    if np.all(np.isnan(each.covariance)):
+        covariance = None
+    return {
+        "run": each.run,
+        "runs": list(each.runs),
+        "sensor": each.sensor,
+        "model": each.model,
+        "method": each.method,
+        "parameters": {name: vars(estimate) for name, estimate in each.parameters.items()},
+        "combinations": {name: vars(estimate) for name, estimate in each.combinations.items()},
+        "covariance": covariance,
+        "covariance_order": list(each.parameters),
+        "condition_number": each.condition_number,
+        "residual_rms_deg_per_hr": each.residual_rms_deg_per_hr,
+        "degrees_of_freedom": each.degrees_of_freedom,
+        "unobservable": list(each.unobservable),
+        "verdict": str(each.verdict),
+        "reason": each.reason,
+        "assumed": list(each.assumed),
+    }
+
+
+def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
+    if form.name == "collins-4" and can_follow(collects):
+        return _follow_contractor(sensor, run, form, collects)
+    conditions = collects.conditions
+    sigma = stated_noise(collects)
+    observed = (collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
+    design = form.columns(conditions).reshape(len(observed), -1)
+    solution = solve(
+        design,
+        observed,
+        None if sigma is None else sigma.reshape(-1),
+        names=form.names,
+        rank_tolerance=OBSERVABLE,
+    )
+    degrees, condition = int(solution.degrees_of_freedom), float(solution.condition_number)
+    unobservable = solution.unobservable()
+    equations = int(np.count_nonzero(~np.isnan(observed)))
+    if unobservable:
+        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(equations, conditions.position, unobservable))
+    else:
+        judged = judge(float(solution.chi_square), degrees, equations, sigma is not None)
+    unit = dict(zip(form.names, form.units, strict=True))
+    return RunSolution(
+        run=run,
+        runs=_runs(collects),
+        sensor=sensor,
+        model=form.name,
+        method=LEAST_SQUARES,
+        parameters=_estimates(form, solution.values, solution.se),
+        combinations={
+            text: Estimate(_finite(value), _finite(se), _combined_unit(text, unit))
+            for text, value, se in solution.combinations()
+        },
+        covariance=solution.covariance,
+        condition_number=_finite(condition),
+        residual_rms_deg_per_hr=_finite(float(solution.residual_rms)),
+        degrees_of_freedom=degrees,
+        unobservable=unobservable,
+        verdict=judged.verdict,
+        reason=_reason(form.reason, judged.reason),
+        assumed=_assumptions(form, collects, sigma is not None),
+    )
+
+
+def _follow_contractor(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
+    sigma = stated_noise(collects)
+    found = solve_as_contractor(collects, sigma)
+    used = ~np.isnan(found.residuals)
+    judged = judge(found.chi_square, found.degrees_of_freedom, int(used.sum()), sigma is not None)
+    return RunSolution(
+        run=run,
+        runs=_runs(collects),
+        sensor=sensor,
+        model=form.name,
+        method=METHOD,
+        parameters=_estimates(form, found.values, np.sqrt(np.diagonal(found.covariance))),
+        combinations={},
+        covariance=found.covariance,
+        condition_number=_finite(found.condition_number),
+        residual_rms_deg_per_hr=float(np.sqrt(np.mean(found.residuals[used] ** 2))),
+        degrees_of_freedom=found.degrees_of_freedom,
+        unobservable=(),
+        verdict=judged.verdict,
+        reason=_reason(f"the contractor's solution: {METHOD}", judged.reason),
+        assumed=_assumptions(form, collects, sigma is not None),
+    )
+
+
+def stated_noise(collects: Collects) -> FloatArray | None:
+    """Return the rates' standard errors (n, c), or None where a measured rate has none: then all weigh alike."""
+    measured = ~np.isnan(collects.rates_deg_per_hr)
+    if np.any(np.isnan(collects.rates_se_deg_per_hr[measured])):
+        return None
+    return collects.rates_se_deg_per_hr
+
+
+def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -> Judgement:
+    """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise."""
+    if degrees == 0:
+        count = _count(equations)
+        reason = f"no residual: {count} equations, {count} unknowns; these collects cannot contradict the model"
+        if not noise_stated:
+            reason += "; with neither a residual nor stated standard errors the uncertainty is not known"
+        return Judgement(Verdict.PASS, reason)
+    freedom = f"{degrees} degree{'s' if degrees > 1 else ''} of freedom"
+    if not noise_stated:
+        return Judgement(
+            Verdict.PASS,
+            f"the rates have no (or not all) standard errors: the residuals, on {freedom}, are taken as the noise and "
+            "cannot contradict the model",
+        )
+    probability = float(stats.chi2.sf(chi_square, degrees))
+    found = f"chi-square {chi_square:.3g} on {freedom}, p = {probability:.2g}"
+    if probability >= PASS_PROBABILITY:
+        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found})")
+    factor = np.sqrt(chi_square / degrees)
+    excess = f"the residuals are {factor:.2g} times what the standard errors allow ({found})"
+    if probability >= FAIL_PROBABILITY:
+        return Judgement(Verdict.MARGINAL, excess)
+    return Judgement(
+        Verdict.FAIL,
+        f"{excess}: the model lacks something, and the stated standard errors of its parameters are too small",
+    )
+
+
+def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str]) -> str:
+    count = len(set(positions.tolist()))
+    return (
+        f"{_count(equations)} measured rate{'s' if equations != 1 else ''} at {_count(count)} "
+        f"position{'s' if count != 1 else ''} cannot support every parameter: {'; '.join(unobservable)}"
+    )
+
+
+def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:
+    conditions = collects.conditions
+    said = ["f and the earth rate w are taken as given; local gravity is 1 g"]
+    if not np.any(conditions.w_deg_per_hr):
+        said.append(
+            "the earth rate is given as 0: what there is of it (up to 15.04 deg/hr) stands in the parameters, its "
+            "vertical part looking like acceleration sensitivity"
+        )
+    if "GSA" in form.names:
+        said.append("GSA and GSB are the same for both channels (isotropic rotor)")
+    if form.name == "collins-4":
+        said.append("MUA = MUB = 0")
+    if form.name == "constant":
+        said.append("no acceleration sensitivity")
+    if not noise_stated:
+        said.append("every rate has the same, unstated noise")
+    return tuple(said)
+
+
+def _estimates(form: LinearForm, values: FloatArray, se: FloatArray) -> dict[str, Estimate]:
+    return {
+        name: Estimate(_finite(float(value)), _finite(float(error)), unit)
+        for name, unit, value, error in zip(form.names, form.units, values, se, strict=True)
+    }
+
+
+def _combined_unit(text: str, unit: Mapping[str, str]) -> str:
+    """Unit of a combination: that of its members; biases are summed with what acts at 1 g, in deg/hr."""
+    units = {unit[name] for name in text.replace("-", " ").replace("+", " ").split() if name in unit}
+    return units.pop() if len(units) == 1 else "deg/hr"
+
+
+def _reason(*parts: str) -> str:
+    return "; ".join(part for part in parts if part)
+
+
+def _runs(collects: Collects) -> tuple[int, ...]:
+    return tuple(int(run) for run in np.unique(collects.conditions.run))
+
+
+def _count(number: int) -> str:
+    return _COUNTS[number] if number < len(_COUNTS) else str(number)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
