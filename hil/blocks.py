@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -45,22 +45,51 @@ class Block:
 
 
 @dataclass(frozen=True)
+class FieldMeaning:
+    """What a decoded field is: its unit, and its role (`rate`, `acceleration`, `temperature`) for one of the sensors.
+
+    `name` is the channel of a rate (RA) or the axis of an acceleration (A).
+    """
+
+    unit: str = ""
+    role: str = ""
+    sensor: int = 0
+    name: str = ""
+
+
+@dataclass(frozen=True)
 class Samples:
     """The samples of one collect as they were stored: times in seconds of the campaign, columns by field name, (n,)."""
 
     time_s: FloatArray
     fields: Mapping[str, FloatArray]
-    units: Mapping[str, str]
+    meanings: Mapping[str, FieldMeaning]
     simulated: bool
+
+    def of(self, role: str, sensor: int) -> Mapping[str, FloatArray]:
+        """Return a sensor's columns of one role by channel or axis: `of("rate", 2)` has RA and RB, shape (n,) each."""
+        return {
+            meaning.name: self.fields[field]
+            for field, meaning in self.meanings.items()
+            if meaning.role == role and meaning.sensor == sensor
+        }
 
 
 class BlockWriter:
-    """Writes the blocks of one night. `units` gives the unit of every decoded field by name."""
+    """Writes the blocks of one night. `meanings` says what the decoded fields are, by name."""
 
-    def __init__(self, folder: Path, *, simulated: bool, units: Mapping[str, str], disk: Disk | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        simulated: bool,
+        keep_raw: bool = True,
+        disk: Disk | None = None,
+    ) -> None:
         self._folder = folder
         self._simulated = simulated
-        self._units = units
+        self.meanings: Mapping[str, FieldMeaning] = {}
+        self._keep_raw = keep_raw
         self._disk: Disk = disk or RealDisk()
 
     def write(self, step: Step, attempt: int, samples: SampleBlock, clock_offset_s: float = 0.0) -> tuple[Block, ...]:
@@ -75,7 +104,7 @@ class BlockWriter:
         stem = f"{BLOCKS}/{step.index:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', step.key)}-{attempt}"
         table = self._encode(step, attempt, samples, clock_offset_s)
         blocks = [self._store(SAMPLES, f"{stem}.parquet", table, len(samples))]
-        if samples.raw:
+        if samples.raw and self._keep_raw:
             blocks.append(self._store(RAW, f"{stem}.raw.zst", _compress(samples.raw), len(samples.raw), samples.raw))
         return tuple(blocks)
 
@@ -85,22 +114,34 @@ class BlockWriter:
 
     def _encode(self, step: Step, attempt: int, samples: SampleBlock, clock_offset_s: float) -> bytes:
         columns = {"time_s": samples.time_s + clock_offset_s, **samples.fields}
-        units = {"time_s": "s", **self._units}
-        schema = pa.schema(
-            [pa.field(name, pa.float64(), nullable=False, metadata={"unit": units.get(name, "")}) for name in columns],
-            metadata={
-                "schema": SAMPLES_SCHEMA,
-                "step": step.key,
-                "attempt": str(attempt),
-                "time": "seconds since the campaign began",
-                "simulated": "true" if self._simulated else "false",
-            },
-        )
+        meanings = {"time_s": FieldMeaning("s"), **self.meanings}
+        fields = [
+            pa.field(name, pa.float64(), nullable=False, metadata=_labels(meanings.get(name, FieldMeaning())))
+            for name in columns
+        ]
+        facts = {
+            "schema": SAMPLES_SCHEMA,
+            "step": step.key,
+            "attempt": str(attempt),
+            "time": "seconds since the campaign began",
+            "simulated": "true" if self._simulated else "false",
+        }
         arrays = [pa.array(np.asarray(column, dtype=np.float64)) for column in columns.values()]
         sink = pa.BufferOutputStream()
         # Dictionaries cost four times the time on measured numbers and save nothing.
-        pq.write_table(pa.table(arrays, schema=schema), sink, compression="zstd", use_dictionary=False)
+        pq.write_table(
+            pa.table(arrays, schema=pa.schema(fields, metadata=facts)), sink, compression="zstd", use_dictionary=False
+        )
         return bytes(sink.getvalue())
+
+
+def _labels(meaning: FieldMeaning) -> dict[str, str]:
+    return {label: str(value) for label, value in asdict(meaning).items() if value}
+
+
+def _meaning(labels: Mapping[bytes, bytes]) -> FieldMeaning:
+    text = {label.decode(): value.decode() for label, value in labels.items()}
+    return FieldMeaning(text.get("unit", ""), text.get("role", ""), int(text.get("sensor", 0)), text.get("name", ""))
 
 
 def _compress(raw: bytes) -> bytes:
@@ -139,10 +180,11 @@ def read_samples(folder: Path, block: Block) -> Samples:
     if table.num_rows != block.rows:
         raise DamagedBlock(f"{block.path}: holds {table.num_rows} samples, the journal says {block.rows}")
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
+    meanings = {field.name: _meaning(field.metadata or {}) for field in table.schema}
     simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
     time_s = columns.pop("time_s")
-    return Samples(time_s, columns, units, simulated)
+    del meanings["time_s"]
+    return Samples(time_s, columns, meanings, simulated)
 
 
 def read_raw(folder: Path, block: Block) -> bytes:

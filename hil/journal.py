@@ -26,7 +26,7 @@ from typing import Any
 
 from drivers.clock import Clock, SystemClock
 from hil import journal_schema
-from hil.blocks import BLOCKS, Block, BlockWriter
+from hil.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
 from hil.errors import InputError
 from hil.files import Disk, RealDisk
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
@@ -54,7 +54,7 @@ class SqliteJournal(JournalReader):
         *,
         clock: Clock,
         who: str,
-        units: Mapping[str, str],
+        keep_raw: bool,
         disk: Disk,
         listener: Listener | None,
     ) -> None:
@@ -63,7 +63,7 @@ class SqliteJournal(JournalReader):
         self._clock = clock
         self._system = SystemClock()
         self._listener = listener
-        self._blocks = BlockWriter(folder, simulated=self.night.simulated, units=units, disk=disk)
+        self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw, disk=disk)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
         self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
         last_s = max((controller.seen_s for controller in self.controllers()), default=0.0)
@@ -121,11 +121,11 @@ class SqliteJournal(JournalReader):
         *,
         clock: Clock,
         who: str = "",
-        units: Mapping[str, str] | None = None,
+        keep_raw: bool = True,
         disk: Disk | None = None,
         listener: Listener | None = None,
     ) -> SqliteJournal:
-        """Open a night to carry it on, as its only controller; `units` are those of the decoded fields, by name.
+        """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
 
         Raises `InputError` where there is no journal, or another controller holds it. The lock of a controller that
         has died is taken over, and an event says so.
@@ -145,7 +145,7 @@ class SqliteJournal(JournalReader):
                     lock,
                     clock=clock,
                     who=who,
-                    units=units or {},
+                    keep_raw=keep_raw,
                     disk=disk or RealDisk(),
                     listener=listener,
                 )
@@ -167,6 +167,10 @@ class SqliteJournal(JournalReader):
     def now_s(self) -> float:
         """Return the seconds since the campaign began, across a resume."""
         return self._clock.now() + self._offset_s
+
+    def describe_fields(self, meanings: Mapping[str, FieldMeaning]) -> None:
+        """Say what the decoded fields are, by name: written into every block of samples from now on."""
+        self._blocks.meanings = meanings
 
     def begin(self, step: Step) -> int:
         """Record that `step` begins; return the attempt number, 1 for the first.

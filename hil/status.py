@@ -1,0 +1,176 @@
+"""What a night is doing, or what became of it: derived from its journal, never a flag that somebody set.
+
+    night_status(folder)["state"]  # running, paused, complete, incomplete, aborted, failed
+
+A night is complete if every planned step is DONE. It is running if the process that owns its lock lives and has
+written lately; a controller that was killed leaves a night that is incomplete, whatever was going on.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import SystemClock
+from hil.errors import InputError
+from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.journal_records import Attempt, Controller
+from hil.lock import Owner, living_owner
+from procedures.plan import Plan, Step, StepKind
+
+STALE_AFTER_S = 180.0
+"""A living controller that has written nothing for so long (three heartbeats) is not called running."""
+
+
+def night_status(folder: Path | str) -> dict[str, Any]:
+    """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
+    folder = Path(folder)
+    owner = living_owner(folder)  # before the journal: an owner that ends in between has then written its end
+    try:
+        with open_readonly(folder) as journal, journal.snapshot():
+            return _document(_Facts.of(journal, owner))
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{folder / JOURNAL_NAME}: the journal is damaged ({error}); see hil verify") from None
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What the journal said at one instant."""
+
+    journal: JournalReader
+    owner: Owner | None
+    plan: Plan
+    attempts: Sequence[Attempt]
+    done: Mapping[str, Attempt]
+    controller: Controller | None
+
+    @classmethod
+    def of(cls, journal: JournalReader, owner: Owner | None) -> _Facts:
+        controllers = journal.controllers()
+        newest = controllers[-1] if controllers else None
+        return cls(journal, owner, journal.plan, journal.attempts(), journal.done_attempts(), newest)
+
+    @property
+    def silent_s(self) -> float:
+        """How long ago the newest controller wrote, by the wall clock."""
+        if self.controller is None:
+            return 0.0
+        return (SystemClock().utc() - self.controller.seen_utc).total_seconds()
+
+    @property
+    def last_s(self) -> float:
+        return self.controller.seen_s if self.controller else 0.0
+
+
+def _document(facts: _Facts) -> dict[str, Any]:
+    night, plan = facts.journal.night, facts.plan
+    state, reason = _state(facts)
+    runs = plan.self_calibrations
+    present = _present(facts) if state in {"running", "paused"} else None
+    heartbeat = facts.journal.last_heartbeat()
+    return {
+        "schema": "hil.status/1",
+        "state": state,
+        "reason": reason,
+        "title": night.title,
+        "steps_done": len(facts.done),
+        "steps_total": len(plan.steps),
+        "self_calibrations_done": sum(all(step.key in facts.done for step in steps) for steps in runs.values()),
+        "self_calibrations_total": len(runs),
+        "eta_utc": _eta(facts, present) if state in {"running", "paused"} else None,
+        "missing": missing_in_words(plan, facts.done, facts.attempts),
+        "simulated": night.simulated,
+        "began_utc": night.began_utc.isoformat(),
+        "last_utc": night.utc(facts.last_s).isoformat(),
+        "step": present.step_key if present else None,
+        "readings": dict(heartbeat.readings) if heartbeat else {},
+    }
+
+
+def _state(facts: _Facts) -> tuple[str, str]:
+    if len(facts.done) == len(facts.plan.steps):
+        return "complete", "every planned step is done"
+    if facts.owner is not None:
+        if facts.silent_s > STALE_AFTER_S:
+            minutes = facts.silent_s / 60.0
+            return (
+                "incomplete",
+                f"the controller ({facts.owner}) is there, but has written nothing for {minutes:.0f} min",
+            )
+        asked = [event.kind for event in facts.journal.events() if event.kind in {"pause", "continue"}]
+        if asked and asked[-1] == "pause":
+            return "paused", "paused; the chamber is held where it is"
+        return "running", ""
+    if facts.controller is None:
+        return "incomplete", "it has not begun"
+    if facts.controller.ended is None:
+        return "incomplete", "the controller was killed, or lost its power"
+    ending, _, reason = facts.controller.ended.partition(": ")
+    return (ending if ending in {"aborted", "failed"} else "incomplete"), reason or ending
+
+
+def _present(facts: _Facts) -> Attempt | None:
+    going_on = [attempt for attempt in facts.attempts if attempt.outcome is None]
+    last = going_on[-1] if going_on else None
+    return last if last and facts.controller and last.controller == facts.controller.number else None
+
+
+def _eta(facts: _Facts, present: Attempt | None) -> str:
+    """Return when the rest will be done if it takes as long as planned, from the last sign of life."""
+    remaining_s = 0.0
+    for step in facts.plan.steps:
+        if step.key not in facts.done:
+            gone_s = facts.last_s - present.began_s if present and present.step_key == step.key else 0.0
+            remaining_s += max(step.duration_s - gone_s, 0.0)
+    return (facts.journal.night.utc(facts.last_s) + timedelta(seconds=round(remaining_s))).isoformat()
+
+
+def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[Attempt] = ()) -> list[str]:
+    """Return one sentence for each part of the plan that is not done: self-calibrations, and the steps around them.
+
+    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried.
+    """
+    reasons = {
+        each.step_key: f" ({each.outcome.value.lower()}: {each.reason})"
+        for each in attempts
+        if each.outcome is not None
+    }
+    runs = plan.self_calibrations
+    sentences: list[str] = []
+    told: set[int] = set()
+    for step in plan.steps:
+        number = step.self_calibration
+        if step.key in done or number in told:
+            continue
+        if number is None:
+            sentences.append(_step_in_words(step) + reasons.get(step.key, ""))
+            continue
+        told.add(number)
+        where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
+        lacking = [each for each in runs[number] if each.key not in done]
+        if len(lacking) == len(runs[number]) and not any(each.key in reasons for each in lacking):
+            sentences.append(f"self-calibration {number}{where}: all of it")
+        else:
+            parts = [_step_in_words(each) + reasons.get(each.key, "") for each in lacking]
+            sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
+    return sentences
+
+
+def _step_in_words(step: Step) -> str:
+    match step.kind:
+        case StepKind.IDENTIFY:
+            return "identification of the devices"
+        case StepKind.SETPOINT:
+            return f"setpoint {step.temperature_degC:.1f} °C"
+        case StepKind.RESTABILISE:
+            return "restabilisation"
+        case StepKind.INDEX:
+            return f"index to position {step.position}"
+        case StepKind.COLLECT:
+            return f"collect at position {step.position}"
+        case StepKind.SAFE_STATE:
+            return "safe state of the chamber at the end"

@@ -1,0 +1,118 @@
+"""Whether a night is complete and undamaged: every step, every block, every byte.
+
+    night = verify_night(folder)
+    night["complete"], night["problems"]  # True, []
+
+It trusts nothing but hashes and arithmetic: the journal is checked for deleted and changed rows, every block for its
+hash and its contents, and every recorded average is computed again from the samples.
+"""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
+from hil.errors import InputError
+from hil.files import PARTIAL
+from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.journal_records import Attempt, BlockRow
+from hil.status import missing_in_words
+from procedures.plan import StepKind
+
+_TOLERANCE_DEG_PER_HR = 1e-9
+
+
+def verify_night(folder: Path | str) -> dict[str, Any]:
+    """Return the document hil.verify/1 of a night; raise `InputError` where the folder holds none.
+
+    `notes` names what is harmless: a block that a crash left behind before it could be recorded.
+    """
+    folder = Path(folder)
+    problems: list[str] = []
+    notes: list[str] = []
+    checked = 0
+    complete = False
+    try:
+        journal = open_readonly(folder)
+    except InputError as error:
+        if not (folder / JOURNAL_NAME).is_file():
+            raise
+        problems.append(str(error))
+    else:
+        with journal:
+            try:
+                problems += journal.damage()
+                rows = journal.blocks()
+                attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
+                for row in rows:
+                    problems += _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
+                    checked += 1
+                problems += _collects_without_samples(journal, rows)
+                notes += _orphans(folder, rows)
+                missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
+                complete = not missing
+                problems += [f"missing: {what}" for what in missing]
+            except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, InputError) as error:
+                # Whatever a damaged database makes of its rows: it cannot be believed any further.
+                problems.append(f"{JOURNAL_NAME}: the journal is damaged and cannot be read ({error})")
+    return {
+        "schema": "hil.verify/1",
+        "complete": complete and not problems,
+        "problems": problems,
+        "blocks_checked": checked,
+        "notes": notes,
+    }
+
+
+def _check_block(folder: Path, row: BlockRow, attempt: Attempt | None) -> list[str]:
+    try:
+        if row.block.kind == RAW:
+            read_raw(folder, row.block)
+            return []
+        samples = read_samples(folder, row.block)
+    except DamagedBlock as damage:
+        return [str(damage)]
+    return list(_wrong_averages(row, samples, attempt.data)) if attempt else []
+
+
+def _wrong_averages(row: BlockRow, samples: Samples, data: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for every recorded average that the samples do not give."""
+    for sensor, record in data.get("sensors", {}).items():
+        for channel, rates in samples.of("rate", int(sensor)).items():
+            recorded = record.get("rates", {}).get(channel, {}).get("mean_deg_per_hr")
+            if recorded is None or not len(rates):
+                continue
+            mean = float(np.mean(rates))
+            if not math.isclose(mean, recorded, rel_tol=1e-12, abs_tol=_TOLERANCE_DEG_PER_HR):
+                yield (
+                    f"{row.block.path}: the samples of channel {channel} of sensor {sensor} average to {mean:.6f} "
+                    f"deg/hr, but {recorded:.6f} deg/hr is recorded for {row.step_key}"
+                )
+
+
+def _collects_without_samples(journal: JournalReader, rows: Sequence[BlockRow]) -> list[str]:
+    sampled = {(row.step_key, row.attempt) for row in rows if row.block.kind == SAMPLES}
+    collects = {step.key for step in journal.plan.of_kind(StepKind.COLLECT)}
+    return [
+        f"{key}: the collect is recorded as done, but no samples are recorded with it"
+        for key, attempt in journal.done_attempts().items()
+        if key in collects and (key, attempt.attempt) not in sampled
+    ]
+
+
+def _orphans(folder: Path, rows: Sequence[BlockRow]) -> list[str]:
+    known = {row.block.path for row in rows}
+    found = sorted(path.name for path in (folder / BLOCKS).iterdir()) if (folder / BLOCKS).is_dir() else []
+    notes = []
+    for name in found:
+        if name.startswith(PARTIAL):
+            notes.append(f"{BLOCKS}/{name}: an unfinished block, left behind by a crash; harmless")
+        elif f"{BLOCKS}/{name}" not in known:
+            notes.append(f"{BLOCKS}/{name}: no journal row names this block (a crash came before); harmless")
+    return notes
