@@ -1,0 +1,249 @@
+"""The simulated ESPEC controller speaks the golden bytes and misbehaves as told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.chamber import ChamberLimits
+from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
+
+SH641 = {"alarm_limits": ChamberLimits(-50.0, 140.0), "setpoint_degC": 0.0, "type_text": "T,T,S2,160.0"}
+
+# name in the reference: (how the chamber is, request, reply), literally
+GOLDEN: dict[str, tuple[dict[str, Any], float, bytes, bytes]] = {
+    "temp": (SH641, 26.4, b"TEMP?\r\n", b"26.4,0.0,140.0,-50.0\r\n"),
+    "type": (SH641, 26.4, b"TYPE?\r\n", b"T,T,S2,160.0\r\n"),
+    "humi": ({"humidity": "25,85,100,0"}, 22.0, b"HUMI?\r\n", b"25,85,100,0\r\n"),
+    "set": (SH641, 26.4, b"TEMP,S25\r\n", b"OK:TEMP,S25\r\n"),
+    "set_neg": (SH641, 26.4, b"TEMP,S-30.0\r\n", b"OK:TEMP,S-30.0\r\n"),
+    "mon_addr": (
+        {"address": 1, "humidity": "100,100,100,0", "mode": "CONSTANT", "setpoint_degC": 24.1},
+        24.1,
+        b"1,MON?\r\n",
+        b"24.1,100,CONSTANT,0\r\n",
+    ),
+    "cmd_err": ({}, 22.0, b"TENMP?\r\n", b"NA:CMD ERR\r\n"),
+    "range_err": ({}, 22.0, b"TEMP,S9999.0\r\n", b"NA:DATA OUT OF RANGE\r\n"),
+    "gl_set": ({"spelling": "addressed"}, 23.0, b"TEMP,S85.0\r\n", b"OK:1,temp,s85.0\r\n"),
+    "gl_mode": ({"spelling": "addressed"}, 23.0, b"MODE,CONSTANT\r\n", b"OK:1,mode,constant\r\n"),
+    "const": ({"setpoint_degC": 23.0}, 22.0, b"CONSTANT SET?,TEMP\r\n", b"23.0,ON\r\n"),
+}
+
+
+def _device(ambient: float = 22.0, **settings: Any) -> SimulatedEspec:
+    return SimulatedEspec(ChamberPlant(ambient_degC=ambient), **settings)
+
+
+def _ask(device: SimulatedEspec, request: bytes, now_s: float) -> bytes:
+    device.receive(request, now_s)
+    return device.transmit(now_s + 0.1)
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_conversations(name: str) -> None:
+    """Byte for byte, terminator included."""
+    settings, ambient, request, reply = GOLDEN[name]
+    assert _ask(_device(ambient, **settings), request, 0.0) == reply
+
+
+def test_the_golden_conversations_are_all_of_the_reference(reference: Path) -> None:
+    """No vector of this controller is left out, and none was copied wrongly."""
+    vectors = json.loads((reference / "chambers_golden.json").read_text(encoding="utf-8"))
+    expected = {
+        vector["name"]: (bytes.fromhex(vector["tx_hex"]), bytes.fromhex(vector["rx_hex"]))
+        for vector in vectors
+        if vector["controller"] == "espec"
+    }
+    assert {name: (request, reply) for name, (_, _, request, reply) in GOLDEN.items()} == expected
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [
+        (b"ROM?", b"P300 SIMULATED 1.00"),
+        (b"MON?", b"22.0,,OFF,0"),
+        (b"MON?,DETAIL", b"22.0,,OFF,0"),
+        (b"MODE?", b"OFF"),
+        (b"ALARM?", b"0"),
+        (b"HUMI?", b"NA:INVALID REQ"),
+        (b"TEMP?,X", b"NA:PARA ERR"),
+        (b"TEMP,X25", b"NA:PARA ERR"),
+        (b"TEMP,S25x", b"NA:PARA ERR"),
+        (b"TEMP, S25.0 H80.0 L-45.0", b"OK:TEMP, S25.0 H80.0 L-45.0"),
+        (b"TEMP,S110.0", b"NA:DATA OUT OF RANGE"),
+        (b"TEMP,H20.0", b"NA:DATA OUT OF RANGE"),
+        (b"TEMP,L25.0", b"NA:DATA OUT OF RANGE"),
+        (b"TEMP,H999.0", b"NA:DATA OUT OF RANGE"),
+        (b"MODE,SLEEP", b"NA:PARA ERR"),
+        (b"POWER,MAYBE", b"NA:PARA ERR"),
+        (b"PRGM,DANCE", b"NA:PARA ERR"),
+        (b"PRGM,END,STANDBY", b"NA:CONT NOT READY-2"),
+        (b"HELLO", b"NA:CMD ERR"),
+        (b"\xff\xfe", b"NA:CMD ERR"),
+    ],
+)
+def test_other_requests(request_: bytes, reply: bytes) -> None:
+    """Monitor and setting commands, and how they are refused."""
+    assert _ask(_device(), request_ + b"\r\n", 0.0) == reply + b"\r\n"
+
+
+def test_detail_is_refused_by_controllers_other_than_the_p300() -> None:
+    """An SCP-220 answers PARA ERR."""
+    assert _ask(_device(model="SCP-220 SIMULATED"), b"MODE?,DETAIL\r\n", 0.0) == b"NA:PARA ERR\r\n"
+
+
+def test_the_manuals_spelling_and_another_terminator() -> None:
+    """`OK : address, command`, and a controller set to CR alone."""
+    device = _device(spelling="manual", terminator=b"\r")
+    assert _ask(device, b"TEMP,S25\r", 0.0) == b"OK : 1,TEMP,S25\r"
+
+
+def test_a_controller_answers_to_its_own_address_only() -> None:
+    """On RS-485 others stay silent, also where there is no address at all."""
+    device = _device(address=2)
+    assert _ask(device, b"1,TEMP?\r\n", 0.0) == b""
+    assert _ask(device, b"TEMP?\r\n", 1.0) == b""
+    assert _ask(device, b"2,TEMP?\r\n", 2.0) == b"22.0,23.0,105.0,-75.0\r\n"
+
+
+def test_requests_before_the_pause_is_over_are_ignored() -> None:
+    """0.3 s after a monitor's reply, 0.5 s after a setting's."""
+    device = _device()
+    device.receive(b"TEMP?\r\nTEMP?\r\n", 0.0)
+    assert device.transmit(0.1).count(b"\r\n") == 1
+    assert _ask(device, b"TEMP?\r\n", 0.30) == b""
+    assert _ask(device, b"TEMP,S25\r\n", 0.36) != b""
+    assert _ask(device, b"TEMP?\r\n", 0.86) == b""
+    assert _ask(device, b"TEMP?\r\n", 0.92) != b""
+    assert device.ignored_requests == 3
+
+
+def test_a_request_may_arrive_in_pieces_and_is_answered_after_a_while() -> None:
+    """Nothing is answered before the terminator, nor before the latency has passed."""
+    device = _device(latency_s=0.05)
+    device.receive(b"TE", 0.0)
+    assert device.next_transmission(0.0) is None
+    device.receive(b"MP?\r\n", 0.01)
+    assert device.next_transmission(0.01) == pytest.approx(0.06)
+    assert device.transmit(0.05) == b""
+    assert device.transmit(0.06) == b"22.0,23.0,105.0,-75.0\r\n"
+    assert device.next_transmission(0.06) is None
+
+
+def test_the_air_follows_the_setpoint_in_constant_mode_only() -> None:
+    """A setpoint given while it is off does nothing until it is started."""
+    plant = ChamberPlant()
+    device = SimulatedEspec(plant)
+    _ask(device, b"TEMP,S60.0\r\n", 0.0)
+    assert plant.advance(3600.0) == 22.0
+    _ask(device, b"MODE,CONSTANT\r\n", 3600.0)
+    assert plant.advance(7200.0) == pytest.approx(60.0, abs=0.1)
+    _ask(device, b"POWER,OFF\r\n", 7200.0)
+    assert _ask(device, b"MON?\r\n", 7300.0).endswith(b",,OFF,0\r\n")
+    assert plant.advance(9000.0) < 50.0
+
+
+def test_power_on_leads_to_standby() -> None:
+    """And leaves a chamber that runs as it is."""
+    device = _device()
+    _ask(device, b"POWER,ON\r\n", 0.0)
+    assert device.mode == "STANDBY"
+    _ask(device, b"MODE,CONSTANT\r\n", 1.0)
+    _ask(device, b"POWER,ON\r\n", 2.0)
+    assert device.mode == "CONSTANT"
+
+
+def test_a_program_runs_and_ends() -> None:
+    """Its end says in which mode the chamber is left."""
+    device = _device()
+    assert _ask(device, b"PRGM,RUN,RAM:1,STEP1\r\n", 0.0).startswith(b"OK:")
+    assert device.mode == "RUN"
+    assert _ask(device, b"PRGM,END,STANDBY\r\n", 1.0).startswith(b"OK:")
+    assert device.mode == "STANDBY"
+
+
+@pytest.mark.parametrize(
+    ("fault", "reply", "setpoint"),
+    [
+        (EspecFault(FaultKind.DEAF), b"", 23.0),
+        (EspecFault(FaultKind.SILENCE), b"", 25.0),
+        (EspecFault(FaultKind.GARBAGE), b"\x00\x7f\xfe#~\r\n", 25.0),
+        (EspecFault(FaultKind.TRUNCATED), b"OK:TEM", 25.0),
+        (EspecFault(FaultKind.REFUSED, text="CHB NOT READY"), b"NA:CHB NOT READY\r\n", 23.0),
+    ],
+)
+def test_faults_of_a_reply(fault: EspecFault, reply: bytes, setpoint: float) -> None:
+    """What is answered, and whether it was carried out: a host cannot tell the one from the other."""
+    device = _device(faults=[fault])
+    assert _ask(device, b"TEMP,S25\r\n", 0.0) == reply
+    assert device.setpoint_degC == setpoint
+    assert _ask(device, b"TEMP,S26\r\n", 5.0) == b"OK:TEMP,S26\r\n"
+
+
+def test_a_late_reply_comes_after_the_next_one() -> None:
+    """The controller is on time; the line is late."""
+    device = _device(faults=[EspecFault(FaultKind.LATE, command="TEMP", delay_s=3.0)])
+    assert _ask(device, b"TEMP?\r\n", 0.0) == b""
+    assert _ask(device, b"MON?\r\n", 1.0) == b"22.0,,OFF,0\r\n"
+    assert device.transmit(4.0) == b"22.0,23.0,105.0,-75.0\r\n"
+
+
+def test_faults_strike_the_command_the_number_of_times_and_from_the_moment_given() -> None:
+    """Two TEMP? from 10 s on; and one that never ends."""
+    device = _device(faults=[EspecFault(FaultKind.SILENCE, begins_s=10.0, command="TEMP", times=2)])
+    answered = [_ask(device, b"TEMP?\r\n", now_s) != b"" for now_s in (0.0, 10.0, 11.0, 12.0)]
+    assert answered == [True, False, False, True]
+    device.inject(EspecFault(FaultKind.SILENCE, times=None))
+    assert not any(_ask(device, b"MON?\r\n", now_s) for now_s in (20.0, 21.0, 22.0, 23.0))
+
+
+def test_an_alarm_stops_the_chamber_and_stays_until_it_is_acknowledged_at_the_panel() -> None:
+    """Monitor commands report it; the number of alarms is the fourth field of MON?."""
+    device = _device(mode="CONSTANT", faults=[EspecFault(FaultKind.ALARM, begins_s=5.0, text="19")])
+    assert _ask(device, b"MON?\r\n", 0.0) == b"22.0,,CONSTANT,0\r\n"
+    assert _ask(device, b"MON?\r\n", 5.0).endswith(b",,STANDBY,1\r\n")
+    assert _ask(device, b"ALARM?\r\n", 6.0) == b"1,19\r\n"
+    device.acknowledge_alarms()
+    assert _ask(device, b"ALARM?\r\n", 7.0) == b"0\r\n"
+
+
+def test_air_beyond_an_alarm_limit_raises_an_alarm() -> None:
+    """The second safety layer works by itself, once the chamber runs."""
+    device = _device(ambient=40.0, alarm_limits=ChamberLimits(-45.0, 35.0), mode="CONSTANT")
+    assert _ask(device, b"MON?\r\n", 1.0).endswith(b",,STANDBY,1\r\n")
+
+
+def test_a_locked_panel_refuses_settings_and_answers_questions() -> None:
+    """PROTECT ON is for an operator to release."""
+    device = _device(faults=[EspecFault(FaultKind.PANEL_LOCK, begins_s=1.0)])
+    assert _ask(device, b"TEMP,S25\r\n", 0.0) == b"OK:TEMP,S25\r\n"
+    assert _ask(device, b"TEMP,S26\r\n", 1.0) == b"NA:PROTECT ON\r\n"
+    assert _ask(device, b"TEMP?\r\n", 2.0) == b"22.0,25.0,105.0,-75.0\r\n"
+
+
+def test_a_power_cycle_switches_it_off_and_loses_setpoint_and_replies() -> None:
+    """The air then leaks to ambient."""
+    device = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.POWER_CYCLE, begins_s=3600.0)])
+    assert device.transmit(3599.0) == b""
+    device.receive(b"TEMP?\r\n", 3599.99)
+    assert device.transmit(3600.1) == b""
+    assert _ask(device, b"MON?\r\n", 3605.0).endswith(b",,OFF,0\r\n")
+    assert _ask(device, b"TEMP?\r\n", 3606.0).split(b",")[1] == b"23.0"
+
+
+def test_sensors_freeze_and_break_and_the_plant_dies() -> None:
+    """Each of them says nothing on the line: only the numbers tell."""
+    frozen = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.SENSOR_FROZEN, begins_s=60.0)])
+    early = _ask(frozen, b"TEMP?\r\n", 60.0)
+    assert early != _ask(_device(), b"TEMP?\r\n", 0.0)
+    assert _ask(frozen, b"TEMP?\r\n", 3600.0) == early
+    broken = _device(faults=[EspecFault(FaultKind.SENSOR_BROKEN)])
+    assert _ask(broken, b"TEMP?\r\n", 0.0) == b"-199.9,23.0,105.0,-75.0\r\n"
+    dead = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.PLANT_DEAD)])
+    _ask(dead, b"TEMP?\r\n", 0.0)
+    assert _ask(dead, b"TEMP?\r\n", 3600.0) == b"22.0,60.0,105.0,-75.0\r\n"

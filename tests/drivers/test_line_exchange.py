@@ -1,0 +1,119 @@
+"""Requests over lines: paced, drained, retried for reads only."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
+from drivers.line_exchange import LineExchange, LineTiming
+from drivers.simulators.memory import MemoryTransport
+from drivers.simulators.transcript import TranscriptDevice
+
+TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5, attempts=3)
+
+
+def _exchange(*exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, TranscriptDevice, VirtualClock]:
+    clock = VirtualClock()
+    device = TranscriptDevice(exchanges)
+    transport = MemoryTransport(device, clock, "sim://chamber")
+    return LineExchange(transport, clock, device="chamber", terminator=b"\r\n", timing=TIMING), device, clock
+
+
+def _number(line: str) -> float:
+    try:
+        return float(line)
+    except ValueError:
+        raise ProtocolError(f"{line!r} is no number") from None
+
+
+def _ok(line: str) -> bool:
+    if line.startswith("NA"):
+        raise CommandRefused(line)
+    return line.startswith("OK")
+
+
+def test_requests_are_paced_by_the_clock() -> None:
+    """0.3 s after a query's reply, 0.5 s after a command's; the first waits for nothing."""
+    exchange, device, _ = _exchange((b"T?\r\n", b"1\r\n"), (b"S1\r\n", b"OK\r\n"), (b"T?\r\n", b"2\r\n"))
+    assert exchange.query("T?", _number) == 1.0
+    assert exchange.command("S1", _ok)
+    assert exchange.query("T?", _number) == 2.0
+    device.finish()
+    assert device.received_at_s == pytest.approx([0.0, 0.35, 0.9])
+
+
+def test_no_more_waiting_than_the_pause_needs() -> None:
+    """Where the pause has passed by itself, the next request goes at once."""
+    exchange, device, clock = _exchange((b"T?\r\n", b"1\r\n"), (b"T?\r\n", b"2\r\n"))
+    exchange.query("T?", _number)
+    clock.sleep(10.0)
+    exchange.query("T?", _number)
+    assert device.received_at_s == pytest.approx([0.0, 10.05])
+
+
+@pytest.mark.parametrize("bad", [b"", b"noise\r\n", b"\xff\xfe\r\n", b"1"])
+def test_a_read_is_asked_again(bad: bytes) -> None:
+    """After silence, garbage, bytes that are no text, and a line that breaks off."""
+    exchange, device, _ = _exchange((b"T?\r\n", bad), (b"T?\r\n", b"5\r\n"))
+    assert exchange.query("T?", _number) == 5.0
+    device.finish()
+
+
+@pytest.mark.parametrize(("bad", "error"), [(b"", DeviceTimeout), (b"noise\r\n", ProtocolError)])
+def test_a_read_is_asked_a_bounded_number_of_times(bad: bytes, error: type[Exception]) -> None:
+    """Three times, then its last error says so."""
+    exchange, device, clock = _exchange(*[(b"T?\r\n", bad)] * 3)
+    with pytest.raises(error, match="asked 3 times"):
+        exchange.query("T?", _number)
+    device.finish()
+    assert clock.now() < 3 * (2.0 + 0.3) + 0.1
+
+
+@pytest.mark.parametrize("reply", [b"", b"noise\r\n", b"\xff\xfe\r\n", b"OK"])
+def test_a_write_is_sent_once(reply: bytes) -> None:
+    """Whatever came back or did not: that it is not acknowledged is all that can be said."""
+    exchange, device, clock = _exchange((b"S1\r\n", reply))
+    assert exchange.command("S1", _ok) is False
+    device.finish()
+    assert clock.now() == pytest.approx(2.0)
+
+
+def test_a_refused_write_is_not_sent_again() -> None:
+    """The refusal goes to the caller, and the pause is kept all the same."""
+    exchange, device, _ = _exchange((b"S1\r\n", b"NA\r\n"), (b"T?\r\n", b"1\r\n"))
+    with pytest.raises(CommandRefused):
+        exchange.command("S1", _ok)
+    exchange.query("T?", _number)
+    device.finish()
+    assert device.received_at_s[1] == pytest.approx(0.55)
+
+
+def test_a_late_reply_does_not_stand_for_the_acknowledgement() -> None:
+    """A line that belongs to an earlier request is passed over; the acknowledgement behind it counts."""
+    exchange, device, _ = _exchange((b"S1\r\n", b"26.4\r\nOK:S1\r\n"))
+    assert exchange.command("S1", _ok) is True
+    device.finish()
+
+
+def test_stale_bytes_are_thrown_away_before_a_request() -> None:
+    """What arrived after its deadline, or unasked, answers nothing."""
+    exchange, device, clock = _exchange((b"T?\r\n", b"1\r\n99\r\n"), (b"T?\r\n", b"2\r\n"))
+    assert exchange.query("T?", _number) == 1.0
+    clock.sleep(5.0)
+    assert exchange.query("T?", _number) == 2.0
+    device.finish()
+
+
+def test_the_echo_of_a_two_wire_adapter_is_passed_over() -> None:
+    """An RS-485 adapter that hears itself returns the request first."""
+    exchange, device, _ = _exchange((b"T?\r\n", b"T?\r\n7\r\n"))
+    assert exchange.query("T?", _number) == 7.0
+    device.finish()
+
+
+def test_silence_names_what_to_check() -> None:
+    """The device, the request, the time waited and what a person can look at."""
+    exchange, _, _ = _exchange(*[(b"T?\r\n", b"")] * 3)
+    with pytest.raises(DeviceTimeout, match=r"chamber did not answer 'T\?' in 2 s; check its power, the cable"):
+        exchange.query("T?", _number)
