@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ FloatArray = NDArray[np.float64]
 _MATRIX = {"color": "#0072B2", "marker": "o", "linestyle": "-"}
 _CONTRACTOR = {"color": "#D55E00", "marker": "s", "linestyle": "--"}
 _SINGLE = {"color": "#009E73", "marker": "D", "linestyle": "-"}
-_SVG_SETTINGS = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
+_SVG_SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def against_temperature(title: str, unit: str, lines: Sequence[Line]) -> str:
     axes.set_xlabel("temperature, °C")
     axes.set_ylabel(unit)
     axes.set_title(title, loc="left", fontsize=10, pad=22)
-    fahrenheit = axes.secondary_xaxis("top", functions=(lambda c: c * 1.8 + 32.0, lambda f: (f - 32.0) / 1.8))
+    fahrenheit = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
     fahrenheit.set_xlabel("°F", labelpad=1, fontsize=8)
     fahrenheit.tick_params(labelsize=8)
     axes.grid(visible=True, color="0.92")
@@ -104,3 +105,11 @@ def _svg(figure: Figure) -> str:
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'role="img"', text, count=1)
+
+
+def _fahrenheit(celsius: Any) -> Any:
+    return celsius * 1.8 + 32.0
+
+
+def _celsius(fahrenheit: Any) -> Any:
+    return (fahrenheit - 32.0) / 1.8

@@ -1,0 +1,151 @@
+"""What the report says, derived from a campaign and, where there is one, from the journal of the night.
+
+Everything here is plain text and numbers; `page.py` turns it into HTML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hil.campaign import Campaign, Conditions, FloatArray
+from hil.solve import RunSolution, solve_campaign
+from procedures.verdict import Judgement, Verdict
+
+_SAME_TEMPERATURE_DEGC = 1.0
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """The self-calibrations of one sensor at one temperature, by model: parameter name to values, shape (runs,)."""
+
+    temperature_degC: float | None
+    runs: tuple[int, ...]
+    matrix: Mapping[str, FloatArray]
+    contractor: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class SensorContent:
+    """One sensor: its self-calibrations grouped by temperature, and every single solution."""
+
+    number: int
+    repeats: Sequence[Repeat]
+    solutions: Sequence[RunSolution]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all parameters that some run was solved for."""
+        return tuple(dict.fromkeys(name for solution in self.solutions for name in solution.parameters))
+
+    @property
+    def is_rotor(self) -> bool:
+        """Whether the sensor has the report's six parameters."""
+        return "MUB" in self.parameter_names
+
+
+@dataclass(frozen=True)
+class NightContent:
+    """What only a journal knows."""
+
+    state: str
+    missing: Sequence[str] = ()
+    judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
+    events: Sequence[tuple[str, str, str]] = ()  # UTC, kind, message
+    hours: FloatArray = field(default_factory=lambda: np.empty(0))
+    temperatures: Mapping[str, FloatArray] = field(default_factory=dict)
+    collect_hours: FloatArray = field(default_factory=lambda: np.empty(0))
+    provenance: Sequence[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """Everything that the report shows."""
+
+    campaign: Campaign
+    sensors: Sequence[SensorContent]
+    night: NightContent | None = None
+
+    def judgement(self, solution: RunSolution) -> Judgement:
+        """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
+        solved = Judgement(solution.verdict, solution.reason)
+        if self.night is None or solution.run is None or solution.run not in self.night.judgements:
+            return solved
+        measured = self.night.judgements[solution.run]
+        if measured.verdict is Verdict.PASS:
+            return solved
+        worse = max(solved, measured, key=lambda each: each.severity)
+        return Judgement(worse.verdict, "; ".join(dict.fromkeys([measured.reason, solved.reason])))
+
+    def verdict_counts(self) -> Mapping[Verdict, int]:
+        """How many solutions got which verdict."""
+        found = [self.judgement(each).verdict for sensor in self.sensors for each in sensor.solutions]
+        return {verdict: found.count(verdict) for verdict in Verdict if verdict in found}
+
+
+def gather(campaign: Campaign, night: NightContent | None = None) -> ReportContent:
+    """Solve the campaign with each sensor's default model and group the self-calibrations by temperature."""
+    solutions = solve_campaign(campaign)
+    contractor = {
+        (each.run, number): each
+        for number in campaign.sensors
+        for each in solutions_of_contractor(campaign, number, solutions)
+    }
+    sensors = []
+    for number, collects in campaign.sensors.items():
+        own = [each for each in solutions if each.sensor == number]
+        repeats = [
+            _repeat(temperature, runs, own, contractor)
+            for temperature, runs in runs_by_temperature(collects.conditions)
+        ]
+        sensors.append(SensorContent(number, repeats, own))
+    return ReportContent(campaign, sensors, night)
+
+
+def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:
+    """The contractor's four-parameter solutions beside matrix solutions; none for other kinds of sensor."""
+    if not any("MUB" in each.parameters for each in solutions if each.sensor == sensor):
+        return ()
+    one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
+    return solve_campaign(one, "collins-4")
+
+
+def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tuple[int, ...]]]:
+    """Group the runs that were made at one temperature: by setpoint, else by the unit's own thermometer.
+
+    Groups come in the order of the temperature; without any temperature all runs are one group.
+    """
+    runs = np.unique(conditions.run)
+    known = next((n for n in ("setpoint_degC", "chamber_degC", "temperature_degC") if n in conditions.columns), None)
+    if known is None:
+        return [(None, tuple(int(run) for run in runs))]
+    column = conditions.columns[known]
+    means = {int(run): float(np.nanmean(column[conditions.run == run])) for run in runs}
+    groups: list[list[int]] = []
+    for run in sorted(means, key=lambda each: (np.isnan(means[each]), means[each])):
+        if groups and abs(means[run] - means[groups[-1][-1]]) <= _SAME_TEMPERATURE_DEGC:
+            groups[-1].append(run)
+        else:
+            groups.append([run])
+    return [(float(np.mean([means[run] for run in group])), tuple(sorted(group))) for group in groups]
+
+
+def _repeat(
+    temperature: float | None,
+    runs: tuple[int, ...],
+    solutions: Sequence[RunSolution],
+    contractor: Mapping[tuple[int | None, int], RunSolution],
+) -> Repeat:
+    own = [each for each in solutions if each.run in runs]
+    beside = [contractor[each.run, each.sensor] for each in own if (each.run, each.sensor) in contractor]
+    return Repeat(temperature, runs, _values(own), _values(beside))
+
+
+def _values(solutions: Sequence[RunSolution]) -> Mapping[str, FloatArray]:
+    names = dict.fromkeys(name for each in solutions for name in each.parameters)
+    return {
+        name: np.array([each.parameters[name].value for each in solutions if name in each.parameters], dtype=np.float64)
+        for name in names
+    }
