@@ -50,8 +50,8 @@ _FIGURES = (
 )
 
 _UNCERTAINTY = (
-    "Standard errors come from the samples within the collects, correlation allowed for; the scatter from run to run is "
-    "in the table above."
+    "Standard errors come from the samples within the collects, correlation allowed for; the scatter from run to run "
+    "is in the table above."
 )
 
 _THREE_COLLECTS = (
@@ -143,7 +143,7 @@ def _summary(content: ReportContent) -> Iterator[str]:
             bias = "BB" if name == "MUA" else "BA"
             yield (
                 f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-                f"{value:+.1f} deg/hr/g at {_degrees(repeat)}; taking it for zero moves {bias} there by as much, in deg/hr."
+                f"{value:+.1f} deg/hr/g at {_degrees(repeat)}; taking it for zero moves {bias} by as much, in deg/hr."
             )
     for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
         found = [e for s in content.sensors for e in s.solutions if content.judgement(e).verdict is verdict]
