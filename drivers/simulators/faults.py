@@ -58,9 +58,7 @@ class FaultPlan:
                 on |= (times_s >= window.begins_s) & (times_s < window.ends_s)
         return on
 
-    def strikes(
-        self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator
-    ) -> NDArray[np.bool_]:
+    def strikes(self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
         """Draw for each time whether `fault` happens to the frame sent then, shape (n,)."""
         struck = np.zeros(len(times_s), np.bool_)
         for window in self._windows:

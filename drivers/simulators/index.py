@@ -1,4 +1,4 @@
-"""The index of a simulated unit: one move at a time, with its beginning, its end, and what the status says meanwhile."""
+"""The index of a simulated unit: one move at a time, and what the status says meanwhile."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ class SimulatedIndex:
         self._fault = False
 
     def command(self, label: str, now_s: float) -> list[tuple[str, float, float]]:
-        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does."""
+        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does.
+
+        An index that is stuck says that it moves, and does not.
+        """
         if self._faults.active(ImuFault.INDEX_REFUSED, now_s):
             self._fault = True
             return []
@@ -43,7 +46,7 @@ class SimulatedIndex:
         stuck = self._faults.active(ImuFault.INDEX_NEVER_FINISHES, now_s)
         self._code = self.positions[label]
         self._arrives_s = np.inf if stuck else now_s + self._move_s
-        return [(label, now_s, float(self._arrives_s))]
+        return [] if stuck else [(label, now_s, float(self._arrives_s))]
 
     def state(self, times_s: NDArray[np.float64]) -> IndexState:
         """Return the state at `times_s`, shape (n,), all after the last command and before the next one."""

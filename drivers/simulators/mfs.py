@@ -48,6 +48,7 @@ class IndexSettings:
 
 
 DEFAULT_INDEX = IndexSettings(positions={"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
+DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulated")
 
 
 class SimulatedImu:
@@ -62,7 +63,7 @@ class SimulatedImu:
         physics: UnitPhysics,
         *,
         rate_hz: float | None = None,
-        identity: ImuIdentity = ImuIdentity("MFS", "SIM-0001", "simulated"),
+        identity: ImuIdentity = DEFAULT_IDENTITY,
         index: IndexSettings = DEFAULT_INDEX,
         faults: Sequence[FaultWindow] = (),
         starts_s: float = 0.0,
@@ -124,7 +125,8 @@ class SimulatedImu:
             return True
         for label, code in self._index.positions.items():
             if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
-                for target, begins_s, ends_s in self._index.command(label, now_s):
+                after_s = max(now_s, self._time(self._next - 1))
+                for target, begins_s, ends_s in self._index.command(label, after_s):
                     self._physics.start_move(target, begins_s, ends_s)
                 return True
         return False

@@ -1,0 +1,200 @@
+"""A serial port, or a serial server over TCP, as a transport.
+
+    open_port("/dev/ttyUSB0", clock=clock, baudrate=115200)
+
+The URL is a device path, `socket://host:port` or `rfc2217://host:port`, whatever pyserial opens. A port is opened for
+us alone. A port that failed (unplugged, connection lost) is opened again by the next call, so that whoever retries
+survives a cable that came loose.
+"""
+
+from __future__ import annotations
+
+import errno
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import serial
+from serial.tools import list_ports
+
+from drivers.clock import Clock
+from drivers.errors import DeviceTimeout, TransportError
+
+_Result = TypeVar("_Result")
+
+_POLL_S = 0.002  # between looks at the port while a read waits
+_WRITE_TIMEOUT_S = 2.0
+_READ_SIZE = 65536
+_MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that never stops cannot hold it for ever
+
+
+class SerialTransport:
+    """A `drivers.transport.Transport` over pyserial. Deadlines are the injected clock's.
+
+    The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O).
+    Opening happens here; raise `TransportError` where the port cannot be opened, saying why and what to do.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        baudrate: int,
+        clock: Clock,
+        bytesize: int = 8,
+        parity: str = "N",
+        stopbits: float = 1,
+    ) -> None:
+        self._url = url
+        self._clock = clock
+        self._settings: dict[str, Any] = {
+            "baudrate": baudrate,
+            "bytesize": bytesize,
+            "parity": parity,
+            "stopbits": stopbits,
+            "timeout": 0,
+            "write_timeout": _WRITE_TIMEOUT_S,
+        }
+        self._arrived = bytearray()
+        self._closed = False
+        self._port: Any = None
+        self._open()
+
+    @property
+    def name(self) -> str:
+        """The URL as it was given."""
+        return self._url
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        self._guarded(lambda port: port.write(data))
+
+    def read_available(self) -> bytes:
+        """Return what has already arrived, perhaps nothing; never waits."""
+        self._fill()
+        data = bytes(self._arrived)
+        self._arrived.clear()
+        return data
+
+    def read(self, size: int, timeout_s: float) -> bytes:
+        """Return `size` bytes, or fewer where `timeout_s` passed first."""
+        deadline_s = self._clock.now() + timeout_s
+        self._fill()
+        while len(self._arrived) < size and self._clock.now() < deadline_s:
+            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
+            self._fill()
+        return self._take(min(size, len(self._arrived)))
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
+        deadline_s = self._clock.now() + timeout_s
+        self._fill()
+        while terminator not in self._arrived:
+            if self._clock.now() >= deadline_s:
+                raise DeviceTimeout(
+                    f"{self._url}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
+                )
+            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
+            self._fill()
+        return self._take(self._arrived.index(terminator) + len(terminator))
+
+    def drain(self) -> bytes:
+        """Throw away and return what has arrived."""
+        return self.read_available()
+
+    def close(self) -> None:
+        """Release the port. Closing twice is allowed."""
+        self._closed = True
+        self._release()
+
+    def _take(self, size: int) -> bytes:
+        data = bytes(self._arrived[:size])
+        del self._arrived[:size]
+        return data
+
+    def _fill(self) -> None:
+        """Take over what the operating system holds."""
+        while len(self._arrived) < _MOST_AT_ONCE:
+            data = self._guarded(lambda port: port.read(_READ_SIZE))
+            if not data:
+                return
+            self._arrived += data
+
+    def _guarded(self, act: Callable[[Any], _Result]) -> _Result:
+        """Do something with the open port; a failure closes it and becomes a `TransportError`."""
+        if self._closed:
+            raise TransportError(f"{self._url}: the port is closed")
+        if self._port is None:
+            self._open()
+        try:
+            return act(self._port)
+        except serial.SerialTimeoutException:
+            raise TransportError(
+                f"{self._url}: the port takes no bytes ({_WRITE_TIMEOUT_S:g} s); check flow control and the cable"
+            ) from None
+        except (serial.SerialException, OSError, TypeError) as error:
+            # pyserial raises TypeError where another thread, or a lost device, took the descriptor away in a call.
+            self._release()
+            raise TransportError(f"{self._url}: the port failed ({error}); check its cable and power") from error
+
+    def _open(self) -> None:
+        settings = dict(self._settings)
+        if "://" not in self._url:
+            settings["exclusive"] = True
+        try:
+            self._port = serial.serial_for_url(self._url, **settings)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise TransportError(_why_not_open(self._url, error)) from error
+
+    def _release(self) -> None:
+        port, self._port = self._port, None
+        self._arrived.clear()
+        if port is not None:
+            with suppress(serial.SerialException, OSError, TypeError):
+                port.close()
+
+
+def open_port(
+    url: str,
+    *,
+    clock: Clock,
+    baudrate: int = 115200,
+    bytesize: int = 8,
+    parity: str = "N",
+    stopbits: float = 1,
+) -> SerialTransport:
+    """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot."""
+    return SerialTransport(url, clock=clock, baudrate=baudrate, bytesize=bytesize, parity=parity, stopbits=stopbits)
+
+
+def existing_ports() -> list[str]:
+    """Return the serial ports that this machine has, as paths a person can put in a bench file."""
+    return sorted(port.device for port in list_ports.comports())
+
+
+def _error_number(error: BaseException) -> int | None:
+    """Return the operating system's error number; pyserial sometimes only has it in its text."""
+    number = getattr(error, "errno", None)
+    if number is None:
+        found = re.search(r"\[Errno (\d+)\]", str(error))
+        number = int(found[1]) if found else None
+    return number
+
+
+def _why_not_open(url: str, error: Exception) -> str:
+    number = _error_number(error)
+    if "://" in url:
+        if isinstance(error, ValueError) or "expected" in str(error):
+            return f"{url}: is not a port; write a device path, socket://host:port or rfc2217://host:port"
+        return f"{url}: cannot be reached ({error}); check the address, the port number and that the server runs"
+    if isinstance(error, ValueError):
+        return f"{url}: the port does not accept these settings ({error})"
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
+        return f"{url}: somebody else has the port open; close the other program (fuser {url} names it)"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"{url}: no permission; add this user to the port's group (sudo usermod -aG dialout $USER), log in again"
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        ports = ", ".join(existing_ports()) or "none"
+        return f"{url}: there is no such port; the ports that exist: {ports}"
+    return f"{url}: cannot be opened ({error}); is it a serial port?"

@@ -1,0 +1,238 @@
+"""Simulated devices for any client: served on pseudo-terminals or TCP ports, in one loop under a real clock.
+
+    with DeviceServer({"imu": imu, "chamber": chamber}, SystemClock()) as server:
+        open_port(server.urls["imu"], clock=clock)
+
+All devices of one server live in one loop, so that devices that share physics need no lock. A client that is not there
+misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING` bytes to fall behind.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import socket
+import termios
+import threading
+import tty
+from collections.abc import Mapping
+from contextlib import suppress
+from types import TracebackType
+from typing import Protocol, Self
+
+from drivers.clock import Clock
+from drivers.simulators import SimulatedDevice
+
+_LONGEST_WAIT_S = 0.02  # between looks at the lines, so that a client's coming is noticed
+_SHORTEST_WAIT_S = 0.0005
+_SETTING_UP_S = 0.02  # a client that has just opened a terminal has not made it raw yet
+_MOST_WAITING = 1 << 20  # bytes kept for a client that does not read
+_READ_SIZE = 65536
+
+
+class _Line(Protocol):
+    """The far end of one device's line. Descriptors are never blocking."""
+
+    url: str
+
+    def readable(self) -> list[int]:
+        """Return the descriptors to wait for."""
+
+    def exchange(self, sent: bytes, now_s: float) -> bytes:
+        """Pass on what the device sent, and return what the client sent."""
+
+    def close(self) -> None:
+        """Release everything."""
+
+
+class _PtyLine:
+    """A pseudo-terminal. The client's end is not held open here, so that the system tells whether a client is there."""
+
+    def __init__(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave, termios.TCSANOW)
+        self.url = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._poll = select.poll()
+        self._poll.register(self._master, 0)  # a hang-up is reported without being asked for
+        self._waiting = bytearray()
+        self._present = False
+        self._came_s = math.inf
+
+    def readable(self) -> list[int]:
+        return [self._master] if self._present else []
+
+    def exchange(self, sent: bytes, now_s: float) -> bytes:
+        self._present = not self._poll.poll(0)
+        if not self._present:
+            self._came_s = now_s
+        if now_s - self._came_s < _SETTING_UP_S:
+            self._waiting.clear()
+            return b""
+        self._waiting += sent[: max(0, _MOST_WAITING - len(self._waiting))]
+        received = b""
+        with suppress(OSError):  # nothing there, no room, or the client left this moment
+            received = os.read(self._master, _READ_SIZE)
+        with suppress(OSError):
+            while self._waiting:
+                del self._waiting[: os.write(self._master, self._waiting[:_READ_SIZE])]
+        return received
+
+    def close(self) -> None:
+        os.close(self._master)
+
+
+class _TcpLine:
+    """A listening TCP port with one client at a time, as serial servers have it; a new client replaces the old."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = socket.create_server((host, port))
+        self._listener.setblocking(False)
+        host, port = self._listener.getsockname()[:2]
+        self.url = f"socket://{host}:{port}"
+        self._client: socket.socket | None = None
+        self._waiting = bytearray()
+
+    def readable(self) -> list[int]:
+        return [self._listener.fileno()] + ([] if self._client is None else [self._client.fileno()])
+
+    def exchange(self, sent: bytes, now_s: float) -> bytes:  # noqa: ARG002 - a socket has nothing to set up
+        with suppress(BlockingIOError):
+            client, _ = self._listener.accept()
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._drop_client()
+            self._client = client
+        if self._client is None:
+            return b""
+        self._waiting += sent[: max(0, _MOST_WAITING - len(self._waiting))]
+        received = b""
+        try:
+            with suppress(BlockingIOError):
+                received = self._client.recv(_READ_SIZE)
+                if not received:
+                    self._drop_client()
+                    return b""
+            with suppress(BlockingIOError):
+                while self._waiting:
+                    del self._waiting[: self._client.send(self._waiting)]
+        except OSError:
+            self._drop_client()
+        return received
+
+    def _drop_client(self) -> None:
+        self._waiting.clear()
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def close(self) -> None:
+        self._drop_client()
+        self._listener.close()
+
+
+class DeviceServer:
+    """Serves devices by name: on a pseudo-terminal each, or on the TCP port that `tcp_ports` gives (0: any free one).
+
+    Use it as a context manager, which runs the loop in a thread, or call `run` in a thread of your own. An exception in
+    a device ends the loop and is raised again by `stop`.
+    """
+
+    def __init__(
+        self,
+        devices: Mapping[str, SimulatedDevice],
+        clock: Clock,
+        *,
+        tcp_ports: Mapping[str, int] | None = None,
+        host: str = "127.0.0.1",
+    ) -> None:
+        self._devices = dict(devices)
+        self._clock = clock
+        self._lines: dict[str, _Line] = {}
+        self._thread: threading.Thread | None = None
+        self._failure: BaseException | None = None
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_write, False)
+        try:
+            for name in devices:
+                port = (tcp_ports or {}).get(name)
+                self._lines[name] = _PtyLine() if port is None else _TcpLine(host, port)
+        except OSError:
+            self._close()
+            raise
+
+    @property
+    def urls(self) -> Mapping[str, str]:
+        """What a client opens, by device name: the terminal's path or `socket://host:port`."""
+        return {name: line.url for name, line in self._lines.items()}
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self._run_in_thread, name="simulated devices", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def run(self) -> None:
+        """Serve until `interrupt` is called, from a signal handler or another thread, then release everything."""
+        try:
+            while not self._stopping:
+                self._exchange()
+                self._wait()
+        finally:
+            self._close()
+
+    def interrupt(self) -> None:
+        """Ask the loop to end; returns at once."""
+        self._stopping = True
+        with suppress(OSError):
+            os.write(self._wake_write, b"x")
+
+    def stop(self) -> None:
+        """End the loop, wait for its thread and release everything; raise what a device raised in it."""
+        self.interrupt()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        else:
+            self._close()
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def _run_in_thread(self) -> None:
+        try:
+            self.run()
+        except BaseException as failure:  # kept for the thread that stops this one
+            self._failure = failure
+
+    def _exchange(self) -> None:
+        for name, line in self._lines.items():
+            device = self._devices[name]
+            now_s = self._clock.now()
+            received = line.exchange(device.transmit(now_s), now_s)
+            if received:
+                device.receive(received, now_s)
+                line.exchange(device.transmit(now_s), now_s)
+
+    def _wait(self) -> None:
+        now_s = self._clock.now()
+        due = [device.next_transmission(now_s) for device in self._devices.values()]
+        wait_s = min([_LONGEST_WAIT_S] + [when - now_s for when in due if when is not None])
+        descriptors = [fd for line in self._lines.values() for fd in line.readable()]
+        select.select([self._wake_read, *descriptors], [], [], max(wait_s, _SHORTEST_WAIT_S))
+
+    def _close(self) -> None:
+        lines, self._lines = list(self._lines.values()), {}
+        for line in lines:
+            line.close()
+        for descriptor in (self._wake_read, self._wake_write):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._wake_read = self._wake_write = -1

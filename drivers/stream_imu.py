@@ -1,0 +1,320 @@
+"""The IMU driver: any unit whose stream has a frame description, and the index of a unit that can turn itself.
+
+imu = StreamImu(open_port("/dev/ttyUSB0", clock=clock, baudrate=115200), description, clock)
+imu.identify()
+IndexingPositioner(imu, clock, {"1": 1, "2": 2, "3": 3}).move_to("2", timeout_s=60.0)
+block = imu.read_block()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.clock import Clock
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
+from drivers.frames.decoder import Decoded, StreamDecoder
+from drivers.frames.description import StreamDescription
+from drivers.frames.layout import FrameBatch
+from drivers.imu import ImuIdentity, SampleBlock, SensorChannels, StreamCounts
+from drivers.sample_clock import SampleClock
+from drivers.transport import Transport
+
+_ASK_AGAIN = 3  # times that the identity is asked for within the time-out
+
+
+@dataclass(frozen=True)
+class IndexStatus:
+    """What the newest good frame says about the index; `code` is the position's number as the unit counts."""
+
+    time_s: float
+    code: int
+    moving: bool
+    in_position: bool
+    fault: bool
+    rejected: bool
+
+
+class StreamImu:
+    """A `drivers.imu.Imu` over a transport.
+
+    `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
+    says about the unit: where its model or serial number is given, `identify` refuses another.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        description: StreamDescription,
+        clock: Clock,
+        *,
+        sample_rate_hz: float | None = None,
+        expected: ImuIdentity | None = None,
+        identity_timeout_s: float = 5.0,
+    ) -> None:
+        if description.roles is None:
+            raise ValueError(f"{description.name}: roles: missing, so that no field is known to be a rate")
+        self._transport = transport
+        self._description = description
+        self._roles = description.roles
+        self._clock = clock
+        self._rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
+        self._expected = expected
+        self._identity_timeout_s = identity_timeout_s
+        self._decoder = StreamDecoder(description)
+        counter = description.frames[self._roles.frame].counter
+        self._sample_clock = SampleClock(self._rate_hz, None if counter is None else counter.modulus // counter.step)
+        self._interrupted = True  # the next samples do not continue the ones before
+        self._index_status: IndexStatus | None = None
+        self._sensors = {
+            number: SensorChannels(sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions)
+            for number, sensor in self._roles.sensors.items()
+        }
+
+    @property
+    def sensors(self) -> Mapping[int, SensorChannels]:
+        """The decoded fields, by sensor."""
+        return self._sensors
+
+    @property
+    def conditions(self) -> Mapping[str, str]:
+        """Fields that are neither rates nor accelerations: campaign column name to field name."""
+        return self._roles.conditions
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The nominal rate of the stream."""
+        return self._rate_hz
+
+    @property
+    def port(self) -> str:
+        """The transport's name."""
+        return self._transport.name
+
+    @property
+    def index_status(self) -> IndexStatus | None:
+        """What the newest good frame said about the index; None before the first, or where frames do not tell."""
+        return self._index_status
+
+    def read_block(self) -> SampleBlock:
+        """Decode what has arrived since the last call; never waits, perhaps empty."""
+        raw = self._transport.read_available()
+        return self._block(raw, self._clock.now())
+
+    def discard(self) -> StreamCounts:
+        """Throw away what has arrived, the unfinished frame at its end included; return what that was.
+
+        The next block begins with the first whole frame after this; what was thrown away does not count as lost.
+        """
+        counts = self.read_block().counts
+        self._decoder.reset()
+        self._interrupted = True
+        return counts
+
+    def identify(self) -> ImuIdentity:
+        """Ask the unit who it is, or, where it cannot be asked, wait for a good sample.
+
+        Samples that arrive meanwhile are thrown away. Raise `DeviceTimeout` where no good frame (or no answer) arrives,
+        `WrongDevice` where the unit is not the expected one.
+        """
+        self.discard()
+        begins_s = self._clock.now()
+        deadline_s = begins_s + self._identity_timeout_s
+        asked, arrived, counts = 0, 0, StreamCounts()
+        while (now_s := self._clock.now()) < deadline_s:
+            if now_s >= begins_s + asked * self._identity_timeout_s / _ASK_AGAIN:
+                self._ask_identity()
+                asked += 1
+            raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self._rate_hz))
+            raw += self._transport.read_available()
+            decoded, _ = self._take(raw, self._clock.now())
+            arrived += len(raw)
+            counts += decoded.counts
+            found = self._identity_in(decoded)
+            if found is not None:
+                self._refuse_wrong(found)
+                return found
+        raise DeviceTimeout(self._no_identity(arrived, counts))
+
+    def command_index(self, code: int) -> None:
+        """Send the command to index to the position with number `code`; the stream's status tells what becomes of it.
+
+        Raise `ProtocolError` where the description gives no such command.
+        """
+        commands = self._description.commands
+        if commands is None or commands.index is None or self._roles.index is None:
+            raise ProtocolError(f"{self.port}: {self._description.name} has no index command; use an operator")
+        self._transport.write(commands.line(commands.index.replace("{code}", str(code))))
+
+    def close(self) -> None:
+        """Release the port."""
+        self._transport.close()
+
+    def _block(self, raw: bytes, arrival_s: float) -> SampleBlock:
+        decoded, times_s = self._take(raw, arrival_s)
+        counts, batch = decoded.counts, decoded[self._roles.frame]
+        return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
+
+    def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+        """Decode, place the samples in time and remember what the newest one says about the index."""
+        decoded = self._decoder.feed(raw, arrival_s)
+        batch = decoded[self._roles.frame]
+        if not len(batch):
+            return decoded, np.empty(0)
+        times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
+        if correction and not self._interrupted:
+            lost = max(0, decoded.counts.lost + correction)
+            decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))
+        self._interrupted = False
+        self._index_status = self._status_in(batch, float(times_s[-1]))
+        return decoded, times_s
+
+    def _status_in(self, batch: FrameBatch, time_s: float) -> IndexStatus | None:
+        role = self._roles.index
+        if role is None:
+            return None
+        newest = FrameBatch(batch.layout, batch.rows[-1:], batch.starts[-1:], batch.sequence[-1:])
+
+        def bit(name: str | None) -> bool:
+            return name is not None and bool(newest.bits(name)[0])
+
+        return IndexStatus(
+            time_s=time_s,
+            code=int(newest.wire(role.position)[0]),
+            moving=bit(role.moving),
+            in_position=bit(role.in_position),
+            fault=bit(role.fault),
+            rejected=bit(role.rejected),
+        )
+
+    def _ask_identity(self) -> None:
+        commands = self._description.commands
+        if commands is not None and commands.identify is not None:
+            self._transport.write(commands.line(commands.identify))
+
+    def _identity_in(self, decoded: Decoded) -> ImuIdentity | None:
+        role = self._roles.identity
+        if role is None or role.frame is None:
+            model = self._description.name if role is None else role.model
+            return ImuIdentity(model) if len(decoded[self._roles.frame]) else None
+        batch = decoded[role.frame]
+        if not len(batch):
+            return None
+        serial, firmware = (batch.text(name)[-1] if name else "" for name in (role.serial, role.firmware))
+        return ImuIdentity(batch.text(role.model)[-1], serial, firmware)
+
+    def _refuse_wrong(self, found: ImuIdentity) -> None:
+        if self._expected is None:
+            return
+        for what in ("model", "serial"):
+            wanted, given = getattr(self._expected, what), getattr(found, what)
+            if wanted and wanted != given:
+                raise WrongDevice(
+                    f"{self.port}: the unit says {what} {given!r}, the bench file says {wanted!r}; "
+                    "connect the right unit or correct the bench file"
+                )
+
+    def _no_identity(self, arrived: int, counts: StreamCounts) -> str:
+        begin = f"{self.port}: within {self._identity_timeout_s:g} s "
+        name = self._description.name
+        if not arrived:
+            return begin + "nothing arrived; is the unit powered, and is the cable in the right port?"
+        if not counts.ok:
+            return begin + (
+                f"{arrived} bytes arrived but no good {name} frame (bad checksum {counts.bad_checksum}, unknown id "
+                f"{counts.unknown_id}); check the baud rate, and that {name} describes this unit"
+            )
+        return begin + f"the unit streamed {counts.ok} good frames but did not say who it is; check its receive line"
+
+
+class IndexingPositioner:
+    """A `drivers.positioner.Positioner` by the unit's own index, confirmed in its stream.
+
+    `positions` maps a position's label to its number in the command and in the stream. Samples that arrive during a
+    move are thrown away: they are no part of any collect. A position counts as reached when every look at the stream
+    for `confirm_s` says so; the first `reaction_s` after the command say nothing: the unit may not have read it yet.
+    """
+
+    def __init__(
+        self,
+        imu: StreamImu,
+        clock: Clock,
+        positions: Mapping[str, int],
+        *,
+        poll_s: float = 0.1,
+        confirm_s: float = 0.25,
+        reaction_s: float = 0.2,
+    ) -> None:
+        self._imu = imu
+        self._clock = clock
+        self._codes = dict(positions)
+        self._labels = {code: label for label, code in positions.items()}
+        self._poll_s = poll_s
+        self._confirm_s = confirm_s
+        self._reaction_s = reaction_s
+
+    def position(self) -> str | None:
+        """Return the position that the newest frame confirms, or None: moving, not known, or not one of ours."""
+        if self._imu.index_status is None:
+            self._imu.read_block()
+        status = self._imu.index_status
+        if status is None or status.moving or not status.in_position:
+            return None
+        return self._labels.get(status.code)
+
+    def move_to(self, position: str, timeout_s: float) -> None:
+        """Go to `position` and return once the stream confirms it.
+
+        Raise `CommandRefused` where the position is unknown or the unit refuses, `DeviceTimeout` where it does not
+        arrive within `timeout_s`; the message says what the stream said last.
+        """
+        if position not in self._codes:
+            known = ", ".join(self._codes)
+            raise CommandRefused(f"{self._imu.port}: there is no position {position!r}; the bench file gives {known}")
+        code = self._codes[position]
+        self._imu.discard()
+        self._imu.command_index(code)
+        begins_s = self._clock.now()
+        valid_s, tries = begins_s + self._reaction_s, 1
+        reached_s: float | None = None
+        status = None
+        while self._clock.now() < begins_s + timeout_s:
+            self._clock.sleep(self._poll_s)
+            self._imu.read_block()
+            newest = self._imu.index_status
+            if newest is None or newest.time_s < valid_s:
+                continue
+            status = newest
+            if status.rejected and tries == 1:  # the line was damaged on its way; once more
+                self._imu.command_index(code)
+                valid_s, tries = self._clock.now() + self._reaction_s, 2
+                continue
+            self._refuse(status, position)
+            if status.in_position and not status.moving and status.code == code:
+                reached_s = status.time_s if reached_s is None else reached_s
+                if status.time_s - reached_s >= self._confirm_s:
+                    return
+            else:
+                reached_s = None
+        raise DeviceTimeout(
+            f"{self._imu.port}: position {position!r} was not confirmed within {timeout_s:g} s; {self._said(status)}"
+        )
+
+    def _refuse(self, status: IndexStatus, position: str) -> None:
+        if status.rejected:
+            raise CommandRefused(f"{self._imu.port}: the unit does not understand the index command")
+        if status.fault:
+            raise CommandRefused(
+                f"{self._imu.port}: the unit reports an index fault on the way to position {position!r}; look at it"
+            )
+
+    def _said(self, status: IndexStatus | None) -> str:
+        if status is None:
+            return "no good frame arrived since the command"
+        if status.moving:
+            return "the unit says that it is still moving"
+        place = self._labels.get(status.code, f"number {status.code}")
+        where = "in" if status.in_position else "near"
+        return f"the unit says that it is {where} position {place!r}"
