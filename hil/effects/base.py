@@ -15,6 +15,7 @@ them: it gives the covariance of unit size. A `SeriesEffect` shows inside a coll
 from __future__ import annotations
 
 import itertools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,9 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
+from hil.linear_forms import bias_names
+
+REFERENCE_DEGC = 25.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,12 @@ class Parameter:
     unit: str
     typical: tuple[float, float]
     typical_other: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def size(self) -> float:
+        """The geometric middle of the typical range (a third of its top where it begins at zero)."""
+        low, high = self.typical
+        return math.sqrt(low * high) if low > 0.0 else high / 3.0
 
     def for_sensor(self, sensor: Sensor, technology: str | None = None) -> Parameter:
         """Return this parameter with `typical` as it is for a sensor.
@@ -95,7 +105,7 @@ class Described(ABC):
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
 
-    def applies_to(self, sensor: Sensor) -> bool:  # noqa: ARG002 (most effects apply to every sensor)
+    def applies_to(self, sensor: Sensor) -> bool:
         """Whether the effect can exist in a sensor of this layout."""
         return True
 
@@ -114,9 +124,9 @@ class Described(ABC):
         if not self.per_channel:
             return tuple(declared)
         return tuple(
-            replace(parameter, name=f"{parameter.name}_{axis}")
+            replace(parameter, name=f"{parameter.name}_{label}")
             for parameter in declared
-            for axis in sensor.channels.values()
+            for label in channel_labels(sensor)
         )
 
 
@@ -139,7 +149,7 @@ class Effect(Described):
         for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
 
-    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:  # noqa: ARG002 (grids mostly fixed)
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""
         return self.shapes
 
@@ -198,6 +208,40 @@ class SeriesEffect(Described):
     @abstractmethod
     def test(self, series: Series) -> tuple[SeriesFinding, ...]:
         """Test every channel of one collect's series."""
+
+
+def channel_labels(sensor: Sensor) -> tuple[str, ...]:
+    """Name each channel by its axis, as in BA and BB (by itself where two channels share an axis)."""
+    return tuple(name[1:].lstrip("_") for name in bias_names(sensor))
+
+
+def per_channel(values: FloatArray, sensor: Sensor) -> FloatArray:
+    """Columns of one parameter per channel from what it multiplies, (n,) or (n, k): k per row; shape (n, c, k·c).
+
+    The channels of one parameter stand together, as in `parameters_for`. Unknown values (NaN) become zero.
+    """
+    multipliers = np.nan_to_num(values.reshape(len(values), -1))
+    channels = len(sensor.channels)
+    columns = np.einsum("nk,cd->nckd", multipliers, np.eye(channels))
+    return np.asarray(columns.reshape(len(values), channels, -1))
+
+
+def column(conditions: Conditions, names: str) -> FloatArray:
+    """Return a condition column, (n,), by its name or the first of "a|b" that the data has; NaN where it lacks it."""
+    present = [name for name in names.split("|") if name in conditions.columns]
+    return conditions.columns[present[0]] if present else np.full(len(conditions), np.nan)
+
+
+def median_of(conditions: Conditions, names: str) -> float:
+    """Return the median of a condition column over the rows that have it; NaN where none has."""
+    values = column(conditions, names)
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
+def above_reference(conditions: Conditions) -> FloatArray:
+    """Return temperature_degC less the 25 °C about which all temperature terms of the catalogue are expanded, (n,)."""
+    return column(conditions, "temperature_degC") - REFERENCE_DEGC
 
 
 def required_base(effect: Effect, base: Base | None) -> Base:

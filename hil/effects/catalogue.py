@@ -1,27 +1,143 @@
 """The catalogue: every effect by its id. Adding one is a class in its family's file and a line here.
 
 effect_by_id("MU_real")
+askable(conditions, base)          # what this data can be asked about, and why not the rest
 """
 
 from __future__ import annotations
 
-from hil.effects.base import Effect, SeriesEffect, VarianceEffect
-from hil.effects.thermal import TemperatureRateBias
+from collections.abc import Iterator
+
+import numpy as np
+
+from hil.campaign import Conditions
+from hil.effects import (
+    data,
+    dynamics,
+    electronics,
+    environment,
+    g_linear,
+    g_squared,
+    noise,
+    pickoff,
+    series,
+    setup,
+    thermal,
+    vibration,
+)
+from hil.effects.base import Base, Described, Effect, SeriesEffect, VarianceEffect
+from hil.effects.empirical import PREFIX, empirical_from_id
 from hil.errors import InputError
 
-EFFECTS: tuple[Effect, ...] = (TemperatureRateBias(),)
+BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
+"""In every model, so never looked for."""
+
+EFFECTS: tuple[Effect, ...] = (
+    thermal.BiasTemperature(),
+    thermal.TemperatureRateBias(),
+    thermal.GradientBias(),
+    thermal.ThermometerLag(),
+    thermal.Hysteresis(),
+    thermal.InsufficientSoak(),
+    thermal.WarmUp(),
+    thermal.GasConvection(),
+    g_linear.RotorSensitivity(),
+    g_linear.AxialDrift(),
+    g_linear.RotorSensitivityTemperature(),
+    g_linear.AxialDriftTemperature(),
+    g_linear.AnisotropicSensitivity(),
+    g_linear.LinearSensitivity(),
+    g_linear.LinearSensitivityTemperature(),
+    g_squared.SquaredAcceleration(),
+    pickoff.PhaseError(),
+    pickoff.ScaleFactor(),
+    pickoff.Misalignment(),
+    setup.Tilt(),
+    setup.AccelerometerError(),
+    setup.IndexPositionError(),
+    setup.EarthRateError(),
+    data.EarthRateFrame(),
+    data.Mislabelled(),
+    noise.Drift(),
+    noise.Ageing(),
+    noise.Jump(),
+    dynamics.IndexSettling(),
+    dynamics.SpinSpeed(),
+    vibration.VibrationRectification(),
+    electronics.QuadratureLeakage(),
+    electronics.SupplyVoltage(),
+    electronics.MagneticSensitivity(),
+)
 """Effects on the averages of collects."""
 
-VARIANCE_EFFECTS: tuple[VarianceEffect, ...] = ()
+VARIANCE_EFFECTS: tuple[VarianceEffect, ...] = (
+    g_linear.AxialDriftScatter(),
+    noise.AngleRandomWalk(),
+    noise.Quantisation(),
+    noise.BiasInstability(),
+    noise.RateRandomWalk(),
+    noise.TurnOnBias(),
+    noise.RetainerNoise(),
+    environment.Frost(),
+    environment.BaseMotion(),
+)
 """Effects that only scatter the averages."""
 
-SERIES_EFFECTS: tuple[SeriesEffect, ...] = ()
-"""Effects that show in the series of samples within a collect."""
+SERIES_EFFECTS: tuple[SeriesEffect, ...] = (
+    series.Tone(),
+    series.SettlingInCollect(),
+    series.Ramp(),
+    series.JumpInCollect(),
+    series.Lattice(),
+    series.Saturation(),
+    series.Bursts(),
+)
+"""Effects that show in the series of samples within a collect. Some have the id of an effect on averages: one cause."""
+
+
+def entries() -> Iterator[Described]:
+    """Yield every entry of the catalogue, effects on averages first."""
+    yield from BASE_EFFECTS
+    yield from EFFECTS
+    yield from VARIANCE_EFFECTS
+    yield from SERIES_EFFECTS
 
 
 def effect_by_id(identifier: str) -> Effect:
-    """Return the effect on averages with this id; raise `InputError` where there is none."""
-    for effect in EFFECTS:
+    """Return the effect on averages with this id (or the empirical term); raise `InputError` where there is none."""
+    for effect in (*BASE_EFFECTS, *EFFECTS):
         if effect.id == identifier:
             return effect
+    if identifier.startswith(PREFIX):
+        return empirical_from_id(identifier)
+    known = {entry.id for entry in entries()}
+    if identifier in known:
+        raise InputError(f"effect {identifier} has no values of its own: it scatters averages or shows within collects")
     raise InputError(f"no effect of the catalogue has the id {identifier}; `hil effects` lists them")
+
+
+def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
+    """Say why this data cannot be asked about an effect; empty where it can."""
+    if not effect.applies_to(conditions.sensor):
+        return f"does not exist in a sensor with channels {', '.join(conditions.sensor.channels)}"
+    lacking = effect.missing(conditions)
+    if lacking:
+        return f"cannot be asked: needs {', '.join(need.replace('|', ' or ') for need in lacking)}"
+    if effect.needs_base and base is None:
+        return "cannot be asked: needs values of the base model"
+    if effect.needs_slopes and (base is None or base.bias_slope is None or base.k_slope is None):
+        return "cannot be asked: needs a base model that depends on temperature"
+    if not effect.shape_grid(conditions):
+        return "cannot be asked: needs more runs or positions"
+    if effect.needs_base and base is not None and not np.all(np.isfinite(base.rates)):
+        return "cannot be asked: the base model has no value in some rows"
+    return ""
+
+
+def askable(conditions: Conditions, base: Base | None) -> tuple[tuple[Effect, ...], dict[str, str]]:
+    """Return the effects on averages that this data can be asked about, and for each other id why not."""
+    reasons = {effect.id: why_not(effect, conditions, base) for effect in EFFECTS}
+    return (
+        tuple(effect for effect in EFFECTS if not reasons[effect.id]),
+        {identifier: reason for identifier, reason in reasons.items() if reason},
+    )

@@ -6,8 +6,56 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import (
+    Base,
+    Effect,
+    Parameter,
+    ShapeParameter,
+    above_reference,
+    column,
+    per_channel,
+    required_base,
+)
+from hil.effects.history import averaged_decay, loop_side, setpoint_step
+from hil.errors import InputError
+
+_SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0))
+
+
+class BiasTemperature(Effect):
+    """Bias that follows the sensor's temperature, to second order about 25 °C."""
+
+    id = "bias_T"
+    family = "thermal"
+    title = "Bias temperature coefficient"
+    equation = "B += b1 (T - 25 degC) + b2 (T - 25 degC)^2"
+    per_channel = True
+    parameters = (
+        Parameter(
+            "b1",
+            "deg/hr/degC",
+            (0.2, 2.0),
+            {"RLG": (0.005, 0.05), "FOG": (0.02, 0.2), "DTG": (0.05, 0.5), "MEMS": (1.0, 30.0)},
+        ),
+        Parameter(
+            "b2",
+            "deg/hr/degC^2",
+            (0.004, 0.04),
+            {"RLG": (0.0001, 0.001), "FOG": (0.0004, 0.004), "DTG": (0.001, 0.01), "MEMS": (0.02, 0.6)},
+        ),
+    )
+    needs = frozenset({"temperature_degC"})
+    signature = (
+        "All positions move together and smoothly with temperature, the same heating and cooling; MU and GS stay."
+    )
+    confusable_with = ("turnon", "ageing", "demod", "supply", "T_lag")
+    experiment = "Revisit every temperature from both directions and on another day."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return (T − 25), then (T − 25)², for each channel."""
+        delta = above_reference(conditions)
+        return per_channel(np.stack([delta, delta**2], -1), conditions.sensor)
 
 
 class TemperatureRateBias(Effect):
@@ -18,10 +66,161 @@ class TemperatureRateBias(Effect):
     title = "Temperature-rate bias"
     equation = "B += K_Tdot dT/dt"
     per_channel = True
-    parameters = (Parameter("K_Tdot", "deg/hr per degC/min", (2.0, 30.0)),)
+    parameters = (Parameter("K_Tdot", "deg/hr per degC/min", (2.0, 30.0), {"FOG": (1.0, 10.0), "MEMS": (1.0, 20.0)}),)
     needs = frozenset({"dTdt_degC_per_min"})
+    signature = "Opposite sign heating and cooling, dies away while soaking, largest in the first run after a setpoint."
+    confusable_with = ("hyst", "bias_grad", "soak_insufficient", "T_lag", "drift")
+    experiment = "Two ramp rates and a long soak; order 1-3-2, which MU does not see it in."
 
-    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:  # noqa: ARG002
-        """Return dT/dt in each channel's own column, shape (n, c, c)."""
-        rate = np.nan_to_num(conditions.columns["dTdt_degC_per_min"])
-        return np.asarray(rate[:, None, None] * np.eye(len(conditions.sensor.channels)))
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return dT/dt for each channel."""
+        return per_channel(column(conditions, "dTdt_degC_per_min"), conditions.sensor)
+
+
+class GradientBias(Effect):
+    """Bias proportional to the temperature difference between case and rotor."""
+
+    id = "bias_grad"
+    family = "thermal"
+    title = "Case-to-rotor gradient bias"
+    equation = "B += K_g (T_case - T)"
+    per_channel = True
+    parameters = (Parameter("K_g", "deg/hr/degC", (0.5, 5.0), {"FOG": (0.1, 1.0)}),)
+    needs = frozenset({"case_degC", "temperature_degC"})
+    signature = "As the temperature-rate bias, with a constant part from self-heating; follows motor power too."
+    confusable_with = ("bias_Tdot", "warmup", "soak_insufficient")
+    experiment = "Step the motor or heater power at constant chamber temperature."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the difference case less sensor temperature for each channel."""
+        difference = column(conditions, "case_degC") - column(conditions, "temperature_degC")
+        return per_channel(difference, conditions.sensor)
+
+
+class ThermometerLag(Effect):
+    """The thermometer is late: the element is already at T + lag·dT/dt, and every term has its value there."""
+
+    id = "T_lag"
+    family = "thermal"
+    title = "Thermometer lag"
+    equation = "R += (dB/dT + dK/dT f) dT/dt lag"
+    parameters = (Parameter("lag", "min", (5.0, 25.0)),)
+    needs = frozenset({"dTdt_degC_per_min"})
+    needs_base = True
+    needs_slopes = True
+    signature = (
+        "A loop of width 2 slope x lag against temperature, open where the terms are steep; closes after the ramp."
+    )
+    confusable_with = ("bias_Tdot", "hyst", "soak_insufficient")
+    experiment = "Loop area against ramp rate: a lag's grows with the rate, true hysteresis does not."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return slope of the rate by temperature times dT/dt, shape (n, c, 1)."""
+        base = required_base(self, base)
+        if base.bias_slope is None or base.k_slope is None:
+            raise InputError("effect T_lag needs a base model that depends on temperature (its slopes)")
+        slope = base.bias_slope + np.einsum("nca,na->nc", base.k_slope, conditions.f_g)
+        rate = np.nan_to_num(column(conditions, "dTdt_degC_per_min"))
+        return np.asarray((slope * rate[:, None])[..., None])
+
+
+class Hysteresis(Effect):
+    """Bias that depends on the turning points of temperature, not on its rate: a play operator."""
+
+    id = "hyst"
+    family = "thermal"
+    title = "Rate-independent thermal hysteresis"
+    equation = "B += h (T - play(T, half_width)) / half_width"
+    per_channel = True
+    parameters = (
+        Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
+    )
+    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 20.0)),)
+    needs = frozenset({"temperature_degC"})
+    signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
+    confusable_with = ("T_lag", "bias_T", "ageing", "jump")
+    experiment = "Return to the same temperature from above and from below, each after a full soak."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the side of the loop, −1 to +1, for each channel."""
+        side = loop_side(column(conditions, "temperature_degC"), conditions.start_s, shape["half_width_degC"])
+        return per_channel(side, conditions.sensor)
+
+
+class InsufficientSoak(Effect):
+    """The element has not reached the new temperature: a remainder of the setpoint's step is left in the bias."""
+
+    id = "soak_insufficient"
+    family = "thermal"
+    title = "Incomplete restabilisation"
+    equation = "B += b step exp(-t_setpoint/tau)"
+    per_channel = True
+    parameters = (Parameter("b", "deg/hr/degC", (0.2, 2.0), {"FOG": (0.02, 0.2), "MEMS": (1.0, 30.0)}),)
+    shapes = (_SOAK_TAU,)
+    needs = frozenset({"time_since_setpoint_s", "setpoint_degC|temperature_degC"})
+    signature = "Follows sign and size of the temperature step; falls from run to run within a plateau."
+    confusable_with = ("bias_Tdot", "bias_grad", "hyst", "T_lag")
+    experiment = "Five or more runs in one soak, or soaks of 45 and 120 min."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the step that is left, averaged over the collect, for each channel."""
+        left = averaged_decay(
+            column(conditions, "time_since_setpoint_s"), conditions.duration_s, 60.0 * shape["tau_min"]
+        )
+        return per_channel(setpoint_step(conditions) * left, conditions.sensor)
+
+
+class WarmUp(Effect):
+    """Bias that decays after power-on."""
+
+    id = "warmup"
+    family = "thermal"
+    title = "Warm-up since power-on"
+    equation = "B += W exp(-t_on/tau)"
+    per_channel = True
+    parameters = (Parameter("W", "deg/hr", (5.0, 50.0), {"MEMS": (1.0, 20.0)}),)
+    shapes = (ShapeParameter("tau_min", "min", (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 90.0)),)
+    needs = frozenset({"time_since_power_on_s"})
+    common_to_sensors = True
+    signature = "Tied to power-on, not to the chamber; the same sign always, both sensors if powered together."
+    confusable_with = ("soak_insufficient", "drift", "ageing")
+    experiment = "Switch power off and on at constant temperature."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the decay since power-on, averaged over the collect, for each channel."""
+        left = averaged_decay(
+            column(conditions, "time_since_power_on_s"), conditions.duration_s, 60.0 * shape["tau_min"]
+        )
+        return per_channel(left, conditions.sensor)
+
+
+class GasConvection(Effect):
+    """Gas moves in the cavity according to orientation: an acceleration sensitivity that builds up after each index."""
+
+    id = "convection"
+    family = "thermal"
+    title = "Orientation-dependent gas convection"
+    equation = "R += (c1 fA + c3 fS) (298 K / T) (1 - exp(-t_index/tau))"
+    per_channel = True
+    parameters = (
+        Parameter("c1", "deg/hr/g", (0.1, 2.0), {"gas": (0.01, 0.5)}),
+        Parameter("c3", "deg/hr/g", (0.1, 2.0), {"gas": (0.01, 0.5)}),
+    )
+    shapes = (ShapeParameter("tau_min", "min", (1.0, 2.0, 5.0)),)
+    needs = frozenset({"time_since_index_s"})
+    signature = "Looks like GS and MU, but approaches its value slowly after each index and thins out with heat."
+    confusable_with = ("MU_real", "GS", "MU_T", "GS_T", "mag")
+    experiment = "Dwell ten minutes or more per position and look for a slow approach; change the self-heating."
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only in a sensor with a gas-filled rotor cavity."""
+        return sensor.is_rotor
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return fA, then fS, each built up and thinned, for each channel."""
+        since = column(conditions, "time_since_index_s")
+        built = np.where(
+            np.isfinite(since), 1.0 - averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"]), 0.0
+        )
+        density = np.nan_to_num(298.15 / (column(conditions, "temperature_degC") + 273.15), nan=1.0)
+        return per_channel(conditions.f_g[:, [0, 2]] * (built * density)[:, None], conditions.sensor)

@@ -1,0 +1,90 @@
+"""The second tier: a base parameter times something that was logged, for what the catalogue has no name for.
+
+term = empirical("MUA", "supply_V")        # id "empirical:MUA*supply_V", called MUA × supply_V, empirical
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import Base, Effect, Parameter, ShapeParameter, median_of
+from hil.errors import InputError
+from hil.linear_forms import LinearForm, constant_form, matrix_6_form, triad_12_form
+
+PREFIX = "empirical:"
+EARTH_RATE = "w"
+"""The parameter name that stands for the earth rate's share of the rates (a scale-like term)."""
+
+_RECORD = {"start_s"}  # drivers that every campaign has, though they are no condition columns
+
+
+class EmpiricalTerm(Effect):
+    """Base parameter × driver: certain that it is there, not what it is. One instance per pair."""
+
+    family = "empirical"
+    needs_base = False
+    signature = "The parameter follows the driver; no effect of the catalogue does so."
+    experiment = "Vary the driver alone."
+
+    def __init__(self, parameter: str, driver: str) -> None:
+        self.parameter = parameter
+        self.driver = driver
+        self.id = f"{PREFIX}{parameter}*{driver}"  # type: ignore[misc]  # one id per pair, fixed at birth
+        self.title = f"{parameter} × {driver}, empirical"  # type: ignore[misc]
+        self.equation = f"{parameter} += q ({driver} - reference)"  # type: ignore[misc]
+        self.needs = frozenset({driver} - _RECORD)  # type: ignore[misc]
+        self.parameters = (Parameter("q", f"deg/hr per {driver}", (0.1, 10.0)),)  # type: ignore[misc]
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Whether the sensor's fullest model has the parameter."""
+        return self.parameter == EARTH_RATE or self.parameter in _fullest(sensor).names
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return the driver's median, which a fitted term must keep."""
+        middle = float(np.median(conditions.start_s)) if self.driver in _RECORD else median_of(conditions, self.driver)
+        return (ShapeParameter("reference", "", (middle,)),)
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return q, with its unit; typical is what moves the parameter by 0.1 to 10 over the driver's spread."""
+        spread = float(np.nan_to_num(np.nanstd(_driver(conditions, self.driver)))) or 1.0
+        unit = "1"
+        if self.parameter != EARTH_RATE:
+            form = _fullest(conditions.sensor)
+            unit = form.units[form.names.index(self.parameter)]
+        return (Parameter("q", f"{unit} per {self.driver}", (0.1 / spread, 10.0 / spread)),)
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the parameter's own column times the driver less its reference, shape (n, c, 1)."""
+        driver = np.nan_to_num(_driver(conditions, self.driver) - shape["reference"])
+        if self.parameter == EARTH_RATE:
+            own = np.nan_to_num(conditions.w_channels_deg_per_hr)
+        else:
+            form = _fullest(conditions.sensor)
+            own = form.columns(conditions)[:, :, form.names.index(self.parameter)]
+        return np.asarray((own * driver[:, None])[..., None])
+
+
+def empirical(parameter: str, driver: str) -> EmpiricalTerm:
+    """Return the second-tier term of a base parameter (BA, MUA, GXY …, or w) and a condition column (or start_s)."""
+    return EmpiricalTerm(parameter, driver)
+
+
+def empirical_from_id(identifier: str) -> EmpiricalTerm:
+    """Return the term that `empirical:MUA*supply_V` names; raise `InputError` where it does not have that form."""
+    parameter, star, driver = identifier.removeprefix(PREFIX).partition("*")
+    if not (identifier.startswith(PREFIX) and parameter and star and driver):
+        raise InputError(f"effect {identifier}: an empirical term is written empirical:PARAMETER*CONDITION_COLUMN")
+    return EmpiricalTerm(parameter, driver)
+
+
+def _driver(conditions: Conditions, name: str) -> FloatArray:
+    return conditions.start_s if name in _RECORD else conditions.columns[name]
+
+
+def _fullest(sensor: Sensor) -> LinearForm:
+    if sensor.is_rotor:
+        return matrix_6_form(sensor)
+    return triad_12_form(sensor) if sensor.is_triad else constant_form(sensor)

@@ -1,0 +1,60 @@
+"""Effects of the surroundings that scatter averages: condensation, and a base that moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+from hil.effects.base import Parameter, VarianceEffect, column
+from hil.effects.geometry import local_frame
+
+_TAU_S = 1800.0
+"""Correlation time of pier and floor motion (heating, ventilation, people)."""
+
+
+class Frost(VarianceEffect):
+    """Condensation or ice near 0 °C: irregular offsets that last for a run."""
+
+    id = "frost"
+    family = "environment"
+    title = "Condensation or ice around 0 °C"
+    equation = "B of run k += N(0, s_f) exp(-(T - 0 degC)^2 / (2 (5 degC)^2))"
+    parameters = (Parameter("s_f", "deg/hr", (1.0, 15.0)),)
+    needs = frozenset({"temperature_degC"})
+    common_to_sensors = True
+    signature = "Irregular scatter from -12 to 7 °C, mostly when heating through 0 °C."
+    confusable_with = ("jump", "turnon", "hash")
+    experiment = "Purge with dry nitrogen; log the dew point."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of one offset per run and channel, weighed by nearness to 0 °C."""
+        near = np.nan_to_num(np.exp(-0.5 * (column(conditions, "temperature_degC") / 5.0) ** 2))
+        between = np.equal.outer(conditions.run, conditions.run) * np.multiply.outer(near, near)
+        return np.kron(between, np.eye(len(conditions.sensor.channels)))
+
+
+class BaseMotion(VarianceEffect):
+    """The pier turns slowly: real rates, the same in both sensors once turned into the room's axes."""
+
+    id = "base"
+    family = "environment"
+    title = "Base motion"
+    equation = "R += w_base(t) . channel axis"
+    parameters = (Parameter("w_base", "deg/hr", (0.1, 2.0)),)
+    common_to_sensors = True
+    signature = "Noise with structure: common to both sensors, geometry-consistent, slow."
+    confusable_with = ("arw", "drift", "flicker")
+    experiment = "A reference gyro or tiltmeter; sensor 1 less sensor 2."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of a slow random rate about each of the room's axes, seen by the channels.
+
+        Where north is not known, only rotation about the vertical can be followed from row to row.
+        """
+        frame = local_frame(conditions)
+        directions = np.stack([frame.up, frame.north, frame.east], -1)[:, conditions.sensor.channel_axes, :]
+        seen = directions.reshape(-1, 3)
+        middle = conditions.start_s + 0.5 * conditions.duration_s
+        between = np.exp(-np.abs(np.subtract.outer(middle, middle)) / _TAU_S)
+        channels = len(conditions.sensor.channels)
+        return np.asarray((seen @ seen.T) * np.kron(between, np.ones((channels, channels))))

@@ -1,0 +1,231 @@
+"""Effects linear in acceleration: GS, MU, their temperature dependence, anisotropy, and a triad's full matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import Base, Effect, Parameter, VarianceEffect, above_reference, channel_labels
+from hil.effects.identifiability import flattened
+from hil.linear_forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
+
+_MATRIX_TYPICAL = {"RLG": (0.0, 0.01), "FOG": (0.0, 0.01), "DTG": (0.5, 20.0), "MEMS": (10.0, 500.0)}
+
+
+class _RotorEffect(Effect):
+    """An effect of the two-channel rotor sensor."""
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only in a two-channel rotor sensor."""
+        return sensor.is_rotor
+
+
+class Bias(Effect):
+    """The bias of each channel: part of every model."""
+
+    id = "bias"
+    family = "g-linear"
+    title = "Bias"
+    equation = "R += B"
+    per_channel = True
+    parameters = (
+        Parameter("B", "deg/hr", (5.0, 50.0), {"RLG": (0.005, 0.1), "FOG": (0.1, 10.0), "MEMS": (50.0, 5000.0)}),
+    )
+    signature = "The same in every position."
+    confusable_with = ("bias_T", "turnon", "k2")
+    experiment = "None needed: every set of collects gives it, unless all stand the same way up."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return 1 for each channel."""
+        return bias_columns(conditions)
+
+
+class RotorSensitivity(_RotorEffect):
+    """Lateral-acceleration drift of a rotor sensor: one complex number, in phase and in quadrature."""
+
+    id = "GS"
+    family = "g-linear"
+    title = "Lateral-acceleration drift (GSA, GSB)"
+    equation = "RA += GSA fA + GSB fB; RB += GSA fB - GSB fA"
+    parameters = (Parameter("GSA", "deg/hr/g", (20.0, 200.0)), Parameter("GSB", "deg/hr/g", (5.0, 100.0)))
+    signature = "Collects 1 and 2 move oppositely, the bias stays."
+    confusable_with = ("earth", "mag", "convection", "drift")
+    experiment = "Collects 1 and 2 give it; another heading parts it from earth rate and magnetics."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the columns of GSA and GSB."""
+        return gs_columns(conditions)
+
+
+class AxialDrift(_RotorEffect):
+    """Drift proportional to the acceleration along the spin axis: what the contractor took for zero."""
+
+    id = "MU_real"
+    family = "g-linear"
+    title = "Axial-acceleration drift (MUA, MUB)"
+    equation = "RA += MUB fS; RB -= MUA fS"
+    parameters = (
+        Parameter("MUA", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
+        Parameter("MUB", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
+    )
+    signature = "Only the collect with the spin axis vertical moves; the contractor's bias is off by +MUB, -MUA."
+    confusable_with = ("k2", "MU_rr", "tilt", "index", "earth", "convection", "settle", "mag")
+    experiment = "Collect 4, spin axis down: a linear MU changes sign, even terms do not."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the columns of MUA and MUB."""
+        return mu_columns(conditions)
+
+
+class _TemperatureDependent(_RotorEffect):
+    """Two coefficients, each with a linear and a quadratic term about 25 °C."""
+
+    needs = frozenset({"temperature_degC"})
+
+    @staticmethod
+    def _with_temperature(columns: FloatArray, conditions: Conditions) -> FloatArray:
+        delta = np.nan_to_num(above_reference(conditions))[:, None, None]
+        return np.concatenate([columns * delta, columns * delta**2], -1)
+
+
+class RotorSensitivityTemperature(_TemperatureDependent):
+    """GS that follows temperature."""
+
+    id = "GS_T"
+    family = "g-linear"
+    title = "GSA, GSB temperature dependence"
+    equation = "GS += GS1 (T - 25 degC) + GS2 (T - 25 degC)^2, for GSA and GSB"
+    parameters = (
+        Parameter("GSA1", "deg/hr/g/degC", (0.02, 0.8)),
+        Parameter("GSB1", "deg/hr/g/degC", (0.02, 0.8)),
+        Parameter("GSA2", "deg/hr/g/degC^2", (0.0004, 0.016)),
+        Parameter("GSB2", "deg/hr/g/degC^2", (0.0004, 0.016)),
+    )
+    signature = "GSA and GSB change smoothly with temperature; MU follows only where tilt was not allowed for."
+    confusable_with = ("phase", "scale", "convection", "mag")
+    experiment = "Report GSA and GSB of every run; modulus and angle tell gain from phase."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the columns of GSA and GSB times ΔT, then times ΔT²."""
+        return self._with_temperature(gs_columns(conditions), conditions)
+
+
+class AxialDriftTemperature(_TemperatureDependent):
+    """MU that follows temperature."""
+
+    id = "MU_T"
+    family = "g-linear"
+    title = "MUA, MUB temperature dependence"
+    equation = "MU += MU1 (T - 25 degC) + MU2 (T - 25 degC)^2, for MUA and MUB"
+    parameters = (
+        Parameter("MUA1", "deg/hr/g/degC", (0.05, 1.0)),
+        Parameter("MUB1", "deg/hr/g/degC", (0.05, 1.0)),
+        Parameter("MUA2", "deg/hr/g/degC^2", (0.001, 0.02)),
+        Parameter("MUB2", "deg/hr/g/degC^2", (0.001, 0.02)),
+    )
+    signature = "MU changes smoothly with temperature while bias and GS do not."
+    confusable_with = ("tilt", "MU_rr", "convection", "vre")
+    experiment = "Collect 4 at every temperature, each visited twice."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the columns of MUA and MUB times ΔT, then times ΔT²."""
+        return self._with_temperature(mu_columns(conditions), conditions)
+
+
+class AxialDriftScatter(VarianceEffect):
+    """MU that differs from one self-calibration to the next: balls reseat in the bearing."""
+
+    id = "MU_rr"
+    family = "g-linear"
+    title = "Run-to-run MU change"
+    equation = "MU of run k = MU(T) + N(0, s_mu)"
+    parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
+    signature = "MU and the contractor's bias scatter equally while the matrix bias is quiet: sigmas 1 : 0 : 1."
+    confusable_with = ("index", "settle", "jump", "drift")
+    experiment = "Repeat collect 3 three times without indexing between, then with."
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only in a two-channel rotor sensor."""
+        return sensor.is_rotor
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of an independent MUA and MUB per run, unit variance."""
+        columns = flattened(mu_columns(conditions))
+        same_run = np.equal.outer(conditions.run, conditions.run).astype(np.float64)
+        return np.asarray((columns @ columns.T) * np.kron(same_run, np.ones((2, 2))))
+
+
+class AnisotropicSensitivity(_RotorEffect):
+    """GS that is not the same for both axes, against the rotor's isotropy."""
+
+    id = "noniso"
+    family = "g-linear"
+    title = "Anisotropy of GS"
+    equation = "RA += d fA; RB -= e fA"
+    parameters = (Parameter("d", "deg/hr/g", (1.0, 10.0)), Parameter("e", "deg/hr/g", (1.0, 10.0)))
+    signature = "None while the index axis stays level: fB is nearly zero, so GS absorbs it."
+    confusable_with = ("GS",)
+    experiment = "Roll the unit by 90 deg so that the B axis carries gravity, and repeat."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return fA in channel A, then −fA in channel B, shape (n, 2, 2)."""
+        f_a = conditions.f_g[:, 0]
+        zero = np.zeros_like(f_a)
+        return np.stack([np.stack([f_a, zero], -1), np.stack([zero, -f_a], -1)], -2)
+
+
+class LinearSensitivity(Effect):
+    """The full, not symmetric, acceleration-sensitivity matrix of a sensor that is no rotor."""
+
+    id = "g_sensitivity"
+    family = "g-linear"
+    title = "Linear acceleration sensitivity"
+    equation = "R += G f"
+    parameters = (Parameter("G", "deg/hr/g", (10.0, 200.0), _MATRIX_TYPICAL),)
+    signature = "Rates follow the direction of gravity in every orientation, of either sign."
+    confusable_with = ("earth", "misalign", "mag")
+    experiment = (
+        "Two headings, and orientations that turn the vertical axis: earth rate's vertical part is along gravity."
+    )
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """In every sensor but the rotor sensor, whose isotropy makes it GS and MU."""
+        return not sensor.is_rotor
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return GXX, GXY, …: row by channel, column by axis."""
+        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        return tuple(Parameter(name, unit.unit, unit.typical) for name in sensitivity_names(conditions.sensor))
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether it looks like an element of G."""
+        return parameter.startswith("G")
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return f for each channel, shape (n, c, 3c)."""
+        return sensitivity_columns(conditions)
+
+
+class LinearSensitivityTemperature(LinearSensitivity):
+    """G that follows temperature linearly."""
+
+    id = "g_sensitivity_T"
+    title = "Acceleration sensitivity's temperature dependence"
+    equation = "R += G1 f (T - 25 degC)"
+    parameters = (Parameter("G1", "deg/hr/g/degC", (0.02, 0.8), {"DTG": (0.001, 0.1), "MEMS": (0.01, 2.0)}),)
+    needs = frozenset({"temperature_degC"})
+    signature = "The response to gravity changes with temperature while the bias does not."
+    confusable_with = ("g_sensitivity", "scale", "bias_T")
+    experiment = "The same orientations at two temperatures at least, revisited."
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return G1_XX, G1_XY, …: row by channel, column by axis."""
+        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        labels = (row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes)
+        return tuple(Parameter(f"G1_{label}", unit.unit, unit.typical) for label in labels)
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return f ΔT for each channel, shape (n, c, 3c)."""
+        return super().columns(conditions, base, shape) * np.nan_to_num(above_reference(conditions))[:, None, None]

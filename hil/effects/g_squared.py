@@ -1,0 +1,53 @@
+"""Effects of second order in acceleration: anisoelastic compliance of rotor, bearing or proof mass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import Base, Effect, Parameter, channel_labels, per_channel
+
+_OTHER = {"FOG": (0.0, 0.01), "DTG": (0.01, 0.1), "MEMS": (0.1, 1.0)}
+
+
+class SquaredAcceleration(Effect):
+    """Terms in the products of acceleration components: even, so turning the unit upside down leaves them."""
+
+    id = "k2"
+    family = "g-squared"
+    title = "Anisoelastic (g squared) terms"
+    equation = "R += kAA fA^2 + kSS fS^2 + kAS fA fS, per channel (all six products for a triad)"
+    per_channel = True
+    parameters = tuple(Parameter(name, "deg/hr/g^2", (0.1, 1.0), _OTHER) for name in ("kAA", "kSS", "kAS"))
+    signature = "Matrix bias and MU move oppositely (+kAA, kSS - kAA) and the contractor's bias hardly at all."
+    confusable_with = ("MU_real", "bias")
+    experiment = "Collect 4 gives the contrast kSS - kAA; the sum needs a centrifuge."
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return one coefficient per channel and product of axes, named k, the two axes, and the channel's axis."""
+        sensor = conditions.sensor
+        unit = self.parameters[0].for_sensor(sensor, technology)
+        return tuple(
+            Parameter(f"k{sensor.axes[i]}{sensor.axes[j]}_{label}", unit.unit, unit.typical)
+            for i, j in _products(sensor)
+            for label in channel_labels(sensor)
+        )
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether it looks like k, two axes, and a channel."""
+        return parameter.startswith("k") and "_" in parameter
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return each product of components for each channel."""
+        f = conditions.f_g
+        return per_channel(
+            np.stack([f[:, i] * f[:, j] for i, j in _products(conditions.sensor)], -1), conditions.sensor
+        )
+
+
+def _products(sensor: Sensor) -> tuple[tuple[int, int], ...]:
+    if sensor.is_rotor:  # the B axis stays level: its products are never excited
+        return ((0, 0), (2, 2), (0, 2))
+    return ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -1,0 +1,39 @@
+"""Directions from a collect's f and w: up, north and east along the sensor's axes, and turns about its index axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """Unit vectors along the sensor's axes, each (n, 3). North and east are zero where the earth rate is not known.
+
+    East is up × north in the sensor's own axes: its sign is mirrored for a left-handed triad, the same in every row.
+    """
+
+    up: FloatArray
+    north: FloatArray
+    east: FloatArray
+
+
+def local_frame(conditions: Conditions) -> LocalFrame:
+    """Return up from f, north from the horizontal part of w (zero, or parallel to f at a pole, gives no north)."""
+    up = conditions.f_g / np.linalg.norm(conditions.f_g, axis=1, keepdims=True)
+    w = np.nan_to_num(conditions.w_deg_per_hr)
+    horizontal = w - np.sum(w * up, axis=1, keepdims=True) * up
+    length = np.linalg.norm(horizontal, axis=1, keepdims=True)
+    north = np.divide(horizontal, length, out=np.zeros_like(horizontal), where=length > 1e-6)
+    return LocalFrame(up, north, np.cross(up, north))
+
+
+def turned_about_index_axis(vectors: FloatArray) -> FloatArray:
+    """Return the change of (n, 3) components per radian that the index angle θ grows: (vS, 0, −vA) along (A, B, S).
+
+    From fA = G1 sin θ + G3 cos θ, fS = G1 cos θ − G3 sin θ.
+    """
+    return np.stack([vectors[:, 2], np.zeros(len(vectors)), -vectors[:, 0]], -1)

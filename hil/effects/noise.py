@@ -1,0 +1,213 @@
+"""Effects of time and chance on averages: drift, ageing, jumps; and those that only scatter them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+from hil.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, column, per_channel
+from hil.effects.history import order_in_run
+
+_HOUR_S = 3600.0
+_DAY_S = 86400.0
+
+
+class Drift(Effect):
+    """The same slope through every run: each collect is a little further than the one before."""
+
+    id = "drift"
+    family = "noise"
+    title = "Linear drift between collects"
+    equation = "R += d k, k = ..., -1, 0, 1, ... in the order taken within the run"
+    per_channel = True
+    parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
+    signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
+    confusable_with = ("MU_real", "GS", "warmup", "bias_Tdot", "settle")
+    experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the collect's place in its run for each channel."""
+        return per_channel(order_in_run(conditions), conditions.sensor)
+
+
+class Ageing(Effect):
+    """Bias that grows in proportion to time over the whole campaign."""
+
+    id = "ageing"
+    family = "noise"
+    title = "Ageing of the bias"
+    equation = "B += a t"
+    per_channel = True
+    parameters = (Parameter("a", "deg/hr/day", (0.3, 10.0), {"RLG": (0.001, 0.01), "MEMS": (1.0, 100.0)}),)
+    signature = "A straight line against time, blind to temperature, position and order."
+    confusable_with = ("rrw", "jump", "bias_T", "warmup", "supply")
+    experiment = "Return to the first temperature at the end of the night; a second night."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the days since the campaign began, at the collect's middle, for each channel."""
+        days = (conditions.start_s + 0.5 * conditions.duration_s) / _DAY_S
+        return per_channel(days, conditions.sensor)
+
+
+class Jump(Effect):
+    """Bias that steps once and stays: a bearing or retainer that seats itself elsewhere; a changepoint."""
+
+    id = "jump"
+    family = "noise"
+    title = "Bearing or retainer jump"
+    equation = "B += J from run r on"
+    per_channel = True
+    parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
+    signature = "A step between two runs, at no particular temperature; two states if it comes back."
+    confusable_with = ("ageing", "rrw", "swap", "hyst", "MU_rr")
+    experiment = "Changepoint inside the collects; many repeats at one temperature."
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return the run from which the step holds: any but the first."""
+        return (ShapeParameter("from_run", "", tuple(float(run) for run in np.unique(conditions.run)[1:])),)
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return 1 from the run of the step on, for each channel."""
+        return per_channel((conditions.run >= shape["from_run"]).astype(np.float64), conditions.sensor)
+
+
+def _each_channel(between_rows: FloatArray, conditions: Conditions) -> FloatArray:
+    return np.asarray(np.kron(between_rows, np.eye(len(conditions.sensor.channels))))
+
+
+def _middle_hr(conditions: Conditions) -> FloatArray:
+    return (conditions.start_s + 0.5 * conditions.duration_s) / _HOUR_S
+
+
+class AngleRandomWalk(VarianceEffect):
+    """White noise of the rate: averages scatter with one over the root of the averaging time."""
+
+    id = "arw"
+    family = "noise"
+    title = "Angle random walk"
+    equation = "sigma = N / sqrt(duration)"
+    parameters = (
+        Parameter(
+            "N",
+            "deg/sqrt(hr)",
+            (0.1, 0.2),
+            {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)},
+        ),
+    )
+    signature = "Sigmas of contractor's bias, matrix bias and MU as 1 : 0.707 : 1.225; nothing correlates."
+    confusable_with = ("hash", "beat", "base")
+    experiment = "Longer collects: the scatter falls with the root of the time."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return 1/duration on the diagonal, per hr; rows of no duration count as one second."""
+        return _each_channel(np.diag(_HOUR_S / np.maximum(conditions.duration_s, 1.0)), conditions)
+
+
+class Quantisation(VarianceEffect):
+    """Angle increments are rounded."""
+
+    id = "quant"
+    family = "noise"
+    title = "Quantisation"
+    equation = "sigma = Q / duration"
+    parameters = (Parameter("Q", "arcsec", (0.1, 1.0), {"RLG": (0.1, 2.0), "MEMS": (0.1, 50.0)}),)
+    signature = "Values on a lattice; averages hardly move: 0.003 deg/hr."
+    confusable_with = ("arw",)
+    experiment = "Look at the last digits of the samples."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return 1/duration² on the diagonal (arcsec/s is deg/hr); rows of no duration count as one second."""
+        return _each_channel(np.diag(np.maximum(conditions.duration_s, 1.0) ** -2.0), conditions)
+
+
+class BiasInstability(VarianceEffect):
+    """Flicker noise: slow wander that averaging does not remove."""
+
+    id = "flicker"
+    family = "noise"
+    title = "Bias instability"
+    equation = "Allan deviation floor 0.664 B_f"
+    parameters = (
+        Parameter("B_f", "deg/hr", (0.5, 3.0), {"RLG": (0.001, 0.01), "FOG": (0.01, 1.0), "MEMS": (0.5, 10.0)}),
+    )
+    signature = "As slow drift of either sign; longer collects do not help."
+    confusable_with = ("drift", "rrw")
+    experiment = "Allan variance of one to three hours at rest, at each temperature."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of 1/f noise, as Gauss-Markov processes a factor 4 apart in time constant.
+
+        Equal variances B² ln 4/(2π) sum to the one-sided density B²/(2π f) between the shortest and longest.
+        """
+        lag = np.abs(np.subtract.outer(_middle_hr(conditions), _middle_hr(conditions))) * _HOUR_S
+        longest = max(float(lag.max()), 100.0) * 4.0
+        taus = 10.0 * 4.0 ** np.arange(np.ceil(np.log(longest / 10.0) / np.log(4.0)) + 1)
+        between = sum(np.exp(-lag / tau) for tau in taus) * np.log(4.0) / (2.0 * np.pi)
+        return _each_channel(np.asarray(between), conditions)
+
+
+class RateRandomWalk(VarianceEffect):
+    """The bias walks at random."""
+
+    id = "rrw"
+    family = "noise"
+    title = "Rate random walk"
+    equation = "variance of B(t2) - B(t1) = K^2 (t2 - t1)"
+    parameters = (Parameter("K", "deg/hr/sqrt(hr)", (0.5, 5.0), {"FOG": (0.01, 0.1), "MEMS": (0.5, 10.0)}),)
+    signature = "Differences between runs grow with the root of the time between them."
+    confusable_with = ("ageing", "turnon", "jump", "flicker")
+    experiment = "Allan variance; structure function against the distance of runs."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the hours from the first row to the earlier of two, for each channel."""
+        hours = _middle_hr(conditions) - _middle_hr(conditions).min()
+        return _each_channel(np.minimum.outer(hours, hours), conditions)
+
+
+class TurnOnBias(VarianceEffect):
+    """Bias that differs from one power cycle to the next (run to run where power cycles are not recorded)."""
+
+    id = "turnon"
+    family = "noise"
+    title = "Turn-on bias"
+    equation = "B of power cycle k = B + N(0, s_b)"
+    parameters = (
+        Parameter(
+            "s_b",
+            "deg/hr",
+            (1.0, 5.0),
+            {"RLG": (0.001, 0.005), "FOG": (0.1, 1.0), "DTG": (0.05, 1.0), "MEMS": (5.0, 50.0)},
+        ),
+    )
+    signature = "Contractor's and matrix bias scatter together, MU not at all: sigmas 1 : 1 : 0."
+    confusable_with = ("bias_T", "rrw", "jump")
+    experiment = "Several power cycles at one temperature."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return 1 between rows of the same power cycle, for each channel."""
+        since = column(conditions, "time_since_power_on_s")
+        cycle = conditions.run.astype(np.float64)
+        if np.all(np.isfinite(since)):
+            cycle = np.round((conditions.start_s - since) / 60.0)
+        return _each_channel(np.equal.outer(cycle, cycle).astype(np.float64), conditions)
+
+
+class RetainerNoise(VarianceEffect):
+    """Ball retainer and stiff lubricant: white noise that appears in the cold."""
+
+    id = "hash"
+    family = "noise"
+    title = "Ball-retainer noise"
+    equation = "sigma = N_c max(0, 5 degC - T)/30 degC / sqrt(duration)"
+    parameters = (Parameter("N_c", "deg/sqrt(hr)", (0.1, 0.5)),)
+    needs = frozenset({"temperature_degC"})
+    signature = "Only the variance rises, below 0 °C, in bursts, and falls with running time."
+    confusable_with = ("arw", "frost")
+    experiment = "Spin-motor current and noise density against temperature."
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the white variance that grows below 5 °C, one at −25 °C per hour of averaging."""
+        cold = np.nan_to_num(np.maximum(5.0 - column(conditions, "temperature_degC"), 0.0) / 30.0)
+        return _each_channel(np.diag(cold**2 * _HOUR_S / np.maximum(conditions.duration_s, 1.0)), conditions)

@@ -1,0 +1,137 @@
+"""Effects of the pickoff: phase of the spin reference, scale factor, misaligned input axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import (
+    Base,
+    Effect,
+    Parameter,
+    above_reference,
+    channel_labels,
+    required_base,
+)
+
+MILLI = 1e-3
+PPM = 1e-6
+
+
+def turned_pair(rates: FloatArray) -> FloatArray:
+    """Return the change of (RA, RB), (n, 2), per radian of phase error: (−RB, RA)."""
+    return np.stack([-rates[:, 1], rates[:, 0]], -1)
+
+
+class PhaseError(Effect):
+    """The spin-phase reference is off by psi: every (A, B) pair turns by the same angle."""
+
+    id = "phase"
+    family = "pickoff"
+    title = "Pickoff phase error"
+    equation = "RA -= psi RB; RB += psi RA; psi = psi0 + dpsi_dT (T - 25 degC)"
+    parameters = (
+        Parameter("psi", "mrad", (1.0, 20.0), {"CVG": (2.0, 90.0)}),
+        Parameter("dpsi_dT", "mrad/degC", (0.05, 0.3)),
+    )
+    needs_base = True
+    signature = "GS, MU and B + w all turn by one common angle; their moduli stay."
+    confusable_with = ("GS_T", "demod", "spin")
+    experiment = "Rate about A alone on a turntable, seen in B; |GS| and |MU| constant while the angle moves."
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only in a rotor sensor, whose axes come from one signal by phase."""
+        return sensor.is_rotor
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return (−RB, RA) per mrad, then times ΔT (zero without temperature), shape (n, 2, 2)."""
+        turned = MILLI * turned_pair(required_base(self, base).rates)
+        return np.stack([turned, turned * np.nan_to_num(above_reference(conditions))[:, None]], -1)
+
+
+class ScaleFactor(Effect):
+    """The rate is read too large by a fraction: common to a rotor's channels, of each channel's own in a triad."""
+
+    id = "scale"
+    family = "pickoff"
+    title = "Scale-factor error"
+    equation = "R += (e + de_dT (T - 25 degC)) R"
+    parameters = (
+        Parameter(
+            "e",
+            "ppm",
+            (1000.0, 5000.0),
+            {"RLG": (1.0, 5.0), "FOG": (50.0, 500.0), "DTG": (100.0, 500.0), "MEMS": (500.0, 5000.0)},
+        ),
+        Parameter(
+            "de_dT", "ppm/degC", (100.0, 500.0), {"FOG": (5.0, 50.0), "DTG": (10.0, 100.0), "MEMS": (10.0, 300.0)}
+        ),
+    )
+    needs_base = True
+    signature = "GS, MU and bias grow in proportion, and earth rate with them: a few hundredths of a deg/hr."
+    confusable_with = ("earth", "GS_T", "misalign")
+    experiment = "Two headings, or a rate table."
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return e and de_dT, once for a rotor, else once per channel."""
+        declared = super().parameters_for(conditions, technology)
+        if conditions.sensor.is_rotor:
+            return declared
+        labels = channel_labels(conditions.sensor)
+        return tuple(replace(item, name=f"{item.name}_{label}") for item in declared for label in labels)
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether it is e or de_dT, with or without a channel."""
+        return parameter in {"e", "de_dT"} or parameter.startswith(("e_", "de_dT_"))
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the rates per ppm, then times ΔT (zero without temperature)."""
+        rates = PPM * required_base(self, base).rates
+        warmed = rates * np.nan_to_num(above_reference(conditions))[:, None]
+        if conditions.sensor.is_rotor:
+            return np.stack([rates, warmed], -1)
+        own = np.eye(rates.shape[1])
+        return np.concatenate([rates[:, :, None] * own, warmed[:, :, None] * own], -1)
+
+
+class Misalignment(Effect):
+    """Each input axis leans toward the two others and sees their part of the earth rate."""
+
+    id = "misalign"
+    family = "pickoff"
+    title = "Input-axis misalignment"
+    equation = "RA += mAB wB + mAS wS; RB += mBA wA + mBS wS"
+    parameters = (Parameter("m", "mrad", (1.0, 5.0), {"RLG": (0.05, 1.0), "FOG": (0.05, 1.0), "MEMS": (1.0, 20.0)}),)
+    signature = "Bias, GS and MU move by 0.01 to 0.06 deg/hr; no temperature, no order."
+    confusable_with = ("earth", "scale", "g_sensitivity")
+    experiment = "Change the heading: G stays, W turns. A rate table settles it."
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return mAB, mAS, mBA, mBS (for a triad mXY, mXZ, …): channel's axis, then the axis it leans toward."""
+        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        return tuple(replace(unit, name=f"m{label}{axis}") for _, label, _, axis in _leanings(conditions.sensor))
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether it looks like m and two axes."""
+        return parameter.startswith("m") and len(parameter) >= 3
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the earth rate about the other axes per mrad, in the channel that leans."""
+        leanings = _leanings(conditions.sensor)
+        columns = np.zeros((len(conditions), len(conditions.sensor.channels), len(leanings)))
+        for index, (channel, _, axis, _) in enumerate(leanings):
+            columns[:, channel, index] = MILLI * np.nan_to_num(conditions.w_deg_per_hr[:, axis])
+        return columns
+
+
+def _leanings(sensor: Sensor) -> list[tuple[int, str, int, str]]:
+    """Return (channel, its label, axis, its name) for every axis that a channel should not see."""
+    return [
+        (channel, label, axis, name)
+        for channel, (label, own) in enumerate(zip(channel_labels(sensor), sensor.channel_axes, strict=True))
+        for axis, name in enumerate(sensor.axes)
+        if axis != own
+    ]

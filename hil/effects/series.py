@@ -1,0 +1,287 @@
+"""Effects that show inside a collect: tests of its series of samples.
+
+Every test gives a p-value per channel that is exact or errs on the cautious side, with the estimates and a sentence.
+The regressions (settling, ramp, jump) work on block averages, so that filtered samples do not count as independent,
+and widen their errors by the correlation that is left. A p-value is NaN where the series is too short to ask.
+
+    findings = SettlingInCollect().test(series)
+    findings[0].p_value, findings[0].estimates["S_deg_per_hr"]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import stats
+
+from hil.campaign import FloatArray
+from hil.effects.base import Parameter, Series, SeriesEffect, SeriesFinding
+
+_BLOCKS = 60
+_FEWEST = 16  # samples (or blocks) below which nothing is asked
+_SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
+_NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
+_RATE = "deg/hr"
+
+
+def blocked(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
+    """Return times and averages of at most 60 equal blocks of one channel; the samples themselves where fewer."""
+    known = np.isfinite(series.rates_deg_per_hr[:, channel])
+    times, rates = series.t_s[known], series.rates_deg_per_hr[known, channel]
+    size = max(len(rates) // _BLOCKS, 1)
+    count = len(rates) // size
+    shape = (count, size)
+    return times[: count * size].reshape(shape).mean(axis=1), rates[: count * size].reshape(shape).mean(axis=1)
+
+
+def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArray) -> tuple[int, float, float]:
+    """Return index, coefficient and p-value of the candidate, of (n, k), that explains most beside `nuisance` (n, m).
+
+    The p-value is the F test's, with residual variance widened by positive lag-1 correlation, times k.
+    """
+    basis, _ = np.linalg.qr(nuisance)
+    left = rates - basis @ (basis.T @ rates)
+    beside = candidates - basis @ (basis.T @ candidates)
+    norms = np.sum(beside**2, axis=0)
+    usable = norms > 1e-6 * np.sum(candidates**2, axis=0)
+    coefficients = np.where(usable, beside.T @ left / np.where(usable, norms, 1.0), 0.0)
+    explained = coefficients**2 * norms * usable
+    index = int(np.argmax(explained))
+    residual = left - beside[:, index] * coefficients[index]
+    freedom = len(rates) - nuisance.shape[1] - 1
+    power = float(residual @ residual)
+    if power <= 1e-20 * max(float(rates @ rates), 1e-300):  # no noise at all: certain where anything is explained
+        return index, float(coefficients[index]), 0.0 if explained[index] > power else 1.0
+    correlation = max(float(residual[1:] @ residual[:-1]) / power, 0.0)
+    widened = power / freedom * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
+    p_value = float(stats.f.sf(explained[index] / widened, 1, freedom)) * candidates.shape[1]
+    return index, float(coefficients[index]), min(p_value, 1.0)
+
+
+class _ChannelwiseTest(SeriesEffect):
+    """Tests every channel by itself."""
+
+    def test(self, series: Series) -> tuple[SeriesFinding, ...]:
+        """Test every channel of one collect's series."""
+        findings = []
+        for index, channel in enumerate(series.sensor.channels):
+            known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
+            if known < _FEWEST:
+                sentence = f"{channel}: {known} samples are too few to ask"
+                findings.append(SeriesFinding(self.id, channel, math.nan, {}, sentence))
+                continue
+            p_value, estimates, sentence = self._test_channel(series, index)
+            findings.append(SeriesFinding(self.id, channel, p_value, estimates, f"{channel}: {sentence}"))
+        return tuple(findings)
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        raise NotImplementedError
+
+
+class SettlingInCollect(_ChannelwiseTest):
+    """An exponential at the beginning of the collect, beside level and slope."""
+
+    id = "settle"
+    family = "dynamics"
+    title = "Settling after index"
+    equation = "R += S exp(-t/tau)"
+    parameters = (Parameter("S", _RATE, (5.0, 100.0)),)
+    signature = "The head of the collect stands off and dies away."
+    confusable_with = ("drift", "jump")
+    experiment = "Discard the head, and compare."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        times, rates = blocked(series, channel)
+        taus = _SETTLING_TAUS * (times[-1] - times[0])
+        candidates = np.exp(-times[:, None] / taus[None, :])
+        index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
+        estimates = {"S_deg_per_hr": size, "tau_s": float(taus[index])}
+        return p_value, estimates, f"begins {size:+.3g} deg/hr off and settles in about {taus[index]:.3g} s"
+
+
+class Ramp(_ChannelwiseTest):
+    """A straight slope through the collect."""
+
+    id = "drift"
+    family = "noise"
+    title = "Ramp within the collect"
+    equation = "R += slope t"
+    parameters = (Parameter("slope", "deg/hr/min", (0.1, 5.0)),)
+    signature = "The second half differs from the first, steadily."
+    confusable_with = ("settle", "jump", "bias_Tdot", "warmup", "soak_insufficient")
+    experiment = "Collect again after a longer soak."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        times, rates = blocked(series, channel)
+        _, slope, p_value = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
+        return p_value, {"slope_deg_per_hr_per_min": 60.0 * slope}, f"drifts by {60.0 * slope:+.3g} deg/hr per minute"
+
+
+class JumpInCollect(_ChannelwiseTest):
+    """A step of the level at some instant of the collect, beside level and slope."""
+
+    id = "jump"
+    family = "noise"
+    title = "Step within the collect"
+    equation = "R += J after t_J"
+    parameters = (Parameter("J", _RATE, (5.0, 15.0)),)
+    signature = "Two levels with an edge between."
+    confusable_with = ("settle", "drift")
+    experiment = "Repeat the collect."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        times, rates = blocked(series, channel)
+        edges = np.arange(2, len(times) - 1)
+        candidates = (np.arange(len(times))[:, None] >= edges[None, :]).astype(np.float64)
+        index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
+        at = float(0.5 * (times[edges[index] - 1] + times[edges[index]]))
+        return p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s"
+
+
+class Tone(_ChannelwiseTest):
+    """A spectral line above its surroundings: the largest ratio of a periodogram ordinate to its neighbours' mean."""
+
+    id = "beat"
+    family = "vibration"
+    title = "Tone (spin beat, vibration, interference)"
+    equation = "R += a cos(2 pi f t + phase)"
+    parameters = (Parameter("a", _RATE, (0.1, 5.0)),)
+    signature = "A sinusoid of constant frequency; in averages it leaves a pseudo-random remainder."
+    confusable_with = ("arw", "vre")
+    experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        times, rates = uniform(series, channel)
+        step = float(times[1] - times[0])
+        trend = np.polynomial.Polynomial.fit(times, rates, 1)(times)
+        spectrum = np.abs(np.fft.rfft(rates - trend)) ** 2
+        power = spectrum[1 : (len(rates) + 1) // 2]  # without the mean and the Nyquist ordinate
+        if len(power) < 2 * _NEIGHBOURS:
+            return math.nan, {}, "too short for a spectrum"
+        background, neighbours = _surroundings(power)
+        # Under locally flat noise each ratio is F distributed with 2 and twice the neighbours' degrees of freedom.
+        p_values = stats.f.sf(power / background, 2, 2 * neighbours)
+        index = int(np.argmin(p_values))
+        amplitude = 2.0 / len(rates) * math.sqrt(max(float(power[index] - background[index]), 0.0))
+        frequency = (index + 1) / (len(rates) * step)
+        estimates = {"a_deg_per_hr": amplitude, "frequency_hz": frequency}
+        sentence = f"a line at {frequency:.4g} Hz with amplitude {amplitude:.3g} deg/hr"
+        return min(float(p_values[index]) * len(power), 1.0), estimates, sentence
+
+
+class Lattice(_ChannelwiseTest):
+    """Values that are multiples of a step which is coarse beside the noise."""
+
+    id = "quant"
+    family = "noise"
+    title = "Quantisation"
+    equation = "R = step round(R/step)"
+    parameters = (Parameter("step", _RATE, (0.001, 0.1)),)
+    signature = "Few distinct values, equally spaced."
+    confusable_with = ("saturation",)
+    experiment = "Average longer, or add a dither."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        rates = _known(series, channel)
+        step = lattice_step(rates)
+        share = step**2 / 12.0 / max(float(np.var(rates)), 1e-300)
+        # Continuous noise repeats no value; a fine lattice is only how the file was printed.
+        coarse = step > 0.0 and (share > 0.05 or len(np.unique(rates)) == 1)
+        estimates = {"step_deg_per_hr": step, "variance_share": min(share, 1.0)}
+        return (0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart"
+
+
+class Saturation(_ChannelwiseTest):
+    """Too many samples at exactly the largest or the smallest value."""
+
+    id = "saturation"
+    family = "electronics"
+    title = "Saturation"
+    equation = "R = limit where |R| would exceed it"
+    parameters = (Parameter("limit", _RATE, (100.0, 10000.0)),)
+    signature = "The extreme value repeats; the distribution is cut off."
+    confusable_with = ("quant", "jump")
+    experiment = "A wider range, or less vibration."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        rates = _known(series, channel)
+        sides = [(self._pile(rates), float(rates.max())), (self._pile(-rates), float(rates.min()))]
+        (p_value, count), limit = min(sides, key=lambda side: side[0][0])
+        estimates = {"limit_deg_per_hr": limit, "samples": float(count)}
+        return min(2.0 * p_value, 1.0), estimates, f"{count} samples stand at exactly {limit:.6g} deg/hr"
+
+    @staticmethod
+    def _pile(rates: FloatArray) -> tuple[float, int]:
+        """Return the chance of so many normal samples beyond the largest value's edge, and how many there are."""
+        top = rates.max()
+        count = int(np.sum(rates == top))
+        spread = 1.4826 * float(np.median(np.abs(rates - np.median(rates))))
+        if count < 3 or spread == 0.0:
+            return 1.0, count
+        edge = (top - 0.5 * lattice_step(rates) - np.median(rates)) / spread
+        tail = float(stats.norm.sf(edge))
+        some = float(stats.binom.sf(0, len(rates), tail))
+        return float(stats.binom.sf(count - 1, len(rates), tail)) / max(some, 1e-300), count
+
+
+class Bursts(_ChannelwiseTest):
+    """Noise that comes in bursts: the variance differs between parts of the collect (Levene's test about medians)."""
+
+    id = "hash"
+    family = "noise"
+    title = "Bursts, ball-retainer noise"
+    equation = "sigma(t) not constant"
+    parameters = (Parameter("variance_ratio", "1", (2.0, 10.0)),)
+    signature = "Quiet and noisy stretches, mostly in the cold."
+    confusable_with = ("saturation", "jump")
+    experiment = "Spin-motor current beside the rates."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+        rates = np.diff(_known(series, channel))[::2]  # disjoint differences: blind to level and slope
+        parts = np.array_split(rates, min(12, len(rates) // 8))
+        if len(parts) < 2 or np.ptp(rates) == 0.0:
+            return 1.0, {"variance_ratio": 1.0}, "no change of the noise"
+        variances = np.array([np.var(part) for part in parts])
+        ratio = float(variances.max() / max(float(np.median(variances)), 1e-300))
+        sentence = f"the noisiest part has {ratio:.3g} times the usual variance"
+        return float(stats.levene(*parts, center="median").pvalue), {"variance_ratio": ratio}, sentence
+
+
+def uniform(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
+    """Return one channel on a uniform grid of the usual spacing; missing samples are interpolated."""
+    known = np.isfinite(series.rates_deg_per_hr[:, channel])
+    times, rates = series.t_s[known], series.rates_deg_per_hr[known, channel]
+    step = float(np.median(np.diff(times)))
+    grid = times[0] + step * np.arange(round((times[-1] - times[0]) / step) + 1)
+    return grid, np.interp(grid, times, rates)
+
+
+def lattice_step(rates: FloatArray) -> float:
+    """Return the step of which all differences are multiples; 0 where there is none (or too few repeats to tell)."""
+    values = np.unique(rates)
+    if len(values) == 1:
+        return 0.0
+    step = float(np.diff(values).min())
+    if len(values) > 0.9 * len(rates) and len(rates) > 4:
+        return 0.0
+    multiples = np.diff(values) / step
+    return step if np.allclose(multiples, np.round(multiples), atol=0.02) else 0.0
+
+
+def _known(series: Series, channel: int) -> FloatArray:
+    rates = series.rates_deg_per_hr[:, channel]
+    return rates[np.isfinite(rates)]
+
+
+def _level_and_slope(times: FloatArray) -> FloatArray:
+    return np.stack([np.ones_like(times), times - times.mean()], -1)
+
+
+def _surroundings(power: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of the neighbouring ordinates, itself and the next one on each side left out; and how many they are."""
+    window = np.ones(2 * _NEIGHBOURS + 3)
+    window[_NEIGHBOURS : _NEIGHBOURS + 3] = 0.0
+    count = np.convolve(np.ones_like(power), window, mode="same")
+    return np.convolve(power, window, mode="same") / count, count

@@ -1,0 +1,125 @@
+"""Effects of the set-up: tilt, accelerometers, index positions, earth-rate knowledge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.effects.base import Base, Effect, Parameter, required_base
+from hil.effects.geometry import local_frame, turned_about_index_axis
+
+MILLI = 1e-3
+
+
+def _tilt_columns(conditions: Conditions, base: Base) -> FloatArray:
+    """Change of the rates per milli-g of G2 and of G3, shape (n, 2, 2): K times the change of f at each orientation."""
+    f = conditions.f_g
+    level = np.zeros_like(f)
+    level[:, 1] = np.hypot(f[:, 0], f[:, 2])  # axis 2 is the sensor's B axis at every index position
+    about_index_axis = turned_about_index_axis(f)
+    return MILLI * np.stack(
+        [np.einsum("nca,na->nc", base.k, level), np.einsum("nca,na->nc", base.k, about_index_axis)], -1
+    )
+
+
+class _IndexedRotorEffect(Effect):
+    """Acts through K at a rotor sensor that is indexed about its B axis, as on the report's bench."""
+
+    needs_base = True
+
+    def applies_to(self, sensor: Sensor) -> bool:
+        """Only for the rotor sensor: where a triad's fixture tilts, its own f shows it."""
+        return sensor.is_rotor
+
+
+class Tilt(_IndexedRotorEffect):
+    """The bench leans: gravity has components G2 and G3 that were taken as zero."""
+
+    id = "tilt"
+    family = "setup"
+    title = "Unmodelled tilt G2, G3"
+    equation = "R += K df, df = (0, G2, G3), (0, G2, -G3), (G3, G2, 0) in collects 1, 2, 3"
+    parameters = (Parameter("G2", "mg", (1.0, 20.0)), Parameter("G3", "mg", (5.0, 20.0)))
+    signature = "MU follows GS by a constant factor: dMUB = GSA G3/G1, dMUA = GSB G3/G1."
+    confusable_with = ("MU_real", "MU_T", "accel", "index")
+    experiment = "Use the measured G of every collect; shim the bench and repeat."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the change of the rates per mg of G2 and G3, shape (n, 2, 2)."""
+        return _tilt_columns(conditions, required_base(self, base))
+
+
+class AccelerometerError(_IndexedRotorEffect):
+    """The accelerometers that measured G are off: the same columns as a tilt, of the other sign."""
+
+    id = "accel"
+    family = "setup"
+    title = "Accelerometer error in measured G"
+    equation = "R -= K df for an error (b2, b3) of the measured G2, G3"
+    parameters = (
+        Parameter("b2", "mg", (1.0, 10.0)),
+        Parameter("b3", "mg", (1.0, 10.0)),
+    )
+    signature = "As a tilt, with the accelerometer's own temperature dependence."
+    confusable_with = ("tilt", "MU_real", "index")
+    experiment = "A spirit level or inclinometer beside it; |G| = 1 in every collect."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the change of the rates per mg of b2 and b3, shape (n, 2, 2)."""
+        return -_tilt_columns(conditions, required_base(self, base))
+
+
+class IndexPositionError(_IndexedRotorEffect):
+    """Index positions are not where they should be, each by its own angle about the index axis."""
+
+    id = "index"
+    family = "setup"
+    title = "Index position error"
+    equation = "theta_i += d_i: RA += GSA d fS - MUB d fA + d wS; RB -= GSB d fS - MUA d fA"
+    parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
+    signature = "dMUB = (GSA + W1) d3 - (MUB + W3)(d1 - d2)/2; hundredths to tenths of a deg/hr per mrad."
+    confusable_with = ("MU_rr", "tilt", "MU_real", "accel")
+    experiment = "Measure the angle or G in every collect; approach each position from both sides."
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return one angle per position of these rows: d_1, d_2, d_3."""
+        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        return tuple(Parameter(f"d_{label}", unit.unit, unit.typical) for label in np.unique(conditions.position))
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether it is the angle of a position."""
+        return parameter.startswith("d_")
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the change of the rates per mrad, in the rows of each position, shape (n, 2, positions)."""
+        base = required_base(self, base)
+        turned = turned_about_index_axis(np.nan_to_num(conditions.w_deg_per_hr))[:, conditions.sensor.channel_axes]
+        change = np.einsum("nca,na->nc", base.k, turned_about_index_axis(conditions.f_g)) + turned
+        at = np.equal.outer(conditions.position, np.unique(conditions.position)).astype(np.float64)
+        return np.asarray(MILLI * change[:, :, None] * at[:, None, :])
+
+
+class EarthRateError(Effect):
+    """The earth rate that was subtracted is wrong: latitude, heading, or a mount that is not where the map says."""
+
+    id = "earth"
+    family = "setup"
+    title = "Earth-rate knowledge error"
+    equation = "R -= dW . channel axis, dW = used - true, along up, north and east"
+    parameters = (
+        Parameter("dW_up", "deg/hr", (0.02, 0.5)),
+        Parameter("dW_north", "deg/hr", (0.02, 0.5)),
+        Parameter("dW_east", "deg/hr", (0.02, 0.5)),
+    )
+    common_to_sensors = True
+    signature = "dGSA = -dW1, dMUB = -dW3, dBB = -dW2; BA, GSB and MUA are immune. No temperature, no order."
+    confusable_with = ("frame", "scale", "misalign", "g_sensitivity", "GS")
+    experiment = "A second heading: gravity stays, earth rate turns. MUB shifts and MUA does not."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the negative direction cosines of each channel's axis, shape (n, c, 3); north 0 where w is unknown."""
+        frame = local_frame(conditions)
+        directions = np.stack([frame.up, frame.north, frame.east], -1)
+        return -directions[:, conditions.sensor.channel_axes, :]
