@@ -1,0 +1,205 @@
+"""What must not be: evaluated at every poll, in every step.
+
+Each interlock says in one sentence what is wrong at this look, or nothing. `Interlocks` adds persistence: the first
+sight is an event and holds the sweep (no step begins while something is suspected); a condition that clears is an
+event and costs nothing; one that lasts its grace, and was seen at least twice, trips. One glitch does not end a night.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from drivers.chamber import ChamberLimits, ChamberReading
+from drivers.imu import StreamCounts
+from procedures.settings import InterlockSettings
+
+_EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at the bench. `chamber` is the latest good reading; it is news only where `chamber_fresh`."""
+
+    time_s: float  # the clock's
+    stream_span_s: float  # since the last good frame before this look
+    samples: int
+    counts: StreamCounts
+    sample_rate_hz: float
+    chamber: ChamberReading | None = None
+    chamber_fresh: bool = False
+    chamber_error: str = ""
+    stream_error: str = ""
+    unit_degC: Mapping[int, float] = field(default_factory=dict)  # by sensor, mean of what was drained
+    commanded_degC: float | None = None
+    arrived: bool = False  # the air has reached the commanded setpoint since it was commanded
+
+
+class Interlock(Protocol):
+    """One thing that must not be."""
+
+    @property
+    def name(self) -> str:
+        """A short name for the journal."""
+
+    @property
+    def grace_s(self) -> float:
+        """How long it may last."""
+
+    def problem(self, look: Look) -> str | None:
+        """Return what is wrong in one sentence, "" where all is well, None where this look says nothing about it."""
+
+
+class InterlockTripped(Exception):
+    """An interlock lasted its grace: the sweep ends in the safe state."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        super().__init__(f"{name}: {reason}")
+        self.name = name
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """An interlock that is one function of a look."""
+
+    name: str
+    grace_s: float
+    check: Callable[[Look], str | None]
+
+    def problem(self, look: Look) -> str | None:
+        return self.check(look)
+
+
+def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> Sequence[Interlock]:
+    """Return the interlocks of every bench, with its limits."""
+    s = settings
+    return (
+        _Rule("chamber-lost", s.chamber_loss_s, _chamber_lost),
+        _Rule("chamber-alarm", s.alarm_grace_s, _chamber_alarm),
+        _Rule("chamber-limits", s.chamber_limit_grace_s, _chamber_limits(s, limits)),
+        _Rule("setpoint-changed", s.setpoint_grace_s, _setpoint_changed(s)),
+        _Rule("setpoint-not-followed", s.follow_grace_s, _setpoint_not_followed(s)),
+        _Rule("unit-limits", s.unit_limit_grace_s, _unit_limits(s)),
+        _Rule("stream-lost", s.stream_loss_s, _stream_lost),
+    )
+
+
+def _chamber_lost(look: Look) -> str | None:
+    if look.chamber_error:
+        return f"the chamber does not answer: {look.chamber_error}"
+    return "" if look.chamber_fresh else None
+
+
+def _chamber_alarm(look: Look) -> str | None:
+    if not look.chamber_fresh or look.chamber is None:
+        return None
+    return f"the chamber reports {', '.join(look.chamber.alarms)}" if look.chamber.alarms else ""
+
+
+def _chamber_limits(settings: InterlockSettings, limits: ChamberLimits) -> Callable[[Look], str | None]:
+    low, high = limits.low_degC - settings.chamber_margin_degC, limits.high_degC + settings.chamber_margin_degC
+
+    def check(look: Look) -> str | None:
+        if not look.chamber_fresh or look.chamber is None:
+            return None
+        air = look.chamber.temperature_degC
+        # Written so that a reading which is not a number is a problem too.
+        return "" if low <= air <= high else f"the chamber is at {air:.1f} °C, outside {low:.1f} to {high:.1f} °C"
+
+    return check
+
+
+def _setpoint_changed(settings: InterlockSettings) -> Callable[[Look], str | None]:
+    def check(look: Look) -> str | None:
+        if not look.chamber_fresh or look.chamber is None or look.commanded_degC is None:
+            return None
+        holds, commanded = look.chamber.setpoint_degC, look.commanded_degC
+        if abs(holds - commanded) <= settings.setpoint_tolerance_degC:
+            return ""
+        return f"the chamber holds {holds:.1f} °C, {commanded:.1f} °C was commanded"
+
+    return check
+
+
+def _setpoint_not_followed(settings: InterlockSettings) -> Callable[[Look], str | None]:
+    def check(look: Look) -> str | None:
+        if not look.chamber_fresh or look.chamber is None or look.commanded_degC is None or not look.arrived:
+            return None
+        air, commanded = look.chamber.temperature_degC, look.commanded_degC
+        if abs(air - commanded) <= settings.follow_tolerance_degC:
+            return ""
+        return f"the chamber was at its setpoint of {commanded:.1f} °C and has left it: {air:.1f} °C"
+
+    return check
+
+
+def _unit_limits(settings: InterlockSettings) -> Callable[[Look], str | None]:
+    low, high = settings.unit_low_degC, settings.unit_high_degC
+
+    def check(look: Look) -> str | None:
+        if not look.unit_degC:
+            return None
+        outside = [f"sensor {n} at {value:.1f} °C" for n, value in look.unit_degC.items() if not low <= value <= high]
+        return f"the unit is outside {low:.0f} to {high:.0f} °C: {', '.join(outside)}" if outside else ""
+
+    return check
+
+
+def _stream_lost(look: Look) -> str | None:
+    if look.stream_error:
+        return f"the unit's stream failed: {look.stream_error}"
+    bad = look.counts.bad_checksum + look.counts.bad_delimiter
+    if look.samples:
+        return f"{bad} of {bad + look.samples} frames of the unit are damaged" if bad > look.samples else ""
+    if look.stream_span_s * look.sample_rate_hz < _EXPECTED_FRAMES:
+        return None
+    return f"no good frame from the unit for {look.stream_span_s:.1f} s ({bad} damaged)"
+
+
+@dataclass
+class _Suspicion:
+    since_s: float
+    sightings: int
+    reason: str
+
+
+class Interlocks:
+    """All interlocks of a bench with their memory. `record(kind, message)` receives what begins and what clears."""
+
+    def __init__(self, interlocks: Sequence[Interlock], record: Callable[[str, str], None]) -> None:
+        self._interlocks = interlocks
+        self._record = record
+        self._suspicions: dict[str, _Suspicion] = {}
+
+    @property
+    def suspected(self) -> str:
+        """What is suspected now, in words; empty where nothing is."""
+        return "; ".join(f"{name}: {each.reason}" for name, each in self._suspicions.items())
+
+    def evaluate(self, look: Look) -> None:
+        """Judge one look; raise `InterlockTripped` where a condition has lasted its grace."""
+        for interlock in self._interlocks:
+            problem = interlock.problem(look)
+            if problem is None:
+                continue
+            if problem:
+                self._sighted(interlock, problem, look.time_s)
+            elif interlock.name in self._suspicions:
+                lasted_s = look.time_s - self._suspicions.pop(interlock.name).since_s
+                self._record("interlock-cleared", f"{interlock.name} cleared after {lasted_s:.0f} s")
+
+    def _sighted(self, interlock: Interlock, problem: str, time_s: float) -> None:
+        suspicion = self._suspicions.get(interlock.name)
+        if suspicion is None:
+            self._suspicions[interlock.name] = _Suspicion(time_s, 1, problem)
+            self._record(
+                "interlock-suspected", f"{interlock.name}: {problem} (ends the sweep after {interlock.grace_s:g} s)"
+            )
+            return
+        suspicion.sightings += 1
+        suspicion.reason = problem
+        lasted_s = time_s - suspicion.since_s
+        if lasted_s >= interlock.grace_s:
+            raise InterlockTripped(interlock.name, f"{problem}; it lasted {lasted_s:.0f} s")

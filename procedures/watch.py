@@ -1,0 +1,268 @@
+"""The poll: the one place where a running sweep looks at the bench.
+
+Every step waits through `Watch`, so that at every poll, whatever the step, the stream is drained, the chamber is read,
+the interlocks are judged, a stop request is heard, the journal gets its sign of life and onlookers see the state.
+
+    for look, block in watch.wait(until_s):
+        ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from drivers.chamber import ChamberReading
+from drivers.errors import DeviceError
+from drivers.imu import SampleBlock, StreamCounts
+from procedures.bench import BenchDevices
+from procedures.interlocks import Interlock, Interlocks, Look
+from procedures.journal import Journal, StepResult
+from procedures.plan import Plan, Step
+from procedures.progress import Progress, Silent, Snapshot
+from procedures.settings import Polling
+from procedures.stop import StopRequest
+
+_WALL_JUMP_S = 5.0
+_TICK_S = 1e-6  # sleeping for less may not move a clock at all
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where in the sweep the poll takes place: the present step, its attempt, and what is planned behind it."""
+
+    step: Step
+    attempt: int
+    began_s: float  # the clock's
+    later_s: float  # planned time of everything after this step
+    steps_done: int
+    steps_total: int
+
+
+class Watch:
+    """Looks at the bench and tells everybody. Campaign time counts from `began`, also across a resume."""
+
+    def __init__(
+        self,
+        devices: BenchDevices,
+        journal: Journal,
+        stop: StopRequest,
+        interlocks: tuple[Interlock, ...],
+        polling: Polling,
+        progress: Progress,
+        began: datetime,
+    ) -> None:
+        clock = devices.clock
+        # Within one run time is monotonic, whatever happens to the wall clock; across a resume it is the wall clock's.
+        self._offset_s = (clock.utc() - began).total_seconds() - clock.now()
+        self._began = began
+        self._devices = devices
+        self._journal = journal
+        self._stop = stop
+        self._interlocks = Interlocks(interlocks, self.event)
+        self._polling = polling
+        self._progress = progress
+        self._position: Position | None = None
+        self._chamber_s = -np.inf
+        self._heartbeat_s = -np.inf
+        self._progress_s = -np.inf
+        self._drained_s = clock.now()
+        self._last_frame_s = clock.now()
+        self._wall_jumped = False
+        self.look: Look | None = None
+        self.commanded_degC: float | None = None
+        self.arrived = False
+        self.note = ""
+        self.rates_deg_per_hr: Mapping[str, float] = {}
+
+    # Time
+
+    @property
+    def now_s(self) -> float:
+        """The clock's seconds."""
+        return self._devices.clock.now()
+
+    def campaign_s(self, clock_s: float | None = None) -> float:
+        """Return campaign seconds: of now, or of a reading of the clock."""
+        return (self.now_s if clock_s is None else clock_s) + self._offset_s
+
+    # What is told
+
+    def event(self, kind: str, message: str, **evidence: Any) -> None:
+        """Record something that happened, and let onlookers see it."""
+        self._journal.event(kind, message, **evidence)
+        self._show("event", kind, message)
+
+    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
+        """Let onlookers see the plan."""
+        self._show("sweep_began", plan, done)
+
+    def step_began(self, position: Position) -> None:
+        """Polls belong to this step from now on."""
+        self._position = position
+        self.note, self.rates_deg_per_hr = "", {}
+        self._show("step_began", position.step, position.attempt)
+
+    def step_ended(self, step: Step, result: StepResult) -> None:
+        """Let onlookers see how a step ended."""
+        self._show("step_ended", step, result)
+
+    def _show(self, what: str, *arguments: object) -> None:
+        try:
+            getattr(self._progress, what)(*arguments)
+        except Exception as error:  # an onlooker, or its closed terminal, must not end a night
+            self._progress = Silent()
+            self._journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
+
+    # Looking
+
+    def commanded(self, setpoint_degC: float | None) -> None:
+        """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""
+        self.commanded_degC, self.arrived = setpoint_degC, False
+
+    def forget_stream(self) -> StreamCounts:
+        """Throw away what the unit sent so far."""
+        counts = self._devices.imu.discard()
+        self._last_frame_s = self.now_s
+        return counts
+
+    def wait(self, until_s: float) -> Iterator[tuple[Look, SampleBlock]]:
+        """Yield a look and the samples drained with it at each poll, until the clock shows `until_s`.
+
+        At least one poll takes place. Raises `StopRequested` and `InterlockTripped`.
+        """
+        while True:
+            remaining_s = until_s - self.now_s
+            self._devices.clock.sleep(min(self._polling.read_interval_s, max(remaining_s, 0.0)))
+            yield self.poll()
+            if self.now_s >= until_s - _TICK_S:
+                return
+
+    def hold_until_clear(self) -> None:
+        """Return once nothing is suspected. Nothing new begins before; a trip ends the wait."""
+        if not self._interlocks.suspected:
+            return
+        self.event("hold", f"holding: {self._interlocks.suspected}")
+        while self._interlocks.suspected:
+            self.note = f"holding: {self._interlocks.suspected}"
+            for _ in self.wait(self.now_s + self._polling.read_interval_s):
+                pass
+        self.event("hold-ended", "nothing is suspected any more")
+        self.note = ""
+
+    def poll(self) -> tuple[Look, SampleBlock]:
+        """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`."""
+        self._stop.check()
+        block, span_s, stream_error = self._drain()
+        fresh, chamber_error = self._read_chamber()
+        # Interlocks come before anything that could fail for another reason.
+        look = Look(
+            time_s=self._drained_s,
+            stream_span_s=span_s,
+            samples=len(block),
+            counts=block.counts,
+            sample_rate_hz=self._devices.imu.sample_rate_hz,
+            chamber=fresh or (self.look.chamber if self.look else None),
+            chamber_fresh=fresh is not None,
+            chamber_error=chamber_error,
+            stream_error=stream_error,
+            unit_degC=self._unit_temperatures(block),
+            commanded_degC=self.commanded_degC,
+            arrived=self.arrived,
+        )
+        self.look = look
+        self._interlocks.evaluate(look)
+        self._heartbeat(look)
+        self._snapshot(look)
+        return look, block
+
+    def _drain(self) -> tuple[SampleBlock, float, str]:
+        """Return what arrived since the last drain, how long that was, and what failed."""
+        error = ""
+        try:
+            block = self._devices.imu.read_block()
+        except DeviceError as failure:
+            block, error = SampleBlock(np.empty(0), {}), str(failure)
+        now_s = self.now_s
+        # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
+        # from the last frame, not from the last drain.
+        span_s = now_s - self._last_frame_s
+        if len(block):
+            self._last_frame_s = now_s
+        self._drained_s = now_s
+        return block, span_s, error
+
+    def _read_chamber(self) -> tuple[ChamberReading | None, str]:
+        """Return a new reading where one is due, else None, and what failed."""
+        if self.now_s - self._chamber_s < self._polling.interval_s - 1e-6:
+            return None, ""
+        self._chamber_s = self.now_s
+        try:
+            return self._devices.chamber.read(), ""
+        except DeviceError as failure:
+            return None, str(failure)
+
+    def _unit_temperatures(self, block: SampleBlock) -> Mapping[int, float]:
+        """Return the mean temperature of each sensor that has a thermometer, from what was drained."""
+        temperatures: dict[int, float] = {}
+        for number, channels in self._devices.imu.sensors.items():
+            if channels.temperature is None or channels.temperature not in block.fields:
+                continue
+            values = block.fields[channels.temperature]
+            values = values[np.isfinite(values)]
+            if len(values):
+                temperatures[number] = float(values.mean())
+        return temperatures
+
+    # Telling
+
+    def _heartbeat(self, look: Look) -> None:
+        if self._position is None or look.time_s - self._heartbeat_s < self._polling.heartbeat_s:
+            return
+        self._heartbeat_s = look.time_s
+        readings = {f"unit_{number}_degC": value for number, value in look.unit_degC.items()}
+        if look.chamber is not None:
+            readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
+        self._journal.heartbeat(self._position.step, readings)
+        self._compare_clocks()
+
+    def _compare_clocks(self) -> None:
+        """Record once that somebody set the wall clock; campaign time goes on by the monotonic one."""
+        wall_s = (self._devices.clock.utc() - self._began).total_seconds()
+        jumped = abs(wall_s - self.campaign_s()) > _WALL_JUMP_S
+        if jumped and not self._wall_jumped:
+            self.event(
+                "wall-clock-jump", f"the wall clock is off by {wall_s - self.campaign_s():+.0f} s since the start"
+            )
+        self._wall_jumped = jumped
+
+    def _snapshot(self, look: Look) -> None:
+        if self._position is None or look.time_s - self._progress_s < self._polling.progress_s:
+            return
+        self._progress_s = look.time_s
+        here = self._position
+        in_step_s = look.time_s - here.began_s
+        remaining_s = max(here.step.duration_s - in_step_s, 0.0)
+        finishing = self._began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + here.later_s)
+        self._show(
+            "update",
+            Snapshot(
+                step=here.step,
+                attempt=here.attempt,
+                elapsed_s=self.campaign_s(look.time_s),
+                step_elapsed_s=in_step_s,
+                step_remaining_s=remaining_s,
+                finishing_utc=finishing,
+                chamber_degC=look.chamber.temperature_degC if look.chamber else None,
+                setpoint_degC=look.chamber.setpoint_degC if look.chamber else None,
+                unit_degC=look.unit_degC,
+                rates_deg_per_hr=self.rates_deg_per_hr,
+                note=self.note,
+                steps_done=here.steps_done,
+                steps_total=here.steps_total,
+            ),
+        )
