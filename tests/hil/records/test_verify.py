@@ -1,0 +1,163 @@
+"""`hil verify` finds every kind of damage, and calls harmless what is harmless."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.clock import VirtualClock
+from drivers.imu import SampleBlock
+from hil.errors import InputError
+from hil.journal import JOURNAL_NAME, SqliteJournal
+from hil.journal_schema import COUNTED_TABLES
+from hil.verify import verify_night
+from procedures.journal import Outcome, StepResult
+from procedures.plan import Plan, StepKind
+
+
+def blocks_of(folder: Path) -> list[Path]:
+    """Return the block files."""
+    return sorted((folder / "blocks").iterdir())
+
+
+def tamper(folder: Path, *statements: str) -> None:
+    """Change the journal as somebody with a database program would, all protection switched off."""
+    connection = sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)
+    connection.execute("DROP TRIGGER an_ended_attempt_stays")
+    connection.execute("DROP TRIGGER a_block_stays")
+    for statement in statements:
+        connection.execute(statement)
+    connection.close()
+
+
+def test_a_full_night_is_complete(full_night: Path, plan: Plan) -> None:
+    """Every step done and every block intact: complete, without problems."""
+    collects = len(plan.of_kind(StepKind.COLLECT))
+    assert verify_night(full_night) == {
+        "schema": "hil.verify/1",
+        "complete": True,
+        "problems": [],
+        "blocks_checked": 2 * collects,
+        "notes": [],
+    }
+
+
+def test_a_flipped_byte_in_any_block_is_found(full_night: Path) -> None:
+    """One bit in the middle of each block, samples and raw bytes alike."""
+    for path in blocks_of(full_night):
+        good = path.read_bytes()
+        middle = len(good) // 2
+        path.write_bytes(good[:middle] + bytes([good[middle] ^ 0x10]) + good[middle + 1 :])
+        result = verify_night(full_night)
+        assert not result["complete"]
+        (problem,) = result["problems"]
+        assert path.name in problem
+        assert "hash" in problem
+        path.write_bytes(good)
+    assert verify_night(full_night)["complete"]
+
+
+def test_a_deleted_or_shortened_block_is_found(full_night: Path) -> None:
+    """A block that is gone, and one that lost its end."""
+    first, second = blocks_of(full_night)[:2]
+    first.unlink()
+    second.write_bytes(second.read_bytes()[:-10])
+    problems = verify_night(full_night)["problems"]
+    assert len(problems) == 2
+    assert f"{first.name}: the block is missing" in problems[0]
+    assert second.name in problems[1]
+    assert "were written" in problems[1]
+
+
+@pytest.mark.parametrize("which", ["min(id)", "max(id)"])
+@pytest.mark.parametrize("table", COUNTED_TABLES)
+def test_a_deleted_journal_row_is_found(full_night: Path, table: str, which: str) -> None:
+    """Any row of any table, the last one included."""
+    tamper(full_night, f"DELETE FROM {table} WHERE id = (SELECT {which} FROM {table})")  # noqa: S608
+    result = verify_night(full_night)
+    assert not result["complete"]
+    assert any(f"rows of the table {table} were deleted" in problem for problem in result["problems"])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("DELETE FROM steps WHERE number = 0", "planned"),
+        ("UPDATE steps SET temperature_degC = 21.0 WHERE number = 3", "plan or the configuration was changed"),
+        ("UPDATE night SET configuration = 'bench: other'", "plan or the configuration was changed"),
+        ("UPDATE attempts SET data = replace(data, 'PASS', 'FAIL') WHERE id = 4", "was changed after it was written"),
+        ("UPDATE attempts SET reason = 'excellent' WHERE id = 2", "was changed after it was written"),
+        ("UPDATE blocks SET sha256 = 'no' WHERE id = 1", "was changed after it was written"),
+        ("DELETE FROM night", "the row that describes the night is missing"),
+    ],
+)
+def test_a_changed_journal_row_is_found(full_night: Path, change: str, words: str) -> None:
+    """Numbers, plan, configuration: whatever was written is sealed by a digest."""
+    tamper(full_night, change)
+    result = verify_night(full_night)
+    assert not result["complete"]
+    assert any(words in problem for problem in result["problems"]), result["problems"]
+
+
+def test_a_damaged_database_file_is_found_wherever_it_is_damaged(full_night: Path) -> None:
+    """A page of rubbish, anywhere in the file, is a problem in words and never a traceback."""
+    path = full_night / JOURNAL_NAME
+    good = path.read_bytes()
+    for start in range(0, len(good), 4096):
+        path.write_bytes(good[:start] + b"\xa5" * 4096 + good[start + 4096 :])
+        assert verify_night(full_night)["problems"], f"the damage at byte {start} was not found"
+    path.write_bytes(good[: len(good) // 2])
+    assert verify_night(full_night)["problems"]
+
+
+def test_a_wrong_average_is_found_although_every_hash_is_right(journal: SqliteJournal, plan: Plan) -> None:
+    """Averages are computed again from the samples."""
+    step = plan.of_kind(StepKind.COLLECT)[0]
+    for sign, expected in ((1.0, 0), (-1.0, 1)):
+        attempt = journal.begin(step)
+        data = {"sensors": {"2": {"rates": {"RA": {"mean_deg_per_hr": sign * 2.0}}}}}
+        samples = SampleBlock(np.arange(3.0), {"rate_A2": np.array([1.0, 2.0, 3.0])})
+        journal.end(step, attempt, StepResult(Outcome.FAILED, "", data, samples))
+        found = [each for each in verify_night(journal.folder)["problems"] if "average to 2.000000" in each]
+        assert len(found) == expected
+
+
+def test_a_collect_without_samples_is_found(journal: SqliteJournal, plan: Plan) -> None:
+    """A DONE collect must have its samples."""
+    step = plan.of_kind(StepKind.COLLECT)[0]
+    journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
+    assert any("no samples are recorded" in problem for problem in verify_night(journal.folder)["problems"])
+
+
+def test_what_a_crash_left_behind_is_a_note_and_no_problem(full_night: Path) -> None:
+    """Orphan blocks and unfinished files are harmless, and are said."""
+    (full_night / "blocks" / "00004-orphan-9.parquet").write_bytes(b"x")
+    (full_night / "blocks" / ".partial-00004-orphan-9.raw.zst").write_bytes(b"x")
+    result = verify_night(full_night)
+    assert result["complete"]
+    assert len(result["notes"]) == 2
+    assert all("harmless" in note for note in result["notes"])
+
+
+def test_a_night_that_is_not_finished_names_what_is_missing(
+    new_night: Path, plan: Plan, clock: VirtualClock, do: Callable[..., None]
+) -> None:
+    """One sentence for each self-calibration and each step around them."""
+    second = next(step.index for step in plan.steps if step.self_calibration == 2)
+    with SqliteJournal.open(new_night, clock=clock) as journal:
+        for step in plan.steps[: second - 1]:
+            do(journal, step, clock)
+    assert verify_night(new_night)["problems"][:2] == [
+        "missing: self-calibration 1 at 20.0 °C: collect at position 3",
+        "missing: self-calibration 2 at 20.0 °C: all of it",
+    ]
+
+
+def test_a_folder_without_a_night_is_bad_input(tmp_path: Path) -> None:
+    """Nothing to verify is not the same as damage."""
+    with pytest.raises(InputError, match="holds no night"):
+        verify_night(tmp_path)
