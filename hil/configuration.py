@@ -1,0 +1,74 @@
+"""The configuration of a night as its journal keeps it: everything that the files said, in one text.
+
+    text = configuration_text(bench, sweep)          # at the beginning, into the journal
+    bench, sweep = configuration_of(text, folder)    # for a resume, an export, a replay
+
+The bench and sweep files may be edited, moved or lost while a night goes on. What counts is what they said at its
+beginning; that includes the IMU's frame description and the simulated unit's model, which the bench file only names.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hil.config import Bench, Sweep, find_config, parse_bench, parse_sweep
+from hil.config.files import parse_yaml, read_text
+from hil.errors import InputError
+from hil.files import RealDisk, write_durably
+
+SCHEMA = "hil.configuration/1"
+IMU_FILE, MODEL_FILE = "imu.yaml", "model.yaml"
+
+
+def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> str:
+    """Return everything that the night depends on as YAML; `seed` takes the place of the bench file's.
+
+    Raises `InputError` where a file that the bench names cannot be found, or a seed is given and nothing is simulated.
+    """
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "bench_file": bench.source,
+        "sweep_file": sweep.source,
+        "bench": parse_yaml(bench.text, bench.source),
+        "sweep": parse_yaml(sweep.text, sweep.source),
+        "imu": read_text(bench.imu_description),
+    }
+    if bench.simulation is not None:
+        beside = Path(bench.source).parent if bench.source else None
+        document["model"] = read_text(find_config("models", bench.simulation.model, beside))
+    if seed is not None:
+        if bench.simulation is None:
+            raise InputError(f"{bench.source}: a seed was given, but nothing on this bench is simulated")
+        document["bench"]["simulation"]["seed"] = seed
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
+
+
+def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
+    """Return bench and sweep from a journal's text; the files that they name are written into `folder`.
+
+    Raises `InputError` where the text is not a configuration that this version understands.
+    """
+    document = parse_yaml(text, "the night's configuration")
+    if document.get("schema") != SCHEMA:
+        raise InputError(f"the night's configuration is {document.get('schema')!r}; this program reads {SCHEMA}")
+    bench: dict[str, Any] = document["bench"]
+    folder = folder.resolve()
+    write_durably(RealDisk(), folder / IMU_FILE, document["imu"].encode())
+    bench["imu"]["description"] = str(folder / IMU_FILE)
+    if "model" in document:
+        write_durably(RealDisk(), folder / MODEL_FILE, document["model"].encode())
+        bench["simulation"]["model"] = str(folder / MODEL_FILE)
+    return (
+        parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
+        parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),
+    )
+
+
+def bench_of_record(text: str) -> Bench:
+    """Return the bench of a journal's text to look at it: orientations, site, sensors. Nothing is left behind."""
+    with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+        return configuration_of(text, Path(folder))[0]

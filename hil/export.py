@@ -1,0 +1,246 @@
+"""A night as a campaign folder (hil.campaign/1): what `hil solve`, reconcile and any spreadsheet work from.
+
+    export = export_campaign(folder, "my-campaign")
+    export.notes  # what is not there, and what was judged not good
+
+There is one row for each collect and sensor. `collect` is unique within the file, so that two sensors of one collect
+have two numbers; both have the same start. Known acceleration and earth rate are the bench file's orientation table
+applied to its site; nothing in them is measured. A night that is not complete is exported as far as it got.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.blocks import SAMPLES, Block, Samples, read_samples
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign_writer import SeriesFormat, write_campaign
+from hil.config import Bench
+from hil.configuration import bench_of_record
+from hil.errors import InputError
+from hil.journal_reader import JournalReader, open_readonly
+from hil.status import missing_in_words
+from procedures.plan import Step, StepKind
+
+_MEANINGS = {
+    "supply_V": "supply voltage at the unit's terminals, volt",
+    "spin_period_us": "period of one turn of the sensor's rotor, microsecond",
+}
+_STEP_COLUMNS: tuple[str, ...] = ("chamber_degC", "setpoint_degC", "time_since_power_on_s", "time_since_setpoint_s")
+_STEP_COLUMNS += ("time_since_index_s", "n_samples")
+_SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written: the folder, the number of rows, and in words what a reader of the campaign must know."""
+
+    folder: Path
+    rows: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Collect:
+    """One collect of the night: its step, what was recorded, and its samples."""
+
+    step: Step
+    data: Mapping[str, Any]
+    samples: Block | None
+
+    @property
+    def start_s(self) -> float:
+        return float(self.data["start_s"])
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row of collects.csv: the collect seen by one sensor."""
+
+    number: int
+    sensor: int
+    collect: _Collect
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.collect.data["sensors"][str(self.sensor)]
+        return found
+
+
+def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFormat = "csv") -> Export:
+    """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
+
+    Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
+    `DamagedBlock` where samples are not what was written.
+    """
+    folder, target = Path(folder), Path(out)
+    with open_readonly(folder) as journal, journal.snapshot():
+        bench = bench_of_record(journal.night.configuration)
+        campaign, rows = _campaign(journal, bench)
+        _make_way(target)
+        series = _series(folder, rows, campaign, bench.record.series_block)
+        write_campaign(campaign, target, series, series_format)
+    return Export(target, len(rows), tuple(campaign.notes.splitlines()))
+
+
+def campaign_of_night(folder: Path | str) -> Campaign:
+    """Return the collects of a night as a campaign in memory, without the series; raises as `export_campaign` does."""
+    folder = Path(folder)
+    with open_readonly(folder) as journal, journal.snapshot():
+        return _campaign(journal, bench_of_record(journal.night.configuration))[0]
+
+
+def _make_way(target: Path) -> None:
+    if target.is_dir() and not any(target.iterdir()):
+        target.rmdir()  # an empty folder, made for this: the campaign takes its place in one step
+    elif target.exists():
+        raise InputError(f"{target}: it exists and is not empty; name a new folder")
+
+
+def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:
+    collects = _collects(journal)
+    if not collects:
+        raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
+    sensors = sorted({int(number) for collect in collects for number in collect.data["sensors"]})
+    rows: list[_Row] = []
+    for collect in collects:
+        for number in sensors:
+            if str(number) in collect.data["sensors"]:
+                rows.append(_Row(len(rows) + 1, number, collect))
+    night = journal.night
+    tables = {number: _of_sensor([row for row in rows if row.sensor == number], bench, number) for number in sensors}
+    columns = {name for table in tables.values() for name in table.conditions.columns}
+    site = bench.site
+    campaign = Campaign(
+        title=night.title,
+        source=f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}",
+        sensors=tables,
+        condition_units={name: meaning for name, meaning in _meanings(bench).items() if name in columns},
+        simulated=night.simulated,
+        site={
+            "latitude_deg": site.latitude_deg,
+            "heading_deg": site.heading_deg,
+            "axis_2_elevation_deg": site.axis_2_elevation_deg,
+            "axis_3_elevation_deg": site.axis_3_elevation_deg,
+        },
+        notes="\n".join(_notes(journal, bench, rows)),
+        series_block_s=bench.record.series_block,
+    )
+    return campaign, rows
+
+
+def _collects(journal: JournalReader) -> list[_Collect]:
+    done = journal.done_attempts()
+    samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
+    collects = []
+    for step in journal.plan.of_kind(StepKind.COLLECT):
+        attempt = done.get(step.key)
+        if attempt is not None:
+            collects.append(_Collect(step, attempt.data, samples.get((step.key, attempt.attempt))))
+    return sorted(collects, key=lambda collect: collect.start_s)
+
+
+def _of_sensor(rows: Sequence[_Row], bench: Bench, number: int) -> Collects:
+    sensor = bench.sensor(number)
+    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+    orientations = [bench.orientations(number)[str(row.collect.data["position"])] for row in rows]
+    conditions = Conditions(
+        sensor=sensor,
+        collect=np.array([row.number for row in rows], dtype=np.int64),
+        run=np.array([row.collect.step.self_calibration or 0 for row in rows], dtype=np.int64),
+        position=np.array([str(row.collect.data["position"]) for row in rows], dtype=np.str_),
+        start_s=np.array([row.collect.start_s for row in rows]),
+        duration_s=np.array([float(row.collect.data["duration_s"]) for row in rows]),
+        f_g=np.array([orientation.components(gravity) for orientation in orientations]),
+        w_deg_per_hr=np.array([orientation.components(earth_rate) for orientation in orientations]),
+        columns=_columns(rows, sensor),
+    )
+    return Collects(conditions, _rates(rows, sensor, "mean_deg_per_hr"), _rates(rows, sensor, "se_deg_per_hr"))
+
+
+def _rates(rows: Sequence[_Row], sensor: Sensor, what: str) -> FloatArray:
+    """Return one number per row and channel, NaN where it was not measured."""
+    table = [[_number(row.record["rates"].get(channel, {}).get(what)) for channel in sensor.channels] for row in rows]
+    return np.array(table, dtype=np.float64)
+
+
+def _columns(rows: Sequence[_Row], sensor: Sensor) -> dict[str, FloatArray]:
+    """Return every condition that the bench knows; a column that is empty from top to bottom is left out."""
+    known: list[dict[str, Any]] = []
+    for row in rows:
+        data, record = row.collect.data, row.record
+        cells = {name: data.get(name) for name in _STEP_COLUMNS}
+        cells |= {name: record.get(name) for name in _SENSOR_COLUMNS}
+        cells |= data.get("conditions", {}) | record.get("conditions", {})
+        measured = record.get("accelerations", {})
+        cells |= {f"accelerometer_{axis}_g": measured.get(axis) for axis in sensor.axes}
+        known.append(cells)
+    names = dict.fromkeys(name for cells in known for name in cells)
+    columns = {name: np.array([_number(cells.get(name)) for cells in known]) for name in names}
+    return {name: values for name, values in columns.items() if not np.all(np.isnan(values))}
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+
+
+def _meanings(bench: Bench) -> dict[str, str]:
+    axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
+    measured = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
+    return {**_MEANINGS, **measured}
+
+
+def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterator[str]:
+    """Yield what a reader of the campaign must know, one sentence per line."""
+    if journal.night.simulated:
+        yield "SIMULATED: these are no measurements."
+    missing = missing_in_words(journal.plan, journal.completed(), journal.attempts())
+    if missing:
+        yield f"The night is not complete; missing: {'; '.join(missing)}."
+    for row in rows:
+        verdict = row.collect.data.get("verdict", "PASS")
+        if verdict != "PASS":
+            yield f"Collect {row.number} was judged {verdict}: {row.collect.data.get('reason', '')}."
+    yield "Acceleration and earth rate are computed from site and orientation table; 1 g is the local gravity."
+    for number, section in bench.sensors.items():
+        if section.assumed:
+            yield f"The orientations of sensor {number} are assumed, not known."
+
+
+def _series(folder: Path, rows: Sequence[_Row], campaign: Campaign, block_s: float) -> Iterator[tuple[int, Series]]:
+    """Yield the rates within each collect as means over `block_s`, one collect in memory at a time."""
+    newest: tuple[Block, Samples] | None = None
+    for row in rows:
+        block = row.collect.samples
+        if block is None:
+            continue
+        if newest is None or newest[0] != block:
+            newest = (block, read_samples(folder, block))
+        sensor = campaign.sensors[row.sensor].conditions.sensor
+        series = _block_means(newest[1], sensor, row.collect.start_s, block_s)
+        if series is not None:
+            yield row.number, series
+
+
+def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: float) -> Series | None:
+    rates = samples.of("rate", sensor.number)
+    if not len(samples.time_s) or not all(channel in rates for channel in sensor.channels):
+        return None
+    t_s = samples.time_s - start_s
+    _, where, counts = np.unique(np.floor(t_s / block_s), return_inverse=True, return_counts=True)
+
+    def means(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(where, weights=values) / counts)
+
+    temperatures = samples.of("temperature", sensor.number)
+    return Series(
+        t_s=means(t_s),
+        rates_deg_per_hr=np.stack([means(rates[channel]) for channel in sensor.channels], axis=1),
+        temperature_degC=means(next(iter(temperatures.values()))) if temperatures else None,
+        block_s=block_s,
+    )

@@ -1,0 +1,109 @@
+"""The log of a night: one JSON object per line in the night's folder, for people and programs that follow along.
+
+The journal is the truth; the log says the same as it happens, and in addition every command that moves hardware, with
+who and when, before it is sent. Times are the campaign's wall time in UTC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from drivers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading
+from drivers.clock import Clock
+from drivers.positioner import Positioner
+
+LOG_NAME = "log.jsonl"
+
+
+class NightLog:
+    """The log file of a night, appended to. Close it."""
+
+    def __init__(self, folder: Path, clock: Clock, who: str) -> None:
+        self._clock = clock
+        # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
+        self._file: TextIOWrapper = (folder / LOG_NAME).open("a", encoding="utf-8", buffering=1)
+        self._logger: Any = structlog.wrap_logger(
+            structlog.WriteLogger(self._file),
+            processors=[self._stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
+            wrapper_class=structlog.BoundLogger,
+            who=who,
+        )
+
+    def _stamp(self, logger: object, method: str, facts: Any) -> Any:  # noqa: ARG002 - the signature of a processor
+        return {"utc": self._clock.utc().isoformat(), **facts}
+
+    def say(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Write one line. A full disk must not end a night on account of its log: what cannot be written is lost."""
+        try:
+            self._logger.info(what, **facts)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        """Close the file."""
+        try:
+            self._file.close()
+        except OSError:
+            return
+
+
+class LoggedChamber:
+    """A chamber whose commands are logged before they are sent."""
+
+    def __init__(self, chamber: Chamber, log: NightLog) -> None:
+        self._chamber = chamber
+        self._log = log
+
+    @property
+    def limits(self) -> ChamberLimits:
+        """The limits given by the bench file."""
+        return self._chamber.limits
+
+    def identify(self) -> ChamberIdentity:
+        """Ask who is there."""
+        return self._chamber.identify()
+
+    def prepare(self) -> None:
+        """Set the native limits and start constant-temperature operation."""
+        self._log.say("chamber: prepare", {"low_degC": self.limits.low_degC, "high_degC": self.limits.high_degC})
+        self._chamber.prepare()
+
+    def read(self) -> ChamberReading:
+        """Read the chamber; not logged, the journal's heartbeats hold the readings."""
+        return self._chamber.read()
+
+    def set_temperature(self, setpoint_degC: float) -> None:
+        """Set the setpoint."""
+        self._log.say("chamber: set temperature", {"setpoint_degC": setpoint_degC})
+        self._chamber.set_temperature(setpoint_degC)
+
+    def safe_state(self) -> None:
+        """Bring the chamber to its safe state."""
+        self._log.say("chamber: safe state", {})
+        self._chamber.safe_state()
+
+    def close(self) -> None:
+        """Release the port."""
+        self._chamber.close()
+
+
+class LoggedPositioner:
+    """A positioner whose moves are logged before they begin."""
+
+    def __init__(self, positioner: Positioner, log: NightLog) -> None:
+        self._positioner = positioner
+        self._log = log
+
+    def move_to(self, position: str, timeout_s: float) -> None:
+        """Go to a position."""
+        self._log.say("positioner: move", {"position": position, "timeout_s": timeout_s})
+        self._positioner.move_to(position, timeout_s)
+
+    def position(self) -> str | None:
+        """Return the confirmed position."""
+        return self._positioner.position()
