@@ -220,6 +220,8 @@ def _check(path: Path, model: Model) -> None:
             effect = effect_by_id(term.effect)
         except InputError as error:
             raise InputError(f"{path}: terms.{index}.effect: {error}") from error
+        if not effect.in_models:
+            raise InputError(f"{path}: terms.{index}.effect: {effect.id} is a mistake in a record; correct it there")
         unknown = [name for name in term.parameters if not effect.accepts(name)]
         if unknown:
             raise InputError(f"{path}: terms.{index}.parameters.{unknown[0]}: unknown key for effect {effect.id}")
@@ -251,15 +253,17 @@ def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArra
 
 
 def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base: Base) -> FloatArray:
-    lacking = effect.missing(rows)
+    # A column that is there but empty (no setpoint given yet) contributes nothing; one that is not there is an error.
+    lacking = [need for need in sorted(effect.needs) if not set(need.split("|")) & set(rows.columns)]
     if lacking:
         raise InputError(f"model {title}: term {effect.id} needs {', '.join(lacking)}, which the data lacks")
-    shape = {**{s.name: s.grid[0] for s in effect.shapes_for(rows) if len(s.grid) == 1}, **term.shape}
-    absent = [s.name for s in effect.shapes_for(rows) if s.name not in shape]
+    absent = [shape.name for shape in effect.shapes_for(rows) if shape.name not in term.shape]
     if absent:
         raise InputError(f"model {title}: term {effect.id} lacks its shape parameter {', '.join(absent)}")
-    columns = effect.columns(rows, base, shape)
+    columns = effect.columns(rows, base, term.shape)
     temperatures = _temperature(rows)
+    if any(curve.depends_on_temperature for curve in term.parameters.values()) and np.isnan(temperatures).any():
+        raise InputError(f"model {title}: term {effect.id} depends on temperature_degC, which some rows lack")
     values = np.zeros((len(rows), columns.shape[-1]))
     for index, parameter in enumerate(effect.parameters_for(rows)):
         if parameter.name in term.parameters:

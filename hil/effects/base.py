@@ -140,6 +140,7 @@ class Effect(Described):
     shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     needs_base: ClassVar[bool] = False  # `columns` refuses base=None
     needs_slopes: ClassVar[bool] = False  # … and a base without slopes by temperature
+    in_models: ClassVar[bool] = True  # False for mistakes in a record: to be corrected there, not to be modelled
 
     @abstractmethod
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

@@ -57,6 +57,7 @@ class Mislabelled(Effect):
     equation = "R(p) becomes R(q) and R(q) becomes R(p) in one run; or RA and RB change places"
     parameters = (Parameter("swapped", "1", (1.0, 1.0)),)
     needs_base = True
+    in_models = False
     signature = (
         "An isolated run: 1 and 2 exchanged turns the sign of GS; 3 with another gives a huge MU; A-B turns by 90 deg."
     )

@@ -93,23 +93,24 @@ def setpoint_step(conditions: Conditions) -> FloatArray:
     return result
 
 
-def order_in_run(conditions: Conditions) -> FloatArray:
-    """Return when each row was taken in its run, in collect intervals from the run's middle: −1, 0, 1; shape (n,).
-
-    The interval is the campaign's usual spacing of collects, so that a missing collect does not move the others.
-    """
-    middle = conditions.start_s + 0.5 * conditions.duration_s
-    centred = middle.copy()
+def collect_interval_s(conditions: Conditions) -> float:
+    """Return the usual time from one collect to the next within a run, s; NaN where no run has two collects."""
     spacings: list[float] = []
     for run in np.unique(conditions.run):
+        spacings.extend(np.diff(np.unique(conditions.start_s[conditions.run == run])))
+    return float(np.median(spacings)) if spacings else float("nan")
+
+
+def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
+    """Return how many collect intervals after its run's first collect each row was taken: 0, 1, 2; shape (n,).
+
+    Counted by time, so that a missing collect does not move the others.
+    """
+    place = np.zeros(len(conditions))
+    for run in np.unique(conditions.run):
         rows = conditions.run == run
-        moments = np.array(
-            [middle[rows & (conditions.collect == c)].mean() for c in np.unique(conditions.collect[rows])]
-        )
-        centred[rows] -= 0.5 * (moments.min() + moments.max())
-        spacings.extend(np.diff(np.sort(moments)))
-    spacing = float(np.median(spacings)) if spacings else 0.0
-    return centred / spacing if spacing > 0.0 else np.zeros(len(conditions))
+        place[rows] = (conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s
+    return place
 
 
 def slew_since_previous(conditions: Conditions) -> FloatArray:

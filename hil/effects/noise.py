@@ -8,7 +8,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, column, per_channel
-from hil.effects.history import order_in_run
+from hil.effects.history import collect_interval_s, place_in_run
 
 _HOUR_S = 3600.0
 _DAY_S = 86400.0
@@ -20,16 +20,21 @@ class Drift(Effect):
     id = "drift"
     family = "noise"
     title = "Linear drift between collects"
-    equation = "R += d k, k = ..., -1, 0, 1, ... in the order taken within the run"
+    equation = "R += d k, k = 0, 1, 2, ... in the order taken within the run"
     per_channel = True
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
     confusable_with = ("MU_real", "GS", "warmup", "bias_Tdot", "settle")
     experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
 
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return the usual time from collect to collect; none where no run has two collects."""
+        interval = collect_interval_s(conditions)
+        return (ShapeParameter("interval_s", "s", (interval,) if interval > 0.0 else ()),)
+
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the collect's place in its run for each channel."""
-        return per_channel(order_in_run(conditions), conditions.sensor)
+        return per_channel(place_in_run(conditions, shape["interval_s"]), conditions.sensor)
 
 
 class Ageing(Effect):
