@@ -20,12 +20,13 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
 
+from drivers.chamber import SafeState
 from hil.campaign import Sensor
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.orientation import build_orientations
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
-from hil.config.units import Celsius, Degrees, Gravities, Hertz, Seconds
+from hil.config.units import Celsius, CelsiusDifference, Degrees, Gravities, Hertz, Seconds
 from hil.earth import Site
 from hil.equation import Orientation
 from hil.errors import InputError
@@ -146,7 +147,8 @@ class SensorSection(Section):
 class ImuSection(Section):
     """The IMU's port and stream, and who turns the unit. Baud and rate are the description's where they are not given.
 
-    `instructions` tell an operator how the unit lies at each position.
+    `codes` are the unit's own numbers for the positions (position "3" is its number 3 where nothing is said), and
+    `instructions` tell an operator how the unit lies at each.
     """
 
     description: str
@@ -154,6 +156,7 @@ class ImuSection(Section):
     baud: PositiveInt | None = None
     rate: Annotated[Hertz, Field(gt=0.0)] | None = None
     positioner: Literal["indexing", "operator"]
+    codes: Annotated[dict[str, int], BeforeValidator(_labels)] = Field(default_factory=dict)
     instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
 
 
@@ -171,29 +174,46 @@ class LimitsSection(Section):
 
 
 class SafeStateSection(Section):
-    """How the chamber may be left alone: it keeps `setpoint`, or stands by, or is switched off."""
+    """How the chamber may be left alone: it holds a temperature, or stands by, or is switched off."""
 
-    mode: Annotated[Literal["hold", "standby", "off"], BeforeValidator(_off_is_a_word)] = "standby"
-    setpoint: Celsius = 23.0
+    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(_off_is_a_word)]
+    temperature: Celsius | None = None
+
+
+def _safe_state(given: object) -> SafeState:
+    section = validated_inside(SafeStateSection, given)
+    return SafeState(section.action, section.temperature)
 
 
 class ChamberSection(Section):
-    """The chamber's port, its controller, its limits and its safe state."""
+    """The chamber's port, its controller, its limits and its safe state.
+
+    `model` is how the controller's answer to who it is must begin. The controller's own limits are set `native_margin`
+    beyond the bench's. `celsius_confirmed` says that a person has seen °C on its panel, which the protocol cannot tell.
+    """
 
     driver: Literal["espec"]
     port: ChamberPort
     baud: PositiveInt = 19200
     address: PositiveInt | None = None
+    terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
     model: str = ""
+    celsius_confirmed: bool = False
     limits: LimitsSection
-    safe_state: SafeStateSection = SafeStateSection()
+    native_margin: CelsiusDifference = 5.0
+    safe_state: Annotated[SafeState, BeforeValidator(_safe_state)]
+
+    @property
+    def terminator_bytes(self) -> bytes:
+        """What ends a line."""
+        return {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
 
     @model_validator(mode="after")
     def _safe_is_within_limits(self) -> ChamberSection:
-        setpoint = self.safe_state.setpoint
-        if not self.limits.low <= setpoint <= self.limits.high:
+        held = self.safe_state.temperature_degC
+        if held is not None and not self.limits.low <= held <= self.limits.high:
             raise ValueError(
-                f"safe_state.setpoint: {setpoint:.4g} °C lies outside the chamber's limits "
+                f"safe_state.temperature: {held:.4g} °C lies outside the chamber's limits "
                 f"{self.limits.low:.4g} … {self.limits.high:.4g} °C"
             )
         return self
@@ -265,6 +285,15 @@ class Bench(Section):
         """The positions in which the orientation of every sensor is known."""
         tables = [section.built for section in self.sensors.values()]
         return tuple(label for label in tables[0] if all(label in table for table in tables))
+
+    @property
+    def position_codes(self) -> Mapping[str, int]:
+        """The unit's own number of each position."""
+        codes = self.imu.codes
+        return {
+            label: codes.get(label, int(label) if label.isdigit() else place)
+            for place, label in enumerate(self.positions, 1)
+        }
 
     @cached_property
     def imu_description(self) -> Path:

@@ -45,8 +45,9 @@ def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
 def section_for(settings: type) -> type[Section]:
     """Return the section for a dataclass of settings: its names without their unit, each optional."""
     hints = get_type_hints(settings)
-    keys = dict(_key_and_type(name, hints[name]) for name in settings.__dataclass_fields__)  # type: ignore[attr-defined]
-    fields: dict[str, Any] = {key: (quantity | None, None) for key, quantity in keys.items()}
+    keys = dict(_key_and_type(name, hints[name]) for name in hints)
+    # A key that is not given has no value here: the dataclass has the default.
+    fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.items()}
     return create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
 
 
@@ -54,5 +55,5 @@ def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
     """Return the settings that a mapping of a file gives; raise `ValueError` where they contradict each other."""
     section = validated_inside(section_for(settings), given)
     hints = get_type_hints(settings)
-    values = {name: getattr(section, _key_and_type(name, hints[name])[0]) for name in hints if name[:1] != "_"}
-    return settings(**{name: value for name, value in values.items() if value is not None})
+    keys = {name: _key_and_type(name, hints[name])[0] for name in hints}
+    return settings(**{name: getattr(section, key) for name, key in keys.items() if key in section.model_fields_set})

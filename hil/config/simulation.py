@@ -6,7 +6,10 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, NonNegativeInt
 
+from drivers.simulators.espec import EspecFault
+from drivers.simulators.faults import FaultWindow
 from hil.config.files import Section
+from hil.config.settings import to_settings
 from hil.config.units import (
     Celsius,
     CelsiusDifference,
@@ -52,6 +55,7 @@ class NoiseSection(Section):
     accelerometers: Annotated[Gravities, Field(ge=0.0)] = 20e-6
     thermometers: CelsiusDifference = 0.01
     supply: Volts = 0.002
+    supply_wander: Volts = 0.02
 
 
 class SettlingSection(Section):
@@ -73,6 +77,15 @@ class SimulatedChamberSection(Section):
     leak: PositiveSeconds = 3600.0
 
 
+def _faults(kind: type) -> BeforeValidator:
+    def convert(given: object) -> object:
+        if not isinstance(given, list | tuple):
+            raise ValueError("faults are a list, one mapping for each")
+        return tuple(to_settings(fault, kind) for fault in given)
+
+    return BeforeValidator(convert)
+
+
 class SimulationSection(Section):
     """What is simulated. The seed makes a night reproducible to the byte; it is in the record."""
 
@@ -85,3 +98,5 @@ class SimulationSection(Section):
     supply: Volts = 28.0
     index_time: PositiveSeconds = 5.0
     chamber: SimulatedChamberSection = SimulatedChamberSection()
+    imu_faults: Annotated[tuple[FaultWindow, ...], _faults(FaultWindow)] = ()
+    chamber_faults: Annotated[tuple[EspecFault, ...], _faults(EspecFault)] = ()

@@ -1,0 +1,85 @@
+"""The simulated devices of a bench: one chamber whose air the simulated unit lies in, and both controllers' bytes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.frames.description import StreamDescription
+from drivers.imu import ImuIdentity
+from drivers.simulators.espec import SimulatedEspec
+from drivers.simulators.mfs import IndexSettings, SimulatedImu
+from hil.config.bench import Bench
+from hil.errors import InputError
+from hil.model import load_model
+from hil.twin.setpoints import LoggedPlant
+from hil.twin.unit import SimulatedUnit
+
+
+@dataclass(frozen=True)
+class SimulatedBench:
+    """Both devices and what they share. Tests ask `unit` for the truth and inject faults into the devices."""
+
+    imu: SimulatedImu
+    chamber: SimulatedEspec
+    unit: SimulatedUnit
+    plant: LoggedPlant
+
+
+def simulate_devices(
+    bench: Bench, description: StreamDescription, *, begins_s: float, first_run: int = 1, session: int = 0
+) -> SimulatedBench:
+    """Return the devices that the bench's simulation section describes, at rest at `begins_s` on the caller's clock.
+
+    The chamber begins at the start temperature, whatever it held before: a chamber cools (or warms) while nobody
+    controls it. `first_run` and `session` carry on a night: the number of the self-calibration that comes next or is
+    half done, which keeps its run-to-run scatter, and a number that no earlier part of the night had, for new noise.
+    Raises `InputError` where the section, the model and the description do not go together.
+    """
+    settings, roles = bench.simulation, description.roles
+    if settings is None:
+        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    if roles is None or not set(bench.sensors) <= set(roles.sensors):
+        raise InputError(
+            f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
+            f"rates of sensor {', '.join(map(str, bench.sensors))}"
+        )
+    plant = LoggedPlant(
+        ambient_degC=settings.start.temperature,
+        heating_degC_per_min=settings.chamber.heating,
+        cooling_degC_per_min=settings.chamber.cooling,
+        response_s=settings.chamber.response,
+        settling_s=settings.chamber.settling,
+        ripple_degC=settings.chamber.ripple,
+        leak_s=settings.chamber.leak,
+        begins_s=begins_s,
+    )
+    rate_hz = bench.imu.rate or description.sample_rate_hz
+    unit = SimulatedUnit(
+        bench,
+        load_model(settings.model),
+        roles,
+        plant,
+        sample_rate_hz=rate_hz,
+        begins_s=begins_s,
+        first_run=first_run,
+        session=session,
+        setpoints=plant,
+    )
+    imu = SimulatedImu(
+        description,
+        unit,
+        rate_hz=rate_hz,
+        identity=ImuIdentity(bench.unit.model, bench.unit.serial, "simulated"),
+        index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
+        faults=settings.imu_faults,
+        starts_s=begins_s,
+        seed=settings.seed,
+    )
+    chamber = SimulatedEspec(
+        plant,
+        address=bench.chamber.address,
+        terminator=bench.chamber.terminator_bytes,
+        faults=settings.chamber_faults,
+        begins_s=begins_s,
+    )
+    return SimulatedBench(imu, chamber, unit, plant)

@@ -1,0 +1,212 @@
+"""What moves slowly in the simulated unit, on a grid of 5 s: temperatures, coefficients, supply, spin, noise levels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.roles import Roles
+from hil.campaign import FloatArray
+from hil.config.simulation import SimulationSection
+from hil.errors import InputError
+from hil.twin.scatter import SlowNoise, Wander
+from hil.twin.sensor import SimulatedSensor
+from hil.twin.thermal import GRID_S, ThermalUnit
+
+# Assumed: rotors near 100 Hz, each a per cent off the one before so that they do not beat, slightly slower when cold.
+_SPIN_US, _SPIN_STEP_US = 10000.0, -100.0
+_SPIN_PER_DEGC = -2e-6
+_SPIN_SIGMA_US = 0.02
+_REFERENCE_DEGC = 25.0
+_SUPPLY_LAG_S = 3600.0
+
+AIR, CASE, ROTOR = 0, 1, 2
+
+
+class GrowingTable:
+    """Rows that are added at the end, in one array."""
+
+    def __init__(self, columns: int) -> None:
+        self._array = np.zeros((256, columns))
+        self._count = 0
+
+    def append(self, rows: FloatArray) -> None:
+        """Add rows, shape (m, columns)."""
+        needed = self._count + len(rows)
+        if needed > len(self._array):
+            larger = np.zeros((max(needed, 2 * len(self._array)), self._array.shape[1]))
+            larger[: self._count] = self._array[: self._count]
+            self._array = larger
+        self._array[self._count : needed] = rows
+        self._count = needed
+
+    @property
+    def rows(self) -> FloatArray:
+        """All rows so far, a view, shape (m, columns)."""
+        return self._array[: self._count]
+
+
+@dataclass(frozen=True)
+class FieldColumns:
+    """Which column of the readings each field has, by what it is for."""
+
+    names: tuple[str, ...]
+    rates: Mapping[int, NDArray[np.int64]]  # by sensor, one per channel
+    accelerations: Mapping[int, NDArray[np.int64]]
+    rotors: Mapping[int, int]
+    spins: Mapping[int, int]
+    case: int | None
+    supply: int | None
+
+
+def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> FieldColumns:
+    """Lay out the fields that a description's roles ask for; raise `InputError` for one that nothing simulates."""
+    names: list[str] = []
+
+    def place(field: str) -> int:
+        if field not in names:
+            names.append(field)
+        return names.index(field)
+
+    unknown = set(roles.conditions) - {"case_degC", "supply_V"}
+    unknown |= {name for number in sensors for name in roles.sensors[number].conditions} - {"spin_period_us"}
+    if unknown:
+        raise InputError(
+            f"the simulated unit has no {', '.join(sorted(unknown))}; take it out of the description's roles"
+        )
+    return FieldColumns(
+        rates={n: np.array([place(field) for field in one.rate_fields]) for n, one in sensors.items()},
+        accelerations={
+            n: np.array([place(field) for field in one.acceleration_fields.values()], dtype=np.int64)
+            for n, one in sensors.items()
+        },
+        rotors={n: place(one.temperature_field) for n, one in sensors.items() if one.temperature_field},
+        spins={n: place(one.spin_field) for n, one in sensors.items() if one.spin_field},
+        case=place(roles.conditions["case_degC"]) if "case_degC" in roles.conditions else None,
+        supply=place(roles.conditions["supply_V"]) if "supply_V" in roles.conditions else None,
+        names=tuple(names),
+    )
+
+
+class SlowGrid:
+    """The grid points up to now. Every table has one row per grid point; slopes are per second."""
+
+    def __init__(
+        self,
+        sensors: Mapping[int, SimulatedSensor],
+        columns: FieldColumns,
+        settings: SimulationSection,
+        thermal: ThermalUnit,
+        *,
+        begins_s: float,
+        session: int,
+        sample_rate_hz: float,
+    ) -> None:
+        self._sensors, self._columns, self._settings, self._thermal = sensors, columns, settings, thermal
+        self._begins_s = begins_s
+        self._root_rate = float(np.sqrt(sample_rate_hz))
+        fields = len(columns.names)
+        self._level, self._slope, self._sigma = (GrowingTable(fields) for _ in range(3))
+        self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
+        self._coefficients = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
+        self._coefficient_slopes = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
+        self._slow = {n: GrowingTable(one.channels) for n, one in sensors.items()}
+        self._slow_noise = {n: SlowNoise(settings.seed, session, n, one.channels) for n, one in sensors.items()}
+        self._supply = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
+
+    def advance(self, to_s: float) -> None:
+        """Add the grid points up to `to_s`."""
+        times_s, state, slopes = self._thermal.advance(to_s)
+        if not len(times_s):
+            return
+        self._state.append(state)
+        self._state_slope.append(slopes)
+        for number, one in self._sensors.items():
+            now = one.coefficients(state[:, ROTOR])
+            then = one.coefficients(state[:, ROTOR] + GRID_S * slopes[:, 1])
+            self._coefficients[number].append(now)
+            self._coefficient_slopes[number].append((then - now) / GRID_S)
+            self._slow[number].append(self._slow_rates(number, state[:, ROTOR]))
+        self._append_fields(state, slopes)
+
+    def nodes(self, times_s: FloatArray) -> NDArray[np.int64]:
+        """Return the number of the grid point at or before each time (the first one for earlier times)."""
+        return np.maximum(np.floor((times_s - self._begins_s) / GRID_S).astype(np.int64), 0)
+
+    def time_of(self, nodes: NDArray[np.int64]) -> FloatArray:
+        """Return the times of grid points."""
+        return np.asarray(self._begins_s + GRID_S * nodes)
+
+    @property
+    def level(self) -> FloatArray:
+        """Every field but the rates and accelerations, without noise, by column."""
+        return self._level.rows
+
+    @property
+    def slope(self) -> FloatArray:
+        """The slope of `level`."""
+        return self._slope.rows
+
+    @property
+    def sigma(self) -> FloatArray:
+        """The standard deviation of each field's white noise per sample, by column."""
+        return self._sigma.rows
+
+    @property
+    def state(self) -> FloatArray:
+        """Temperatures of air, case and rotor, °C."""
+        return self._state.rows
+
+    @property
+    def state_slope(self) -> FloatArray:
+        """Slopes of case and rotor, °C/s."""
+        return self._state_slope.rows
+
+    def coefficients(self, sensor: int) -> tuple[FloatArray, FloatArray]:
+        """Return bias and K of a sensor at each grid point, and their slopes (see `SimulatedSensor.coefficients`)."""
+        return self._coefficients[sensor].rows, self._coefficient_slopes[sensor].rows
+
+    def slow(self, sensor: int) -> FloatArray:
+        """Return the slow noise of a sensor's channels, deg/hr."""
+        return self._slow[sensor].rows
+
+    def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
+        """Return supply and spin period at grid points, by campaign column name, as far as they are simulated."""
+        places = {"supply_V": self._columns.supply, "spin_period_us": self._columns.spins.get(sensor)}
+        return {name: self.level[nodes, place] for name, place in places.items() if place is not None}
+
+    def _slow_rates(self, number: int, rotor_degC: FloatArray) -> FloatArray:
+        one = self._sensors[number]
+        if not self._settings.noise.slow:
+            return np.zeros((len(rotor_degC), one.channels))
+        walk = one.noise.rate_random_walk.at(rotor_degC)
+        return self._slow_noise[number].advance(walk, one.noise.bias_instability.at(rotor_degC))
+
+    def _append_fields(self, state: FloatArray, slopes: FloatArray) -> None:
+        columns, noise = self._columns, self._settings.noise
+        level, slope, sigma = (np.zeros((len(state), len(columns.names))) for _ in range(3))
+        for number, one in self._sensors.items():
+            white = self._root_rate * one.white_sigma_per_root_hz(state[:, ROTOR])
+            sigma[:, columns.rates[number]] = white[:, None]
+            sigma[:, columns.accelerations[number]] = noise.accelerometers
+        thermometers = [(column, ROTOR) for column in columns.rotors.values()]
+        thermometers += [(columns.case, CASE)] if columns.case is not None else []
+        for column, node in thermometers:
+            level[:, column], slope[:, column], sigma[:, column] = (
+                state[:, node],
+                slopes[:, node - 1],
+                noise.thermometers,
+            )
+        for place, column in enumerate(columns.spins.values()):
+            period = _SPIN_US + place * _SPIN_STEP_US
+            level[:, column] = period * (1.0 + _SPIN_PER_DEGC * (state[:, ROTOR] - _REFERENCE_DEGC))
+            sigma[:, column] = _SPIN_SIGMA_US
+        if columns.supply is not None:
+            level[:, columns.supply] = self._settings.supply + self._supply.advance(len(state))
+            sigma[:, columns.supply] = noise.supply
+        self._level.append(level)
+        self._slope.append(slope)
+        self._sigma.append(sigma)

@@ -1,0 +1,106 @@
+"""Where the simulated unit is turned to, when it turns, and which self-calibration it takes each stay to belong to.
+
+The unit is one rigid body: both sensors turn by the same rotation. While it turns its rate sensors see the motion, four
+orders of magnitude above what is measured, so that a single sample of it in a collect shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hil.campaign import FloatArray
+from hil.equation import Orientation
+
+Axes = Mapping[int, FloatArray]  # by sensor: its axes in the bench frame, one per row
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A move and the stay after it. The very first leg has no move."""
+
+    position: str
+    begins_s: float
+    ends_s: float  # of the move
+    run: int  # of the self-calibration, from 1
+    start: Axes
+    stop: Axes
+    turn_rad: FloatArray  # rotation vector of the move in the bench frame, (3,)
+    settling_s: float = 0.0  # time constant of the settling after the move
+
+    def turned(self, times_s: FloatArray) -> tuple[Rotation, FloatArray]:
+        """Return the rotation since the move began, (n,), and the rate of rotation in the bench frame, (n, 3), rad/s.
+
+        The move starts and stops gently: its angle follows x²(3 - 2x).
+        """
+        length_s = self.ends_s - self.begins_s
+        done = np.clip((times_s - self.begins_s) / length_s, 0.0, 1.0)
+        share = done**2 * (3.0 - 2.0 * done)
+        speed = 6.0 * done * (1.0 - done) / length_s
+        return Rotation.from_rotvec(share[:, None] * self.turn_rad), speed[:, None] * self.turn_rad
+
+
+class Timeline:
+    """Every leg so far. Legs are added in time order."""
+
+    def __init__(
+        self,
+        orientations: Mapping[int, Mapping[str, Orientation]],
+        position: str,
+        *,
+        first_run: int,
+        new_run_after_s: float,
+    ) -> None:
+        self._orientations = orientations
+        self._new_run_after_s = new_run_after_s
+        self._visited: set[str] = set()
+        here = self._axes_at(position)
+        self.legs = [Leg(position, -np.inf, -np.inf, first_run, here, here, np.zeros(3))]
+
+    def place(self, position: str) -> None:
+        """Put the unit where it is at power-on; only before the first move."""
+        here = self._axes_at(position)
+        self.legs[0] = replace(self.legs[0], position=position, start=here, stop=here)
+
+    def add(self, position: str, begins_s: float, ends_s: float, settling_s: float) -> Leg:
+        """Add a move. A return to a position of the present run, after a rest, begins the next self-calibration."""
+        last = self.legs[-1]
+        run = last.run
+        if position in self._visited and begins_s - last.ends_s >= self._new_run_after_s:
+            run += 1
+            self._visited.clear()
+        self._visited.add(position)
+        start, stop = self._axes_just_before(begins_s), self._axes_at(position)
+        sensor = min(stop)
+        turn = Rotation.from_matrix(stop[sensor].T @ start[sensor]).as_rotvec()
+        leg = Leg(position, begins_s, ends_s, run, start, stop, turn, settling_s)
+        self.legs.append(leg)
+        return leg
+
+    def parts(self, times_s: FloatArray) -> Iterator[tuple[Leg, bool, slice]]:
+        """Yield (leg, moving, slice of `times_s`) so that every time belongs to one part; times rise."""
+        first_s = times_s[0]
+        number = len(self.legs) - 1
+        while self.legs[number].begins_s > first_s:
+            number -= 1
+        at = 0
+        for leg, following in zip(self.legs[number:], [*self.legs[number + 1 :], None], strict=True):
+            until_s = np.inf if following is None else following.begins_s
+            for moving, end_s in ((True, min(leg.ends_s, until_s)), (False, until_s)):
+                stop = int(np.searchsorted(times_s, end_s, side="left"))
+                if stop > at:
+                    yield leg, moving, slice(at, stop)
+                    at = stop
+
+    def _axes_at(self, position: str) -> dict[int, FloatArray]:
+        return {number: table[position].axes for number, table in self._orientations.items()}
+
+    def _axes_just_before(self, time_s: float) -> Axes:
+        last = self.legs[-1]
+        if time_s >= last.ends_s:
+            return last.stop
+        turn, _ = last.turned(np.array([time_s]))
+        return {number: axes @ turn.as_matrix()[0].T for number, axes in last.start.items()}

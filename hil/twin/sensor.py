@@ -1,0 +1,121 @@
+"""One simulated sensor: its coefficients at a temperature, its geometry, its run-to-run scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.frames.roles import SensorRole
+from hil.campaign import FloatArray
+from hil.config.bench import Bench
+from hil.curve import Constant
+from hil.errors import InputError
+from hil.linear_forms import bias_names
+from hil.model import Model, SensorNoise
+from hil.twin.scatter import run_scatter
+
+_COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
+
+
+class SimulatedSensor:
+    """The truth about one sensor. Arrays over n temperatures; c channels in the order of `sensor.channels`."""
+
+    def __init__(self, bench: Bench, number: int, role: SensorRole, model: Model) -> None:
+        assert bench.simulation is not None  # noqa: S101 - for the type checker: the caller has a simulated bench
+        self.sensor = bench.sensor(number)
+        self.model = model
+        self.rate_fields = tuple(_field(bench, number, "channel", role.rates, name) for name in self.sensor.channels)
+        self.acceleration_fields = dict(role.accelerations)
+        self.temperature_field = role.temperature
+        self.spin_field = role.conditions.get("spin_period_us")
+        for axis in self.acceleration_fields:
+            if axis not in self.sensor.axes:
+                raise InputError(f"{bench.imu.description}: sensor {number} has no axis {axis} on bench {bench.name}")
+        self.acceleration_axes = np.array(
+            [self.sensor.axes.index(axis) for axis in self.acceleration_fields], dtype=int
+        )
+        self.noise = model.noise.get(number, _white_only(bench.simulation.noise.angle_random_walk))
+        self.bias_names = bias_names(self.sensor)
+        self._seed = bench.simulation.seed
+        self._scatters = bench.simulation.noise.run_to_run
+        self._runs: dict[int, dict[str, float]] = {}
+        self._table = self._tabulate()
+
+    @property
+    def channels(self) -> int:
+        """How many rate channels there are."""
+        return len(self.rate_fields)
+
+    def coefficients(self, temperature_degC: FloatArray) -> FloatArray:
+        """Return bias and K at n temperatures as rows of (c + 3 c) numbers, deg/hr and deg/hr/g; K row by channel."""
+        at = (np.clip(temperature_degC, _COLDEST_DEGC, _HOTTEST_DEGC) - _COLDEST_DEGC) / _STEP_DEGC
+        below = np.minimum(at.astype(np.int64), len(self._table) - 2)
+        share = (at - below)[:, None]
+        return np.asarray(self._table[below] * (1.0 - share) + self._table[below + 1] * share)
+
+    def pull(self, coefficients: FloatArray, f_g: FloatArray) -> FloatArray:
+        """Return B + K·f, shape (n, c), for rows of `coefficients` and f of shape (3,) or (n, 3).
+
+        Written out term by term, so that a row's result never depends on how many rows are asked for together.
+        """
+        c = self.channels
+        k = coefficients[:, c:].reshape(len(coefficients), c, 3)
+        total = coefficients[:, :c] + k[..., 0] * f_g[..., 0:1] + k[..., 1] * f_g[..., 1:2] + k[..., 2] * f_g[..., 2:3]
+        return np.asarray(total)
+
+    def white_sigma_per_root_hz(self, temperature_degC: FloatArray) -> FloatArray:
+        """Return the white noise at n temperatures in deg/hr per sqrt(Hz) of sample rate: N·60, for N in deg/√hr."""
+        return np.asarray(60.0 * self.noise.angle_random_walk.at(temperature_degC))
+
+    def begin_run(self, run: int, temperature_degC: float) -> None:
+        """Draw the scatter of a self-calibration; the same number gives the same scatter, also after a resume."""
+        if run not in self._runs:
+            drawn = run_scatter(self._seed, run, self.sensor.number, self.noise, temperature_degC)
+            self._runs[run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
+
+    def scatter(self, run: int) -> Mapping[str, float]:
+        """Return by how much each base parameter differs in `run` from the model's value."""
+        return self._runs.get(run, {})
+
+    def scatter_coefficients(self, run: int) -> FloatArray:
+        """Return the scatter of `run` as one row like those of `coefficients`, shape (c + 3 c,)."""
+        drawn = self.scatter(run)
+        if not drawn:
+            return np.zeros(4 * self.channels)
+        curves = self.model.sensors[self.sensor.number]
+        offsets = {name: Constant(unit=curves[name].unit, value=drawn.get(name, 0.0)) for name in curves}
+        only = self.model.model_copy(update={"sensors": {self.sensor.number: offsets}})
+        base = only.base_at(self.sensor, np.zeros(1))
+        return np.concatenate([base.bias[0], base.k[0].ravel()])
+
+    def parameters(self, run: int, temperature_degC: float) -> dict[str, float]:
+        """Return the true base parameters by name in `run` at a temperature, scatter included."""
+        curves, drawn = self.model.sensors[self.sensor.number], self.scatter(run)
+        at = np.array([temperature_degC])
+        return {name: float(curve.at(at)[0]) + drawn.get(name, 0.0) for name, curve in curves.items()}
+
+    def _tabulate(self) -> FloatArray:
+        # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.
+        temperatures = np.arange(_COLDEST_DEGC, _HOTTEST_DEGC + _STEP_DEGC / 2, _STEP_DEGC)
+        base = self.model.base_at(self.sensor, temperatures)
+        return np.concatenate([base.bias, base.k.reshape(len(temperatures), -1)], axis=1)
+
+
+def _field(bench: Bench, number: int, what: str, given: Mapping[str, str], name: str) -> str:
+    if name not in given:
+        raise InputError(
+            f"{bench.source or bench.name}: sensors.{number}: the IMU description {bench.imu.description} has no "
+            f"{what} {name}; it has {', '.join(given)}"
+        )
+    return given[name]
+
+
+def _white_only(angle_random_walk: float) -> SensorNoise:
+    none = Constant(unit="deg/hr", value=0.0)
+    return SensorNoise(
+        angle_random_walk=Constant(unit="deg/sqrt(hr)", value=angle_random_walk),
+        bias_instability=none,
+        rate_random_walk=none,
+        resolution_deg_per_hr=0.0,
+    )

@@ -1,0 +1,211 @@
+"""The simulated unit: what its fields read at any moment, from the equation, its temperatures and its noise.
+
+    unit = SimulatedUnit(bench, model, roles, plant, sample_rate_hz=20.0)
+    unit.start_move("1", begins_s=100.0, ends_s=105.0)
+    unit.signals(times_s)["rate_A2"]              # deg/hr, one per time
+    unit.truth(run=1, sensor=2).parameters["BA"]  # what a solver should find
+
+It implements `drivers.simulators.mfs.UnitPhysics`: the simulator of the frames asks it for signals by field name, and
+it knows nothing of bytes. Times never go backwards, and every sample is asked for once; how many are asked for at a
+time changes nothing, not even the last bit.
+
+Everything that moves slowly is known on a grid with its slope (`hil.twin.grid`); a sample is the value at the grid
+point before it, along the slope, plus white noise. The rates are R = B + K·f + w at the unit's orientation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.roles import Roles
+from hil.campaign import FloatArray
+from hil.config.bench import Bench
+from hil.errors import InputError
+from hil.model import Model
+from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
+from hil.twin.motion import Leg, Timeline
+from hil.twin.scatter import WhiteNoise
+from hil.twin.sensor import SimulatedSensor
+from hil.twin.terms import Setpoints, TermRates
+from hil.twin.thermal import Air, ThermalUnit
+
+_COLD_DEGC = 5.0  # below it the bearings settle slowly
+_SETTLED_AFTER = 25.0  # time constants after which nothing is left of the settling
+_DEG_PER_HR = float(np.rad2deg(1.0)) * 3600.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What one sensor really was during a self-calibration: its base parameters, deg/hr and deg/hr/g, by name."""
+
+    run: int
+    sensor: int
+    temperature_degC: float
+    parameters: Mapping[str, float]
+
+
+class SimulatedUnit:
+    """The physics of the simulated unit. `first_run` and `session` carry on a night (see `hil.bench.build_bench`)."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        model: Model,
+        roles: Roles,
+        air: Air,
+        *,
+        sample_rate_hz: float,
+        begins_s: float = 0.0,
+        first_run: int = 1,
+        session: int = 0,
+        setpoints: Setpoints | None = None,
+    ) -> None:
+        settings = bench.simulation
+        if settings is None:
+            raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+        if settings.start.position not in bench.positions:
+            raise InputError(
+                f"{bench.source or bench.name}: simulation.start.position: there is no position "
+                f"{settings.start.position!r}; allowed: {', '.join(bench.positions)}"
+            )
+        self._settling = settings.settling
+        self._gravity, self._earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+        self._sensors = {n: SimulatedSensor(bench, n, roles.sensors[n], model) for n in sorted(bench.sensors)}
+        self._columns: FieldColumns = field_columns(self._sensors, roles)
+        thermal = ThermalUnit(
+            settings.thermal,
+            air,
+            start_degC=settings.start.temperature,
+            begins_s=begins_s,
+            powered_for_s=settings.start.powered_for,
+        )
+        self._grid = SlowGrid(
+            self._sensors,
+            self._columns,
+            settings,
+            thermal,
+            begins_s=begins_s,
+            session=session,
+            sample_rate_hz=sample_rate_hz,
+        )
+        self._timeline = Timeline(
+            {n: bench.orientations(n) for n in self._sensors},
+            settings.start.position,
+            first_run=first_run,
+            new_run_after_s=settings.noise.new_run_after_rest,
+        )
+        self._white = WhiteNoise(settings.seed, session, len(self._columns.names))
+        spun_up_s = begins_s - settings.start.powered_for
+        self._terms = {
+            n: TermRates(one, self._grid, spun_up_s, setpoints)
+            for n, one in self._sensors.items()
+            if model.terms_for(one.sensor)
+        }
+
+    def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
+        """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""
+        if ends_s <= begins_s:
+            self._timeline.place(position)
+            return
+        rotor_degC = self._rotor_at(begins_s)
+        settling = self._settling
+        time_constant_s = settling.time_constant_cold if rotor_degC < _COLD_DEGC else settling.time_constant
+        leg = self._timeline.add(position, begins_s, ends_s, time_constant_s)
+        for sensor in self._sensors.values():
+            sensor.begin_run(leg.run, rotor_degC)
+
+    def signals(self, times_s: FloatArray) -> Mapping[str, FloatArray]:
+        """Return every field's readings at rising times, each of shape (n,), in the unit of its field."""
+        times = np.asarray(times_s, dtype=np.float64)
+        readings = self._white.draw(len(times))
+        if len(times):
+            self._grid.advance(float(times[-1]))
+            nodes = self._grid.nodes(times)
+            since_s = times - self._grid.time_of(nodes)
+            readings *= self._grid.sigma[nodes]
+            readings += self._grid.level[nodes] + self._grid.slope[nodes] * since_s[:, None]
+            for leg, moving, part in self._timeline.parts(times):
+                here = _Part(leg, times[part], nodes[part], since_s[part], readings[part])
+                for number in self._sensors:
+                    (self._turn if moving else self._stay)(number, here)
+        return {name: readings[:, column] for column, name in enumerate(self._columns.names)}
+
+    def truth(self, run: int, sensor: int) -> Truth:
+        """Return what a sensor really was in self-calibration `run`, at its mean rotor temperature during the run.
+
+        Slow noise, where it is simulated, is part of the bias; the model's terms are not part of its base. Raises
+        `ValueError` for a run that has not begun.
+        """
+        legs = [leg for leg in self._timeline.legs if leg.run == run and np.isfinite(leg.begins_s)]
+        if not legs:
+            raise ValueError(f"self-calibration {run} of the simulated unit has not begun")
+        within = self._grid.nodes(np.array([legs[0].ends_s, legs[-1].ends_s]))
+        part = slice(int(within[0]), int(within[1]) + 1)
+        temperature_degC = float(self._grid.state[part, ROTOR].mean())
+        one = self._sensors[sensor]
+        parameters = one.parameters(run, temperature_degC)
+        slow = self._grid.slow(sensor)[part].mean(axis=0)
+        for name, value in zip(one.bias_names, slow.tolist(), strict=True):
+            parameters[name] += value
+        return Truth(run, sensor, temperature_degC, parameters)
+
+    def _rotor_at(self, time_s: float) -> float:
+        self._grid.advance(time_s)
+        node = min(int(self._grid.nodes(np.array([time_s]))[0]), len(self._grid.state) - 1)
+        return float(self._grid.state[node, ROTOR])
+
+    def _stay(self, number: int, here: _Part) -> None:
+        """Add rates and accelerations of a sensor that rests at its position."""
+        one, axes = self._sensors[number], here.leg.stop[number]
+        f_g, w = axes @ self._gravity, axes @ self._earth_rate
+        first, last = int(here.nodes[0]), int(here.nodes[-1])
+        if number in self._terms:
+            level = self._terms[number].rates(here.leg, f_g, w, first, last)
+            slope = np.zeros_like(level)
+        else:
+            now, then = (table[first : last + 1] for table in self._grid.coefficients(number))
+            level, slope = one.pull(now, f_g), one.pull(then, f_g)
+            level += w[one.sensor.channel_axes]
+        level += one.pull(one.scatter_coefficients(here.leg.run)[None], f_g) + self._grid.slow(number)[first : last + 1]
+        at = here.nodes - first
+        rates = level[at] + slope[at] * here.since_s[:, None]
+        rates += _settling(here.leg, self._settling.size, here.times_s)
+        here.readings[:, self._columns.rates[number]] += rates
+        here.readings[:, self._columns.accelerations[number]] += f_g[one.acceleration_axes]
+
+    def _turn(self, number: int, here: _Part) -> None:
+        """Add rates and accelerations of a sensor that is being turned: it sees the motion itself."""
+        one = self._sensors[number]
+        turn, motion = here.leg.turned(here.times_s)
+        axes = here.leg.start[number] @ turn.as_matrix().swapaxes(-1, -2)
+        f_g, w = axes @ self._gravity, axes @ self._earth_rate
+        rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
+        now, then = self._grid.coefficients(number)
+        coefficients = now[here.nodes] + then[here.nodes] * here.since_s[:, None]
+        rates = one.pull(coefficients + one.scatter_coefficients(here.leg.run), f_g)
+        rates += (w + rotation)[:, one.sensor.channel_axes] + self._grid.slow(number)[here.nodes]
+        here.readings[:, self._columns.rates[number]] += rates
+        here.readings[:, self._columns.accelerations[number]] += f_g[:, one.acceleration_axes]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Samples that belong to one move or one stay: their times, grid points and readings (which are added to)."""
+
+    leg: Leg
+    times_s: FloatArray
+    nodes: NDArray[np.int64]
+    since_s: FloatArray
+    readings: FloatArray
+
+
+def _settling(leg: Leg, size: float, times_s: FloatArray) -> FloatArray:
+    """Return what is left of the settling after the move, deg/hr, shape (n, 1): it dies away exponentially."""
+    if leg.settling_s <= 0.0 or times_s[0] - leg.ends_s > _SETTLED_AFTER * leg.settling_s:
+        return np.zeros((1, 1))
+    decay = np.exp(-(times_s - leg.ends_s) / leg.settling_s)
+    return np.asarray(size * decay)[:, None]
