@@ -31,6 +31,7 @@ from drivers.setpoint_checks import (
     agrees,
     clamped,
     confirm_settings,
+    limits_around,
     plausible_temperature,
     refuse_fahrenheit,
     representable_setpoint,
@@ -49,7 +50,8 @@ class EspecChamber:
     """A `Chamber` behind an ESPEC ASCII controller.
 
     `limits` bound what is ever sent as a setpoint; the controller's own high and low alarm are set
-    `native_margin_degC` beyond them, so that overshoot does not trip them. `expected_model` is how the reply to
+    `native_margin_degC` beyond them, so that overshoot does not trip them (and beyond the air while that is still
+    outside). `expected_model` is how the reply to
     `ROM?` must begin (case does not matter), None for any. `address` is for RS-485 only. `celsius_confirmed` says
     that a person has seen °C on the panel: the protocol cannot tell, and otherwise a suspicious reading is refused.
 
@@ -78,6 +80,7 @@ class EspecChamber:
         self._native = ChamberLimits(
             round(limits.low_degC - native_margin_degC, 1), round(limits.high_degC + native_margin_degC, 1)
         )
+        self._native_margin_degC = native_margin_degC
         self._safe = safe
         self._expected_model = expected_model
         self._prefix = "" if address is None else f"{address},"
@@ -290,12 +293,14 @@ class EspecChamber:
 
     def _settle_on(self, setpoint_degC: float) -> None:
         """Write setpoint and native limits in the order that the controller accepts, and read all of them back."""
-        wanted = Settings(self._native.low_degC, setpoint_degC, self._native.high_degC)
-        for write in writes_in_order(self._settings(), wanted, _RESOLUTION_DEGC):
+        present = self._temperatures()
+        limits = limits_around(self._native, present.temperature_degC, self._native_margin_degC)
+        wanted = Settings(limits.low_degC, setpoint_degC, limits.high_degC)
+        for write in writes_in_order(_settings_of(present), wanted, _RESOLUTION_DEGC):
             self._command(f"TEMP,{_SETTING[write.which]}{write.value_degC:.1f}")
         for look in range(1, self._timing.attempts + 1):
             try:
-                confirm_settings(self._settings(), wanted, _RESOLUTION_DEGC, self._device)
+                confirm_settings(_settings_of(self._temperatures()), wanted, _RESOLUTION_DEGC, self._device)
                 return
             except ProtocolError:
                 # A late reply to the question before the writes still shows the old values: ask once more.
@@ -337,9 +342,9 @@ class EspecChamber:
     def _temperatures(self) -> Temperatures:
         return self._query("TEMP?", self._replies.temperatures)
 
-    def _settings(self) -> Settings:
-        reply = self._temperatures()
-        return Settings(reply.low_degC, reply.setpoint_degC, reply.high_degC)
-
     def _status(self) -> Status:
         return self._query("MON?", self._replies.status)
+
+
+def _settings_of(reply: Temperatures) -> Settings:
+    return Settings(reply.low_degC, reply.setpoint_degC, reply.high_degC)

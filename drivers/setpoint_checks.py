@@ -78,6 +78,20 @@ def clamped(temperature_degC: float, limits: ChamberLimits) -> float:
     return min(max(temperature_degC, limits.low_degC), limits.high_degC)
 
 
+def limits_around(native: ChamberLimits, air_degC: float, margin_degC: float) -> ChamberLimits:
+    """Return the native limits to write while the air is at `air_degC`, in tenths.
+
+    A limit that the air is still beyond (a chamber found hot, a bench warmer than the room) would raise an alarm at
+    once: it is kept `margin_degC` beyond the air, and tightened with a later setpoint. A broken sensor widens nothing.
+    """
+    if not math.isfinite(air_degC) or not _COLDEST_POSSIBLE_DEGC <= air_degC <= _HOTTEST_POSSIBLE_DEGC:
+        return native
+    return ChamberLimits(
+        native.low_degC if air_degC >= native.low_degC else round(air_degC - margin_degC, 1),
+        native.high_degC if air_degC <= native.high_degC else round(air_degC + margin_degC, 1),
+    )
+
+
 def agrees(read_degC: float, wanted_degC: float, resolution_degC: float) -> bool:
     """Say whether a value read back is the one that was set: within half of the controller's resolution."""
     return abs(read_degC - wanted_degC) <= resolution_degC / 2 + 1e-9

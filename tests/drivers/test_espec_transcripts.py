@@ -129,7 +129,7 @@ def test_prepare_leaves_a_chamber_that_holds_a_legal_setpoint_alone() -> None:
 
 
 def test_prepare_brings_an_illegal_setpoint_inside() -> None:
-    """A chamber left running at 85 °C with 80 °C air begins at the bench's limit."""
+    """A chamber left running at 85 °C begins at the bench's limit; its high alarm stays beyond its air of 80 °C."""
     chamber, device = _chamber(
         [
             *IDENTIFY[:2],
@@ -138,8 +138,8 @@ def test_prepare_brings_an_illegal_setpoint_inside() -> None:
             ("MON?", "80.0,,CONSTANT,0"),
             ("TEMP?", "80.0,85.0,105.0,-40.0"),
             ("TEMP,S65.0", "OK:1,temp,s65.0"),
-            ("TEMP,H70.0", "OK:1,temp,h70.0"),
-            ("TEMP?", "80.0,65.0,70.0,-40.0"),
+            ("TEMP,H85.0", "OK:1,temp,h85.0"),
+            ("TEMP?", "79.8,65.0,85.0,-40.0"),
             ("MON?", "80.0,,CONSTANT,0"),
         ]
     )

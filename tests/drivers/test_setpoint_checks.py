@@ -15,6 +15,7 @@ from drivers.setpoint_checks import (
     SettingWrite,
     clamped,
     confirm_settings,
+    limits_around,
     plausible_temperature,
     refuse_fahrenheit,
     representable_setpoint,
@@ -107,6 +108,16 @@ def test_read_back_must_agree_within_half_a_step() -> None:
         confirm_settings(Settings(-40.0, 25.1, 70.0), wanted, 0.1, "chamber")
     with pytest.raises(ProtocolError, match=r"low limit -41 °C .* high limit 105 °C"):
         confirm_settings(Settings(-41.0, 25.0, 105.0), wanted, 0.1, "chamber")
+
+
+def test_a_native_limit_is_never_drawn_through_the_air() -> None:
+    """It would raise an alarm at once; a sensor that cannot be believed moves no limit."""
+    native = ChamberLimits(25.0, 70.0)
+    assert limits_around(native, 45.0, 5.0) == native
+    assert limits_around(native, 22.04, 5.0) == ChamberLimits(17.0, 70.0)
+    assert limits_around(native, 80.0, 5.0) == ChamberLimits(25.0, 85.0)
+    for broken in (math.nan, 9999.0, -3276.8):
+        assert limits_around(native, broken, 5.0) == native
 
 
 @pytest.mark.parametrize("reading", [math.nan, math.inf, -3276.8, 850.0, 9999.0, -199.9])
