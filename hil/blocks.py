@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from drivers.imu import FloatArray, SampleBlock
 from hil.files import Disk, RealDisk, write_durably
@@ -66,6 +67,12 @@ class Samples:
     meanings: Mapping[str, FieldMeaning]
     simulated: bool
 
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """Which samples were averaged: those in which every rate is a finite number, shape (n,)."""
+        rates = [self.fields[field] for field, meaning in self.meanings.items() if meaning.role == "rate"]
+        return np.isfinite(np.stack(rates)).all(axis=0) if rates else np.ones(len(self.time_s), dtype=np.bool_)
+
     def of(self, role: str, sensor: int) -> Mapping[str, FloatArray]:
         """Return a sensor's columns of one role by channel or axis: `of("rate", 2)` has RA and RB, shape (n,) each."""
         return {
@@ -92,17 +99,17 @@ class BlockWriter:
         self._keep_raw = keep_raw
         self._disk: Disk = disk or RealDisk()
 
-    def write(self, step: Step, attempt: int, samples: SampleBlock, clock_offset_s: float = 0.0) -> tuple[Block, ...]:
-        """Make the samples and raw bytes of a collect durable; return what the journal must commit.
+    def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:
+        """Make the samples (times in seconds of the campaign) and raw bytes of a collect durable.
 
-        `clock_offset_s` turns the clock's seconds into seconds of the campaign. Raises `OSError` where the disk is
-        full or read-only: nothing then stands under the block's name.
+        Returns what the journal must commit. Raises `OSError` where the disk is full or read-only: nothing then
+        stands under the block's name.
         """
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()
             self._disk.synchronise_folder(self._folder)
         stem = f"{BLOCKS}/{step.index:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', step.key)}-{attempt}"
-        table = self._encode(step, attempt, samples, clock_offset_s)
+        table = self._encode(step, attempt, samples)
         blocks = [self._store(SAMPLES, f"{stem}.parquet", table, len(samples))]
         if samples.raw and self._keep_raw:
             blocks.append(self._store(RAW, f"{stem}.raw.zst", _compress(samples.raw), len(samples.raw), samples.raw))
@@ -112,8 +119,8 @@ class BlockWriter:
         write_durably(self._disk, self._folder / path, data)
         return Block(kind, path, _sha256(data), len(data), rows, _sha256(content) if content else "")
 
-    def _encode(self, step: Step, attempt: int, samples: SampleBlock, clock_offset_s: float) -> bytes:
-        columns = {"time_s": samples.time_s + clock_offset_s, **samples.fields}
+    def _encode(self, step: Step, attempt: int, samples: SampleBlock) -> bytes:
+        columns = {"time_s": samples.time_s, **samples.fields}
         meanings = {"time_s": FieldMeaning("s"), **self.meanings}
         fields = [
             pa.field(name, pa.float64(), nullable=False, metadata=_labels(meanings.get(name, FieldMeaning())))

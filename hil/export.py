@@ -229,9 +229,10 @@ def _series(folder: Path, rows: Sequence[_Row], campaign: Campaign, block_s: flo
 
 def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: float) -> Series | None:
     rates = samples.of("rate", sensor.number)
-    if not len(samples.time_s) or not all(channel in rates for channel in sensor.channels):
+    good = samples.good
+    if not good.any() or not all(channel in rates for channel in sensor.channels):
         return None
-    t_s = samples.time_s - start_s
+    t_s = samples.time_s[good] - start_s
     _, where, counts = np.unique(np.floor(t_s / block_s), return_inverse=True, return_counts=True)
 
     def means(values: FloatArray) -> FloatArray:
@@ -240,7 +241,7 @@ def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: floa
     temperatures = samples.of("temperature", sensor.number)
     return Series(
         t_s=means(t_s),
-        rates_deg_per_hr=np.stack([means(rates[channel]) for channel in sensor.channels], axis=1),
-        temperature_degC=means(next(iter(temperatures.values()))) if temperatures else None,
+        rates_deg_per_hr=np.stack([means(rates[channel][good]) for channel in sensor.channels], axis=1),
+        temperature_degC=means(next(iter(temperatures.values()))[good]) if temperatures else None,
         block_s=block_s,
     )

@@ -199,7 +199,7 @@ class SqliteJournal(JournalReader):
         """
         blocks: tuple[Block, ...] = ()
         if result.samples is not None:
-            blocks = self._blocks.write(step, attempt, result.samples, self._offset_s)
+            blocks = self._blocks.write(step, attempt, result.samples)
         data, ended_s = to_json(result.data), self.now_s()
         digest = result_digest(result.outcome.value, result.reason, data, ended_s, blocks)
         with self._transaction():

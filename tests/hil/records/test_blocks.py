@@ -58,12 +58,12 @@ class RecordingDisk(RealDisk):
 
 
 def test_samples_and_raw_bytes_come_back_exactly(tmp_path: Path) -> None:
-    """Values to the last bit, campaign time, units and roles, and the mark of a simulation."""
+    """Values to the last bit, units and roles, and the mark of a simulation."""
     writer = BlockWriter(tmp_path, simulated=True)
     writer.meanings = {"rate_A2": FieldMeaning("deg/hr", "rate", 2, "RA")}
-    samples_block, raw_block = writer.write(_STEP, 1, _SAMPLES, clock_offset_s=100.0)
+    samples_block, raw_block = writer.write(_STEP, 1, _SAMPLES)
     samples = read_samples(tmp_path, samples_block)
-    np.testing.assert_array_equal(samples.time_s, _SAMPLES.time_s + 100.0)
+    np.testing.assert_array_equal(samples.time_s, _SAMPLES.time_s)
     np.testing.assert_array_equal(samples.of("rate", 2)["RA"], _SAMPLES.fields["rate_A2"])
     assert samples.meanings["rate_A2"].unit == "deg/hr"
     assert samples.simulated
