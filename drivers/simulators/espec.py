@@ -29,6 +29,7 @@ _PAUSE_AFTER_SETTING_S = 0.5
 _PACING_TOLERANCE_S = 0.01
 _FACTORY_SETPOINT_DEGC = 23.0
 _LIMIT_ALARM = "1"
+_MONITORS = ("TEMP?", "MON?", "MODE?", "ALARM?", "CONSTANT SET?", "ROM?", "TYPE?", "HUMI?")
 _TARGETS = re.compile(r"(?:[SHL]-?\d+(?:\.\d+)?(?:\s+|$))+")
 _TARGET = re.compile(r"([SHL])(-?\d+(?:\.\d+)?)")
 
@@ -148,6 +149,7 @@ class SimulatedEspec:
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes from the host; every complete line is a request."""
         self._suffer(now_s)
+        self._watch_limits(now_s)
         self._line += data
         while self._terminator in self._line:
             line, self._line = self._line.split(self._terminator, 1)
@@ -155,6 +157,8 @@ class SimulatedEspec:
 
     def transmit(self, now_s: float) -> bytes:
         """Return the replies that are due."""
+        if not self._pending:
+            return b""
         self._suffer(now_s)
         due = [reply for at_s, reply in self._pending if at_s <= now_s + 1e-9]
         self._pending = [(at_s, reply) for at_s, reply in self._pending if at_s > now_s + 1e-9]
@@ -202,9 +206,9 @@ class SimulatedEspec:
 
     def _without_address(self, text: str) -> str | None:
         """Return the command, None where it is for another controller on the same line."""
-        addressed = re.match(r"(\d+)\s*,\s*(.*)", text)
         if self._address is None:
             return text
+        addressed = re.match(r"(\d+)\s*,\s*(.*)", text)
         if addressed is None or int(addressed[1]) != self._address:
             return None
         return addressed[2]
@@ -220,10 +224,13 @@ class SimulatedEspec:
         return None
 
     def _suffer(self, now_s: float) -> None:
-        """Let the faults of the chamber happen whose time has come, then watch the alarm limits."""
+        """Let the faults of the chamber happen whose time has come."""
         for fault in [each for each in self._faults if each.kind not in _OF_A_REPLY and each.begins_s <= now_s]:
             self._faults.remove(fault)
             self._happen(fault)
+
+    def _watch_limits(self, now_s: float) -> None:
+        """Raise the alarm of an air beyond the alarm limits, as seen whenever the host speaks."""
         if self.mode in ("CONSTANT", "RUN") and _LIMIT_ALARM not in self.alarms:
             air = self._plant.advance(now_s)
             if not self.alarm_limits.low_degC <= air <= self.alarm_limits.high_degC:
@@ -261,26 +268,29 @@ class SimulatedEspec:
 
     def _monitor(self, command: str, now_s: float) -> str:
         """Return the data that a monitor command asks for."""
-        limits = self.alarm_limits
-        answers: dict[str, Callable[[], str]] = {
-            "ROM?": lambda: self._model,
-            "TYPE?": lambda: self._type_text,
-            "TEMP?": lambda: (
-                f"{self._air(now_s)},{self.setpoint_degC:.1f},{limits.high_degC:.1f},{limits.low_degC:.1f}"
-            ),
-            "HUMI?": self._humidity_reply,
-            "MON?": lambda: f"{self._air(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}",
-            "MODE?": lambda: self.mode,
-            "ALARM?": lambda: ",".join((str(len(self.alarms)), *self.alarms)),
-            "CONSTANT SET?,TEMP": lambda: f"{self.setpoint_degC:.1f},ON",
-        }
         if command in ("MON?,DETAIL", "MODE?,DETAIL"):
             if not self._model.startswith("P3"):
                 raise _Refusal("PARA ERR")
             command = command.removesuffix(",DETAIL")
-        if command not in answers:
-            raise _Refusal("PARA ERR" if command.split(",")[0] in answers else "CMD ERR")
-        return answers[command]()
+        match command:
+            case "TEMP?":
+                limits = self.alarm_limits
+                return f"{self._air(now_s)},{self.setpoint_degC:.1f},{limits.high_degC:.1f},{limits.low_degC:.1f}"
+            case "MON?":
+                return f"{self._air(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}"
+            case "MODE?":
+                return self.mode
+            case "ALARM?":
+                return ",".join((str(len(self.alarms)), *self.alarms))
+            case "CONSTANT SET?,TEMP":
+                return f"{self.setpoint_degC:.1f},ON"
+            case "ROM?":
+                return self._model
+            case "TYPE?":
+                return self._type_text
+            case "HUMI?":
+                return self._humidity_reply()
+        raise _Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
 
     def _humidity_now(self) -> str:
         return "" if self._humidity is None else self._humidity.split(",", 1)[0]
