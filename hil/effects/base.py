@@ -23,7 +23,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Conditions, FloatArray, Sensor, Series
 from hil.errors import InputError
 from hil.linear_forms import bias_names
 
@@ -179,20 +179,6 @@ class VarianceEffect(Described):
 
 
 @dataclass(frozen=True)
-class Series:
-    """The samples of one collect of one sensor: `t_s` (n,) from its start, `rates_deg_per_hr` (n, c).
-
-    `block_s` is the averaging time of a row where rows are block averages.
-    """
-
-    sensor: Sensor
-    t_s: FloatArray
-    rates_deg_per_hr: FloatArray
-    temperature_degC: FloatArray | None = None
-    block_s: float | None = None
-
-
-@dataclass(frozen=True)
 class SeriesFinding:
     """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
 
@@ -207,7 +193,7 @@ class SeriesEffect(Described):
     """An effect that shows inside a collect: a test of the series with an exact or conservative null distribution."""
 
     @abstractmethod
-    def test(self, series: Series) -> tuple[SeriesFinding, ...]:
+    def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
         """Test every channel of one collect's series."""
 
 

@@ -4,7 +4,7 @@ Every test gives a p-value per channel that is exact or errs on the cautious sid
 The regressions (settling, ramp, jump) work on block averages, so that filtered samples do not count as independent,
 and widen their errors by the correlation that is left. A p-value is NaN where the series is too short to ask.
 
-    findings = SettlingInCollect().test(series)
+    findings = SettlingInCollect().test(series, sensor)
     findings[0].p_value, findings[0].estimates["S_deg_per_hr"]
 """
 
@@ -16,8 +16,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from hil.campaign import FloatArray
-from hil.effects.base import Parameter, Series, SeriesEffect, SeriesFinding
+from hil.campaign import FloatArray, Sensor, Series
+from hil.effects.base import Parameter, SeriesEffect, SeriesFinding
 
 _BLOCKS = 60
 _FEWEST = 16  # samples (or blocks) below which nothing is asked
@@ -63,10 +63,10 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
 class _ChannelwiseTest(SeriesEffect):
     """Tests every channel by itself."""
 
-    def test(self, series: Series) -> tuple[SeriesFinding, ...]:
+    def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
         """Test every channel of one collect's series."""
         findings = []
-        for index, channel in enumerate(series.sensor.channels):
+        for index, channel in enumerate(sensor.channels):
             known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
             if known < _FEWEST:
                 sentence = f"{channel}: {known} samples are too few to ask"
