@@ -1,0 +1,125 @@
+"""What is written reads back as the same campaign, to the last bit, or is not there at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
+from hil.campaign_reader import read_campaign, read_series
+from hil.campaign_writer import SeriesFormat, write_campaign
+from hil.errors import InputError
+
+ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})
+
+
+def collects(sensor: Sensor, first: int, n: int, seed: int, **columns: np.ndarray) -> Collects:
+    """Return n collects at random orientations with awkward decimals and a missing rate."""
+    rng = np.random.default_rng(seed)
+    f_g = rng.normal(size=(n, 3))
+    f_g /= np.linalg.norm(f_g, axis=-1, keepdims=True)
+    rates = rng.normal(0, 100, (n, len(sensor.channels)))
+    rates[1, 0] = np.nan
+    conditions = Conditions(
+        sensor,
+        np.arange(first, first + 2 * n, 2),
+        np.repeat(np.arange(1, n + 1), 2)[:n],
+        np.array([f"pose-{first + 2 * i}" for i in range(n)]),
+        100.0 * np.arange(first, first + 2 * n, 2) + rng.uniform(size=n),
+        np.full(n, 60.0),
+        f_g,
+        rng.normal(0, 5, (n, 3)),
+        columns,
+    )
+    return Collects(conditions, rates, np.abs(rng.normal(1, 0.1, rates.shape)))
+
+
+@pytest.fixture
+def campaign() -> Campaign:
+    """Return a simulated campaign of a rotor sensor and a triad whose collects alternate in time."""
+    temperature = np.array([-29.722222222222225, np.nan, 1 / 3, 60.0])
+    return Campaign(
+        title="Prüfling 7: Übersicht",
+        source="a test",
+        sensors={
+            2: collects(ROTOR, 1, 4, 0, temperature_degC=temperature, supply_V=np.array([28.0, 28.1, 28.2, 1e-300])),
+            1: collects(TRIAD, 2, 3, 1, n_samples=np.array([1200.0, 1199.0, 1200.0])),
+        },
+        condition_units={"supply_V": "supply voltage, volt"},
+        simulated=True,
+        site={"latitude_deg": 34.6, "heading_deg": 30.0},
+        notes="seed 7",
+        series_block_s=0.5,
+    )
+
+
+def test_a_campaign_reads_back_to_the_last_bit(campaign: Campaign, tmp_path: Path) -> None:
+    """Every array, every key, both sensors; NaN stays NaN; the simulated mark stays."""
+    folder = write_campaign(campaign, tmp_path / "out")
+    back = read_campaign(folder)
+    for key in ("title", "source", "simulated", "site", "notes", "condition_units", "series_block_s", "centrifuge"):
+        assert getattr(back, key) == getattr(campaign, key), key
+    assert list(back.sensors) == list(campaign.sensors)
+    for number, written in campaign.sensors.items():
+        read = back.sensors[number]
+        assert read.conditions.sensor == written.conditions.sensor
+        np.testing.assert_array_equal(read.rates_deg_per_hr, written.rates_deg_per_hr)
+        np.testing.assert_array_equal(read.rates_se_deg_per_hr, written.rates_se_deg_per_hr)
+        for name in ("collect", "run", "position", "start_s", "duration_s", "f_g", "w_deg_per_hr"):
+            np.testing.assert_array_equal(getattr(read.conditions, name), getattr(written.conditions, name), name)
+        assert read.conditions.columns.keys() == written.conditions.columns.keys()
+        for name, values in written.conditions.columns.items():
+            np.testing.assert_array_equal(read.conditions.columns[name], values, name)
+
+
+def test_rows_of_all_sensors_are_chronological_and_a_person_can_read_them(campaign: Campaign, tmp_path: Path) -> None:
+    """Sorted by time; whole numbers without a point; empty cells for what is missing."""
+    folder = write_campaign(campaign, tmp_path / "out")
+    lines = (folder / "collects.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines[1:]] == ["1", "2", "3", "4", "5", "6", "7"]
+    assert lines[0].startswith("collect,run,sensor,position,start_s,duration_s,f_A_g,f_B_g,f_S_g,f_X_g")
+    assert ",60," in lines[1]
+    assert "nan" not in "".join(lines).lower()
+    assert not any("chronological" in warning for warning in read_campaign(folder).warnings)
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path, form: SeriesFormat) -> None:
+    """Times, rates with a missing sample, temperature; by collect, for either sensor."""
+    rng = np.random.default_rng(3)
+    rates = rng.normal(size=(5, 2))
+    rates[2, 1] = np.nan
+    first = Series(np.cumsum(rng.uniform(0.01, 0.02, 5)), rates, rng.normal(20, 1, 5))
+    second = Series(np.arange(4.0), rng.normal(size=(4, 3)))
+    folder = write_campaign(campaign, tmp_path / "out", iter([(3, first), (4, second)]), form)
+    back = read_campaign(folder)
+    assert sorted(back.series_files) == [3, 4]
+    for collect, written in ((3, first), (4, second)):
+        read = read_series(back, collect)
+        assert read is not None
+        np.testing.assert_array_equal(read.t_s, written.t_s)
+        np.testing.assert_array_equal(read.rates_deg_per_hr, written.rates_deg_per_hr)
+        assert read.block_s == 0.5
+    read = read_series(back, 3)
+    assert read is not None
+    np.testing.assert_array_equal(read.temperature_degC, first.temperature_degC)
+
+
+def test_an_existing_folder_is_never_overwritten(campaign: Campaign, tmp_path: Path) -> None:
+    """The data that is there stays."""
+    folder = write_campaign(campaign, tmp_path / "out")
+    before = (folder / "collects.csv").read_bytes()
+    with pytest.raises(InputError, match="already exists"):
+        write_campaign(campaign, folder)
+    assert (folder / "collects.csv").read_bytes() == before
+
+
+def test_a_failure_leaves_no_half_made_folder(campaign: Campaign, tmp_path: Path) -> None:
+    """A series of no collect, met after half the work, undoes everything."""
+    samples = Series(np.arange(2.0), np.zeros((2, 2)))
+    with pytest.raises(InputError, match="series of collect 99"):
+        write_campaign(campaign, tmp_path / "out", [(1, samples), (99, samples)])
+    assert list(tmp_path.iterdir()) == []
