@@ -39,7 +39,7 @@ from procedures.bench import BenchDevices
 
 @dataclass(frozen=True)
 class LiveBench:
-    """A bench that is put together and open. `simulators` are the devices in this process, None where there are none."""
+    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real."""
 
     bench: Bench
     description: StreamDescription

@@ -298,11 +298,21 @@ class Bench(Section):
     @cached_property
     def imu_description(self) -> Path:
         """The frame description of the IMU; raises `InputError` where there is none of this name."""
+        return self._named_file("imus", "imu.description", self.imu.description)
+
+    @cached_property
+    def simulation_model(self) -> Path | None:
+        """The model file of the simulated unit, None for a real one; raises `InputError` where there is none."""
+        if self.simulation is None:
+            return None
+        return self._named_file("models", "simulation.model", self.simulation.model)
+
+    def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None
         try:
-            return find_config("imus", self.imu.description, beside)
+            return find_config(kind, name, beside)
         except InputError as error:
-            raise InputError(f"{self._source or self.name}: imu.description: {error}") from error
+            raise InputError(f"{self._source or self.name}: {key}: {error}") from error
 
 
 def load_bench(name: str | Path) -> Bench:
@@ -316,5 +326,5 @@ def parse_bench(text: str, source: str) -> Bench:
     document = parse_yaml(text, source)
     bench = validated(Bench, document, source)
     bench._text, bench._source = text, source
-    _ = bench.imu_description
+    _ = bench.imu_description, bench.simulation_model
     return bench

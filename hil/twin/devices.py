@@ -35,8 +35,8 @@ def simulate_devices(
     half done, which keeps its run-to-run scatter, and a number that no earlier part of the night had, for new noise.
     Raises `InputError` where the section, the model and the description do not go together.
     """
-    settings, roles = bench.simulation, description.roles
-    if settings is None:
+    settings, roles, model = bench.simulation, description.roles, bench.simulation_model
+    if settings is None or model is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
     if roles is None or not set(bench.sensors) <= set(roles.sensors):
         raise InputError(
@@ -56,7 +56,7 @@ def simulate_devices(
     rate_hz = bench.imu.rate or description.sample_rate_hz
     unit = SimulatedUnit(
         bench,
-        load_model(settings.model),
+        load_model(model),
         roles,
         plant,
         sample_rate_hz=rate_hz,

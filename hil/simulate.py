@@ -1,0 +1,148 @@
+"""The simulated devices of a bench for any client, on pseudo-terminals or TCP ports, in real time.
+
+    with served(load_bench("simulated")) as simulation:
+        build_bench(client_bench(bench, simulation.ports))      # through pyserial, like a real bench
+
+Where the bench file names a simulated port (`sim://imu`), the device gets a pseudo-terminal of the system's choosing;
+where it names a path, the terminal appears there; where it names `socket://host:port`, that TCP port is served. One
+chamber, one unit, one air between them, as in process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from urllib.parse import urlsplit
+
+import yaml
+
+from drivers.clock import SystemClock
+from drivers.simulators import SimulatedDevice
+from drivers.simulators.serve import DeviceServer
+from hil.bench import load_frames
+from hil.config.bench import SIMULATED_SCHEME, Bench, parse_bench
+from hil.config.files import parse_yaml
+from hil.errors import InputError
+from hil.twin.devices import SimulatedBench, simulate_devices
+
+SCHEMA = "hil.simulate/1"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_HOST = "127.0.0.1"
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Devices that are being served: what a client opens, by device (imu, chamber), and the devices themselves."""
+
+    bench: Bench
+    ports: Mapping[str, str]
+    devices: SimulatedBench
+
+    def document(self) -> dict[str, object]:
+        """Return what the JSON line says that `hil simulate` prints."""
+        return {"schema": SCHEMA, "bench": self.bench.name, "simulated": True, "ports": dict(self.ports)}
+
+
+@contextmanager
+def served(bench: Bench, *, tcp: bool = False) -> Iterator[Simulation]:
+    """Serve a bench's devices from a thread for as long as the context lasts.
+
+    `tcp` gives simulated ports a free TCP port instead of a terminal. Raises `InputError` where the bench has nothing
+    to simulate, or one of its ports cannot be served.
+    """
+    with _server(bench, tcp=tcp) as (server, simulation), server:
+        yield simulation
+
+
+def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = False) -> None:
+    """Serve a bench's devices until SIGINT, SIGTERM or SIGHUP; `announce` gets one JSON line that says where.
+
+    Only the main thread can do this. Raises as `served` does.
+    """
+    with _server(bench, tcp=tcp) as (server, simulation):
+
+        def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+            server.interrupt()
+
+        former = {number: signal.signal(number, stop) for number in _SIGNALS}
+        try:
+            announce(json.dumps(simulation.document()))
+            server.run()
+        finally:
+            for number, handler in former.items():
+                signal.signal(number, handler)
+
+
+def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
+    """Return the bench as a client of served devices has it: their ports, the computer's clock, live polling."""
+    document = parse_yaml(bench.text, bench.source)
+    document["clock"] = "system"
+    document.pop("polling", None)
+    for device, port in ports.items():
+        document[device]["port"] = port
+    return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
+
+
+@contextmanager
+def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulation]]:
+    clock = SystemClock()
+    devices = simulate_devices(bench, load_frames(bench), begins_s=clock.now())
+    wanted = {"imu": bench.imu.port, "chamber": bench.chamber.port}
+    host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
+    with ExitStack() as stack:
+        try:
+            lines: dict[str, SimulatedDevice] = {"imu": devices.imu, "chamber": devices.chamber}
+            server = DeviceServer(lines, clock, tcp_ports=tcp_ports, host=host)
+        except OSError as error:
+            where = ", ".join(wanted.values())
+            raise InputError(f"{bench.source}: {where} cannot be served: {error.strerror or error}") from error
+        stack.callback(server.stop)
+        ports = dict(server.urls)
+        for device, port in wanted.items():
+            if "://" not in port:
+                stack.callback(_link(bench, f"{device}.port", Path(port), Path(ports[device])))
+                ports[device] = port
+        yield server, Simulation(bench, ports, devices)
+
+
+def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[str, dict[str, int]]:
+    hosts, numbers = set(), {}
+    for device, url in wanted.items():
+        if url.startswith("rfc2217://"):
+            raise InputError(f"{bench.source}: {device}.port: {url} cannot be simulated; write socket://host:port")
+        if url.startswith("socket://"):
+            parts = urlsplit(url)
+            hosts.add(parts.hostname or _HOST)
+            numbers[device] = parts.port or 0
+        elif tcp and url.startswith(SIMULATED_SCHEME):
+            numbers[device] = 0
+    if len(hosts) > 1:
+        raise InputError(f"{bench.source}: imu.port and chamber.port name different hosts; one program serves one host")
+    return (hosts.pop() if hosts else _HOST), numbers
+
+
+def _link(bench: Bench, key: str, path: Path, terminal: Path) -> Callable[[], None]:
+    """Let `path` lead to the terminal; return what undoes it."""
+    if path.is_symlink() and not path.exists():
+        path.unlink()  # left behind by a server that was killed
+    try:
+        path.symlink_to(terminal)
+    except FileExistsError as error:
+        raise InputError(
+            f"{bench.source}: {key}: {path} is there already: a real port, or another simulation; stop that one, or "
+            "delete what it left"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{bench.source}: {key}: {path} cannot be made ({error.strerror})") from error
+
+    def undo() -> None:
+        if path.is_symlink() and os.readlink(path) == str(terminal):
+            path.unlink()
+
+    return undo
