@@ -1,0 +1,133 @@
+"""Commands that work on measured data: solve, report, export, and what a model is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hil.campaign import Campaign
+from hil.cli.output import JsonFlag, print_json, results, warn
+from hil.errors import InputError
+from hil.solve import RunSolution
+
+Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    for command in (solve, report, export):
+        app.command()(command)
+
+
+def read_source(source: Path) -> Campaign:
+    """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
+    from hil.campaign_reader import HEADER_FILE, read_campaign
+    from hil.export import campaign_of_night
+    from hil.journal_reader import JOURNAL_NAME
+
+    if not source.is_dir():
+        raise InputError(f"{source}: there is no such folder")
+    if (source / JOURNAL_NAME).is_file():
+        return campaign_of_night(source)
+    if (source / HEADER_FILE).is_file():
+        return read_campaign(source)
+    raise InputError(f"{source}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+
+
+def solve(
+    source: Source,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="matrix-6, collins-4, matrix-6-thermal, constant or triad-12; default: what the sensor allows."
+        ),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
+    from hil.solve import solution_document, solve_campaign
+
+    campaign = read_source(source)
+    warn(tuple(campaign.warnings))
+    solutions = solve_campaign(campaign, model)
+    if as_json:
+        print_json(solution_document(campaign, solutions))
+        return
+    console = results()
+    mark = "  SIMULATED" if campaign.simulated else ""
+    console.print(f"{campaign.title}{mark}")
+    for sensor in campaign.sensors:
+        own = [each for each in solutions if each.sensor == sensor]
+        console.print(
+            f"\nsensor {sensor}, {', '.join(dict.fromkeys(each.model for each in own))}; value ± standard error"
+        )
+        console.print(_solution_table(own))
+    for text in dict.fromkeys(
+        f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
+    ):
+        console.print(text)
+
+
+def _odd(solution: RunSolution) -> bool:
+    return solution.verdict != "PASS"
+
+
+def _solution_table(solutions: list[RunSolution]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("run", justify="right")
+    units = {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
+    for name, unit in units.items():
+        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
+    table.add_column("verdict")
+    for solution in solutions:
+        cells = []
+        for name in units:
+            found = solution.parameters.get(name)
+            if found is None or found.value is None:
+                cells.append("–")
+            else:
+                cells.append(f"{found.value:.2f}" + ("" if found.se is None else f" ±{found.se:.2f}"))
+        table.add_row("all" if solution.run is None else str(solution.run), *cells, str(solution.verdict))
+    return table
+
+
+def report(
+    source: Source,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where to write it; default: report.html in the folder.")
+    ] = None,
+) -> None:
+    """Write the report: one self-contained HTML file."""
+    path = write_report(source, out)
+    results().print(f"report: {path}")
+
+
+def write_report(source: Path, out: Path | None = None) -> Path:
+    """Write the report of a night or a campaign folder; return where it is."""
+    from hil.journal_reader import JOURNAL_NAME
+    from hil.report.content import gather
+    from hil.report.night import night_content
+    from hil.report.page import write_page
+
+    campaign = read_source(source)
+    warn(tuple(campaign.warnings))
+    night = night_content(source) if (source / JOURNAL_NAME).is_file() else None
+    path = out or source / "report.html"
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    write_page(gather(campaign, night), path)
+    return path
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
+    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
+) -> None:
+    """Write the night as a campaign folder: CSV that a spreadsheet reads."""
+    from hil.export import export_campaign
+
+    export_campaign(folder, out)
+    results().print(f"campaign: {out}")

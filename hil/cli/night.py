@@ -1,0 +1,182 @@
+"""Commands that carry out a night: check, plan, run, resume, status, verify, demo."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hil.cli.ending import Exit
+from hil.cli.output import Folder, JsonFlag, messages, print_json, results
+from hil.cli.progress import TerminalProgress, hours_minutes, onlooker, step_in_words
+from hil.errors import InputError
+from procedures.progress import Progress
+
+SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
+BenchName = Annotated[
+    str, typer.Option("--bench", help="A bench file, or the name of one that ships.", show_default=False)
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    for command in (demo, check, plan, run, resume, status, verify):
+        app.command()(command)
+
+
+def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
+    """Show every step and when it would happen. Nothing moves."""
+    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+    from hil.plan_document import plan_document
+    from procedures.plan import make_plan
+
+    asked, on = load_sweep(sweep), load_bench(bench)
+    check_sweep_against_bench(asked, on)
+    steps = make_plan(asked.procedure())
+    if as_json:
+        print_json(plan_document(steps, simulated=on.simulated))
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading, justify in (("begins", "right"), ("lasts", "right"), ("step", "left")):
+        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    for step in steps.steps:
+        table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
+    console = results()
+    console.print(f"{steps.title} on {on.name}{'  SIMULATED' if on.simulated else ''}")
+    console.print(table)
+    console.print(
+        f"{len(steps.steps)} steps, {len(steps.self_calibrations)} self-calibrations, {hours_minutes(steps.total_s)}; "
+        "a soak that needs longer moves everything behind it"
+    )
+
+
+def check(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> int:
+    """Look before anything moves: ports, frames, identity, chamber units and limits, disk, duration."""
+    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+    from hil.preflight import check_document, preflight
+
+    asked, on = load_sweep(sweep), load_bench(bench)
+    check_sweep_against_bench(asked, on)
+    findings = preflight(asked, on, Path.cwd())
+    if as_json:
+        print_json(check_document(findings, simulated=on.simulated))
+    else:
+        console = results()
+        for finding in findings:
+            console.print(f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}")
+    return Exit.DONE if all(finding.good for finding in findings) else Exit.STOPPED_SAFE
+
+
+def run(
+    sweep: SweepName,
+    bench: BenchName,
+    out: Annotated[Path, typer.Option("--out", help="The night's folder; must not exist yet.", show_default=False)],
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
+    quiet: Quiet = False,
+) -> int:
+    """Carry out a sweep. Ctrl-C brings the chamber to its safe state; `hil resume` carries on."""
+    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+    from procedures.plan import make_plan
+
+    asked, on = load_sweep(sweep), load_bench(bench)
+    check_sweep_against_bench(asked, on)
+    if not on.simulated and not yes:
+        steps = make_plan(asked.procedure())
+        messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
+        if not _confirmed():
+            raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
+    with ExitStack() as stack:
+        return _end(_start(stack, asked, on, out, quiet=quiet), out)
+
+
+def _confirmed() -> bool:
+    try:
+        return typer.confirm("Begin?", err=True)
+    except typer.Abort:
+        return False
+
+
+def resume(folder: Folder, quiet: Quiet = False) -> int:
+    """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
+    from hil.night import resume_night
+    from hil.status import night_status
+
+    simulated = bool(night_status(folder)["simulated"])
+    with ExitStack() as stack:
+        return _end(resume_night(folder, progress=_watch(stack, quiet=quiet, simulated=simulated)), folder)
+
+
+def _watch(stack: ExitStack, *, quiet: bool, simulated: bool) -> Progress:
+    progress = onlooker(messages(), quiet=quiet, simulated=simulated)
+    if isinstance(progress, TerminalProgress):
+        stack.callback(progress.close)
+    return progress
+
+
+def status(folder: Folder, as_json: JsonFlag = False) -> int:
+    """Say what a night is doing, or what became of it; also while it runs, from another shell."""
+    from hil.status import night_status
+
+    document = night_status(folder)
+    if as_json:
+        print_json(document)
+    else:
+        console = results()
+        mark = "  SIMULATED" if document["simulated"] else ""
+        console.print(f"{folder}: {document['state']}{mark}")
+        console.print(f"{document['steps_done']} of {document['steps_total']} steps")
+        done, total = document["self_calibrations_done"], document["self_calibrations_total"]
+        console.print(f"{done} of {total} self-calibrations")
+        if document["state"] == "running":
+            console.print(f"expected end {document['eta_utc']}")
+        for line in document["missing"]:
+            console.print(f"missing: {line}")
+    return Exit.DONE if document["state"] in {"complete", "running", "paused"} else Exit.INCOMPLETE
+
+
+def verify(folder: Folder, as_json: JsonFlag = False) -> int:
+    """Check a night's records: every step, every block, every hash."""
+    from hil.verify import verify_night
+
+    document = verify_night(folder)
+    if as_json:
+        print_json(document)
+    else:
+        console = results()
+        for problem in document["problems"]:
+            console.print(f"problem: {problem}")
+        complete = "complete" if document["complete"] else "NOT complete"
+        console.print(f"{folder}: {complete}, {document['blocks_checked']} blocks checked")
+    return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="The night's folder; an earlier demo there is replaced.")] = Path(
+        "demo"
+    ),
+    quiet: Quiet = False,
+) -> int:
+    """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
+    from hil.cli.data import write_report
+    from hil.config import load_bench, load_sweep
+    from hil.journal_reader import JOURNAL_NAME
+
+    if out.exists() and any(out.iterdir()):
+        from hil.journal_reader import open_readonly
+
+        if not (out / JOURNAL_NAME).is_file():
+            raise InputError(f"{out}: exists and holds something else; give another folder with --out")
+        with open_readonly(out) as journal:
+            if not journal.night.simulated:
+                raise InputError(f"{out}: holds a night that was measured; give another folder with --out")
+        shutil.rmtree(out)
+    with ExitStack() as stack:
+        ended = _end(_start(stack, load_sweep("rd-gc-86-1"), load_bench("simulated"), out, quiet=quiet), out)
+    if ended == Exit.DONE:
+        results().print(f"report: {write_report(out).resolve()}")
+    return ended

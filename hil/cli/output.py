@@ -1,0 +1,36 @@
+"""Results to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
+Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
+
+
+def results() -> Console:
+    """Standard output, for people; as wide as the lines where nobody looks at a terminal."""
+    return Console(highlight=False, markup=False, soft_wrap=not sys.stdout.isatty())
+
+
+def messages() -> Console:
+    """Standard error."""
+    return Console(stderr=True, highlight=False, markup=False)
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Write one JSON document. NaN is no JSON: a number that is not known must already be null."""
+    sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def warn(warnings: list[str] | tuple[str, ...]) -> None:
+    """Say on standard error what is suspicious about the input."""
+    for line in warnings:
+        messages().print(f"warning: {line}")

@@ -1,0 +1,32 @@
+"""The plan as `hil plan --json` prints it (schema hil.plan/1)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from procedures.plan import Plan
+
+
+def plan_document(plan: Plan, *, simulated: bool) -> dict[str, Any]:
+    """Return every step with its expected times in seconds from the beginning."""
+    return {
+        "schema": "hil.plan/1",
+        "title": plan.title,
+        "simulated": simulated,
+        "total_s": plan.total_s,
+        "self_calibrations": len(plan.self_calibrations),
+        "steps": [
+            {
+                "index": step.index,
+                "key": step.key,
+                "kind": step.kind.value,
+                "starts_s": step.starts_s,
+                "duration_s": step.duration_s,
+                "temperature_degC": step.temperature_degC,
+                "self_calibration": step.self_calibration,
+                "position": step.position,
+                "parameters": dict(step.parameters),
+            }
+            for step in plan.steps
+        ],
+    }
