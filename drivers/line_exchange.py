@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
 from drivers.transport import Transport
 
 Reply = TypeVar("Reply")
@@ -46,13 +46,14 @@ class LineExchange:
         """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
 
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
-        A refusal is asked again too: noise on the line turns a good request into an unknown one.
+        A refusal is asked again too: noise on the line turns a good request into an unknown one; and so is a port that
+        failed, because a transport opens it again where it can.
         """
         attempts = self._timing.attempts
         for attempt in range(1, attempts + 1):
             try:
                 return self._ask(request, parse)
-            except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused) as error:
+            except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
                 if attempt == attempts:
                     raise type(error)(f"{error} (asked {attempts} times)") from error
         raise ValueError("a read needs at least one attempt")
@@ -62,7 +63,7 @@ class LineExchange:
 
         False means that nobody knows whether it was carried out: read back. `accept` returns True for an
         acknowledgement, False for a line that belongs to something else (a late reply to an earlier request, an
-        unreadable line), and raises `CommandRefused` for a refusal.
+        unreadable line), and raises `CommandRefused` for a refusal. `TransportError` where it could not be sent.
         """
         self._send(request)
         try:
@@ -72,7 +73,7 @@ class LineExchange:
                     line = self._receive(request, deadline_s)
                 except ProtocolError:
                     continue
-                except DeviceTimeout:
+                except (DeviceTimeout, TransportError):
                     return False
                 if accept(line):
                     return True
@@ -80,8 +81,8 @@ class LineExchange:
             self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
 
     def _ask(self, request: str, parse: Callable[[str], Reply]) -> Reply:
-        self._send(request)
         try:
+            self._send(request)
             return parse(self._receive(request, self._clock.now() + self._timing.timeout_s))
         finally:
             self._ready_at_s = self._clock.now() + self._timing.pause_after_query_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
 from drivers.line_exchange import LineExchange, LineTiming
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
@@ -109,6 +109,58 @@ def test_the_echo_of_a_two_wire_adapter_is_passed_over() -> None:
     """An RS-485 adapter that hears itself returns the request first."""
     exchange, device, _ = _exchange((b"T?\r\n", b"T?\r\n7\r\n"))
     assert exchange.query("T?", _number) == 7.0
+    device.finish()
+
+
+class _LooseCable(MemoryTransport):
+    """Fails `failures` times at the call named, as a port does that is opened again by the next call."""
+
+    def __init__(self, device: TranscriptDevice, clock: VirtualClock, call: str, failures: int) -> None:
+        super().__init__(device, clock, "sim://chamber")
+        self._call = call
+        self._failures = failures
+
+    def write(self, data: bytes) -> None:
+        self._fail("write")
+        super().write(data)
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        self._fail("read_until")
+        return super().read_until(terminator, timeout_s)
+
+    def _fail(self, call: str) -> None:
+        if call == self._call and self._failures:
+            self._failures -= 1
+            raise TransportError("sim://chamber: the port is gone")
+
+
+def _loose(call: str, failures: int, *exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, TranscriptDevice]:
+    clock = VirtualClock()
+    device = TranscriptDevice(exchanges)
+    transport = _LooseCable(device, clock, call, failures)
+    return LineExchange(transport, clock, device="chamber", terminator=b"\r\n", timing=TIMING), device
+
+
+def test_a_read_survives_a_port_that_comes_back() -> None:
+    """Twice gone, before the request or behind it; a third time is too much."""
+    for call, times in (("write", 1), ("read_until", 3)):
+        exchange, device = _loose(call, 2, *[(b"T?\r\n", b"4\r\n")] * times)
+        assert exchange.query("T?", _number) == 4.0
+        device.finish()
+    exchange, _ = _loose("write", 3)
+    with pytest.raises(TransportError, match="asked 3 times"):
+        exchange.query("T?", _number)
+
+
+def test_a_write_is_sent_once_to_a_port_that_fails() -> None:
+    """Not sent: that is an error. Sent and then gone: nobody knows, so the caller must read back."""
+    exchange, device = _loose("write", 1)
+    with pytest.raises(TransportError):
+        exchange.command("S1", _ok)
+    device.finish()
+    exchange, device = _loose("read_until", 1, (b"S1\r\n", b"OK\r\n"))
+    assert exchange.command("S1", _ok) is False
+    device.transmit(1.0)
     device.finish()
 
 
