@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from hil.config import Bench, Sweep, find_config, parse_bench, parse_sweep
+from hil.config import Bench, Sweep, parse_bench, parse_sweep
 from hil.config.files import parse_yaml, read_text
 from hil.errors import InputError
 from hil.files import RealDisk, write_durably
@@ -37,9 +37,8 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         "sweep": parse_yaml(sweep.text, sweep.source),
         "imu": read_text(bench.imu_description),
     }
-    if bench.simulation is not None:
-        beside = Path(bench.source).parent if bench.source else None
-        document["model"] = read_text(find_config("models", bench.simulation.model, beside))
+    if bench.simulation_model is not None:
+        document["model"] = read_text(bench.simulation_model)
     if seed is not None:
         if bench.simulation is None:
             raise InputError(f"{bench.source}: a seed was given, but nothing on this bench is simulated")

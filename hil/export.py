@@ -33,6 +33,7 @@ _MEANINGS = {
 }
 _STEP_COLUMNS: tuple[str, ...] = ("chamber_degC", "setpoint_degC", "time_since_power_on_s", "time_since_setpoint_s")
 _STEP_COLUMNS += ("time_since_index_s", "n_samples")
+_EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
 _SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
 
 
@@ -233,7 +234,7 @@ def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: floa
     if not good.any() or not all(channel in rates for channel in sensor.channels):
         return None
     t_s = samples.time_s[good] - start_s
-    _, where, counts = np.unique(np.floor(t_s / block_s), return_inverse=True, return_counts=True)
+    _, where, counts = np.unique(np.floor(t_s / block_s + _EDGE), return_inverse=True, return_counts=True)
 
     def means(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(where, weights=values) / counts)

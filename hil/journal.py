@@ -21,6 +21,7 @@ import socket
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import astuple
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +57,12 @@ class SqliteJournal(JournalReader):
         who: str,
         keep_raw: bool,
         disk: Disk,
-        listener: Listener | None,
     ) -> None:
         super().__init__(folder, connection)
         self._lock = lock
         self._clock = clock
         self._system = SystemClock()
-        self._listener = listener
+        self._listener: Listener | None = None
         self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw, disk=disk)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
         self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
@@ -123,9 +123,11 @@ class SqliteJournal(JournalReader):
         who: str = "",
         keep_raw: bool = True,
         disk: Disk | None = None,
-        listener: Listener | None = None,
+        lock: FolderLock | None = None,
     ) -> SqliteJournal:
         """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
+
+        `lock` is the folder's where the caller holds it already: it then belongs to the journal, also on failure.
 
         Raises `InputError` where there is no journal, or another controller holds it. The lock of a controller that
         has died is taken over, and an event says so.
@@ -133,7 +135,8 @@ class SqliteJournal(JournalReader):
         path = folder / JOURNAL_NAME
         if not path.is_file():
             raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
-        lock = FolderLock(folder).acquire()
+        if lock is None:
+            lock = FolderLock(folder).acquire()
         try:
             connection = _connect(path)
             try:
@@ -147,7 +150,6 @@ class SqliteJournal(JournalReader):
                     who=who,
                     keep_raw=keep_raw,
                     disk=disk or RealDisk(),
-                    listener=listener,
                 )
             except BaseException:
                 connection.close()
@@ -163,6 +165,18 @@ class SqliteJournal(JournalReader):
     def open_readonly(folder: Path) -> JournalReader:
         """Open a night to read it, also while a controller writes; see `hil.journal_reader.open_readonly`."""
         return open_readonly(folder)
+
+    @property
+    def began_utc(self) -> datetime:
+        """The instant at which the campaign's seconds are zero by the present clock: the night's beginning.
+
+        After the wall clock was set back it lies earlier, so that the campaign's time goes on.
+        """
+        return self._clock.utc() - timedelta(seconds=self.now_s())
+
+    def listen(self, listener: Listener) -> None:
+        """Call `listener` after every commit from now on."""
+        self._listener = listener
 
     def now_s(self) -> float:
         """Return the seconds since the campaign began, across a resume."""

@@ -233,7 +233,8 @@ def test_the_log_hears_of_every_commit(new_night: Path, plan: Plan, clock: Virtu
     """A listener is told after the commit, with the facts."""
     heard: list[tuple[str, str]] = []
     listen = lambda what, facts: heard.append((what, str(facts.get("outcome", ""))))  # noqa: E731
-    with SqliteJournal.open(new_night, clock=clock, listener=listen) as journal:
+    with SqliteJournal.open(new_night, clock=clock) as journal:
+        journal.listen(listen)
         step = plan.steps[0]
         journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
         journal.event("note", "x")

@@ -1,0 +1,273 @@
+"""A night in a folder: begin one, carry one on.
+
+    outcome = start_night("night", load_sweep("rd-gc-86-1"), load_bench("simulated"))
+    outcome.exit_status, outcome.state, outcome.reason
+
+    night/
+      journal.sqlite      the truth
+      blocks/             samples and raw bytes
+      configuration/      what the IMU sends and what is simulated, as the journal has it
+      log.jsonl           who did what when, line by line
+      controller.lock     who is at work here
+
+Bad input leaves no folder. A folder, once it is there, holds a whole journal with its plan, and whatever happens after
+that is in it. The chamber is in its safe state at every way out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import getpass
+import os
+import platform
+import shutil
+import sqlite3
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+
+from drivers.operator import AskOperator
+from hil.bench import LiveBench, build_bench
+from hil.blocks import FieldMeaning
+from hil.config import Bench, Sweep, check_sweep_against_bench
+from hil.configuration import configuration_of, configuration_text
+from hil.errors import InputError
+from hil.files import PARTIAL, RealDisk
+from hil.journal import JOURNAL_NAME, SqliteJournal
+from hil.journal_records import Night
+from hil.lock import FolderLock
+from hil.log import LoggedChamber, LoggedPositioner, NightLog
+from procedures.plan import make_plan
+from procedures.progress import Progress
+from procedures.sequencer import Sequencer, SweepOutcome, SweepState
+from procedures.stop import StopRequest
+
+CONFIGURATION = "configuration"
+SIMULATED_DOWN_TIME_S = 1800.0
+"""How long a simulated bench is taken to have been without a controller before a resume."""
+
+
+@dataclass(frozen=True)
+class NightOutcome:
+    """How a night, or the part of it that one controller carried out, ended.
+
+    `state` is that of hil.status/1: complete, incomplete, aborted or failed. `exit_status` is 0 where every planned
+    step is done, 3 where an interlock or a device ended it with the chamber in its safe state, else 1.
+    """
+
+    folder: Path
+    state: str
+    reason: str
+    exit_status: int
+
+
+def start_night(
+    folder: Path | str,
+    sweep: Sweep,
+    bench: Bench,
+    *,
+    who: str | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    stop: StopRequest | None = None,
+    ask: AskOperator | None = None,
+) -> NightOutcome:
+    """Begin a night in the new `folder` and carry it out; returns when it has ended, whichever way.
+
+    `seed` takes the place of the bench file's for a simulation; `ask` puts questions to the operator of a bench
+    without indexing. Raises `InputError` for bad input and `DeviceError` for a port that cannot be opened; nothing is
+    left behind then.
+    """
+    target = Path(folder)
+    _refuse_existing(target)
+    check_sweep_against_bench(sweep, bench)
+    text = configuration_text(bench, sweep, seed)
+    plan = make_plan(sweep.procedure())
+    who = who or _user()
+    with _whole_or_nothing(target) as partial:
+        resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
+        live = build_bench(resolved, ask=ask)
+        try:
+            began = live.devices.clock.utc()
+            chosen = resolved.simulation.seed if resolved.simulation else None
+            night = Night(sweep.title, who, began, resolved.simulated, text, chosen, versions())
+            SqliteJournal.create(partial, plan, night)
+        except BaseException:
+            live.close()
+            raise
+    with live, SqliteJournal.open(target, clock=live.devices.clock, who=who, keep_raw=resolved.record.raw) as journal:
+        journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
+        return _carry_out(journal, live, who, progress, stop)
+
+
+def resume_night(
+    folder: Path | str,
+    *,
+    who: str | None = None,
+    progress: Progress | None = None,
+    stop: StopRequest | None = None,
+    ask: AskOperator | None = None,
+    down_s: float = SIMULATED_DOWN_TIME_S,
+) -> NightOutcome:
+    """Carry on the night in `folder`, with the configuration with which it began.
+
+    Steps that are done stay done; a partial collect is taken again and the soak starts over. Under a virtual clock
+    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
+    controller is working on, or one whose bench cannot be put together any more.
+    """
+    folder, who = Path(folder), who or _user()
+    with SqliteJournal.open_readonly(folder) as reader:
+        night, controllers, done, plan = reader.night, reader.controllers(), reader.completed(), reader.plan
+    if len(done) == len(plan.steps):
+        return NightOutcome(folder, "complete", "every planned step was done before", 0)
+    last_s = max((controller.seen_s for controller in controllers), default=0.0)
+    first_run = next((n for n, steps in plan.self_calibrations.items() if any(s.key not in done for s in steps)), 1)
+    lock = FolderLock(folder).acquire()
+    try:
+        bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
+        start = night.utc(last_s + down_s)
+        live = build_bench(bench, start_utc=start, first_run=first_run, session=len(controllers), ask=ask)
+    except BaseException:
+        lock.release()
+        raise
+    with (
+        live,
+        SqliteJournal.open(folder, clock=live.devices.clock, who=who, keep_raw=bench.record.raw, lock=lock) as journal,
+    ):
+        _record_resumption(journal, who, night, len(done), last_s)
+        return _carry_out(journal, live, who, progress, stop)
+
+
+def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float) -> None:
+    """Say who carries on, after how long, and whether with another program than the one that began."""
+    down_s = journal.now_s() - last_s
+    total = len(journal.plan.steps)
+    message = f"{who} carried on with {done} of {total} steps done, {down_s / 60.0:.0f} min after the last record"
+    now, before = versions(), night.versions or {}
+    changed = {name: [before.get(name), now[name]] for name in now if before.get(name) != now[name]}
+    journal.event("night-resumed", message, down_s=down_s, done=done, changed_versions=changed)
+
+
+def _carry_out(
+    journal: SqliteJournal, live: LiveBench, who: str, progress: Progress | None, stop: StopRequest | None
+) -> NightOutcome:
+    """Run what is not done yet, and record how it ended. The sequencer leaves the chamber in its safe state."""
+    stop = stop or StopRequest()
+    clock = live.devices.clock
+    log = NightLog(journal.folder, clock, who)
+    try:
+        journal.listen(log.say)
+        journal.describe_fields(field_meanings(live))
+        sequencer = Sequencer(
+            journal.plan,
+            replace(
+                live.devices,
+                chamber=LoggedChamber(live.devices.chamber, log),
+                positioner=LoggedPositioner(live.devices.positioner, log),
+            ),
+            journal,
+            stop,
+            began=journal.began_utc,
+            interlocks=live.bench.interlocks,
+            polling=live.bench.polling,
+            progress=progress,
+            powered_on=_powered_on(live),
+        )
+        with _signals(stop):
+            ended = sequencer.run()
+        outcome = _outcome(journal.folder, ended)
+        log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
+        with contextlib.suppress(sqlite3.Error, OSError):  # a full disk: the state is derived without it
+            journal.finish(f"{outcome.state}: {outcome.reason}")
+        return outcome
+    finally:
+        log.close()
+
+
+def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
+    state = "failed" if ended.state is SweepState.ERROR else ended.state.value
+    reason = ended.reason if ended.safe else f"{ended.reason}; THE CHAMBER IS NOT SAFE: {ended.safe_reason}"
+    safely = ended.state is SweepState.FAILED and ended.safe
+    status = 0 if ended.state is SweepState.COMPLETE else 3 if safely else 1
+    return NightOutcome(folder, state, reason, status)
+
+
+def _powered_on(live: LiveBench) -> datetime | None:
+    """When the unit was switched on: known of a simulated one only."""
+    if live.simulators is None or live.bench.simulation is None:
+        return None
+    return live.devices.clock.utc() - timedelta(seconds=live.bench.simulation.start.powered_for)
+
+
+def field_meanings(live: LiveBench) -> dict[str, FieldMeaning]:
+    """Return what every decoded field of the bench's unit is: unit, and role for one of the sensors."""
+    units = {name: field.unit for frame in live.description.frames.values() for name, field in frame.fields.items()}
+    meanings = {name: FieldMeaning(unit) for name, unit in units.items()}
+    for number, channels in live.devices.imu.sensors.items():
+        for channel, field in channels.rates.items():
+            meanings[field] = FieldMeaning(units.get(field, ""), "rate", number, channel)
+        for axis, field in channels.accelerations.items():
+            meanings[field] = FieldMeaning(units.get(field, ""), "acceleration", number, axis)
+        if channels.temperature is not None:
+            meanings[channels.temperature] = FieldMeaning(units.get(channels.temperature, ""), "temperature", number)
+    return meanings
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a result may depend on."""
+    libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
+    return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
+
+
+@contextlib.contextmanager
+def _signals(stop: StopRequest) -> Iterator[None]:
+    """Turn signals into a stop request where that is possible: in the main thread."""
+    if threading.current_thread() is threading.main_thread():
+        with stop.on_signals():
+            yield
+    else:
+        yield
+
+
+def _refuse_existing(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if folder.exists():
+        what = "it holds a night already" if (folder / JOURNAL_NAME).exists() else "it exists and is not empty"
+        raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
+
+
+@contextlib.contextmanager
+def _whole_or_nothing(target: Path) -> Iterator[Path]:
+    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
+    above = target.resolve().parent
+    while not above.is_dir():
+        if above.exists():
+            raise InputError(f"{above}: is not a folder, so nothing can be made in it")
+        above = above.parent
+    partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
+    try:
+        partial.mkdir()
+        yield partial
+        target.parent.mkdir(parents=True, exist_ok=True)
+        RealDisk().rename(partial, target)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be made ({error.strerror or error})") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    RealDisk().synchronise_folder(target.parent)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container whose user has no name
+        return f"uid {os.getuid()}"
