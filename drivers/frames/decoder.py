@@ -40,6 +40,8 @@ class StreamDecoder:
         self._layouts = [FrameLayout(description, name) for name in description.frames]
         self._scanner = Scanner(description.sync, self._layouts)
         self._sequences = [FrameSequence(layout) for layout in self._layouts]
+        no_rows = [np.empty((0, layout.length), np.uint8) for layout in self._layouts]
+        self._nothing = [s.take(r, np.empty(0, np.int64))[0] for s, r in zip(self._sequences, no_rows, strict=True)]
         shortest, longest = (pick(layout.length for layout in self._layouts) for pick in (min, max))
         self._few_bytes = _FEW * shortest
         self._piece_bytes = _PIECE * longest
@@ -84,7 +86,7 @@ class StreamDecoder:
             scans.append((at, scan))
             at += scan.stop
             self._in_step = scan.in_step
-            if end == len(buffer) and at < end:  # the rest waits for bytes that have not arrived
+            if scan.waits and end == len(buffer):  # for bytes that have not arrived
                 if not give_up:
                     break
                 timed_out += 1
@@ -110,9 +112,11 @@ class StreamDecoder:
         frames: dict[str, FrameBatch] = {}
         taken_bytes = ok = lost = duplicate = 0
         for index, layout in enumerate(self._layouts):
+            if not any(len(scan.starts[index]) for _, scan in scans):
+                frames[layout.name] = self._nothing[index]
+                continue
             rows = join_rows([scan.rows[index] for _, scan in scans if len(scan.rows[index])], layout.length)
-            places = [scan.starts[index] + at for at, scan in scans if len(scan.starts[index])]
-            starts = np.concatenate(places) + self._position if places else np.empty(0, np.int64)
+            starts = np.concatenate([scan.starts[index] + at for at, scan in scans]) + self._position
             taken_bytes += rows.size
             batch, missing, repeated = self._sequences[index].take(rows, starts)
             frames[layout.name] = batch

@@ -255,10 +255,23 @@ def _check_references(frame: FrameDescription) -> None:
                 raise ValueError(f"status.{name}.{bit_name}: a {field.type} has no bit {bit.bit}")
 
 
+class _Loader(yaml.SafeLoader):
+    """The safe loader, which also refuses a key that is given twice: the first one would be lost in silence."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Build a mapping; raise where a key repeats."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
+                raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is given twice", problem_mark=key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
 def parse_description(text: str, origin: str = "description") -> StreamDescription:
     """Read a description from YAML text; `origin` (a file name) begins every message of `DescriptionError`."""
     try:
-        content = yaml.safe_load(text)
+        content = yaml.load(text, _Loader)  # noqa: S506 - a safe loader with one more check
     except yaml.YAMLError as error:
         raise DescriptionError(f"{origin}: not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):

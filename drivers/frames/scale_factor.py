@@ -6,8 +6,8 @@ import math
 import re
 from typing import Any
 
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_TERM = re.compile(rf"\s*([*/]?)\s*({_NUMBER})(?:\s*\^\s*({_NUMBER}))?\s*")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TERM = re.compile(rf"\s*([*/]?)\s*([+-]?)({_NUMBER})(?:\s*\^\s*([+-]?{_NUMBER}))?\s*")
 
 
 def parse_factor(value: Any) -> Any:
@@ -30,9 +30,9 @@ def _product(text: str) -> float:
         if term is None or bool(term[1]) == (at == 0):
             raise ValueError(f"{text!r} is not a number, nor a product of numbers and powers such as 3600*2^-14")
         try:
-            factor = float(term[2]) ** float(term[3] or 1.0)
+            factor = math.copysign(float(term[3]) ** float(term[4] or 1.0), -1.0 if term[2] == "-" else 1.0)
             result = result / factor if term[1] == "/" else result * factor
-        except (ArithmeticError, TypeError):
+        except ArithmeticError:
             raise ValueError(f"{text!r} cannot be computed") from None
         at = term.end()
     if at == 0:

@@ -26,7 +26,8 @@ from drivers.frames.wire import Rows
 class Scan:
     """What was found in a piece. Positions count from the piece's first byte.
 
-    `stop` is the first byte that is not decided yet: the length of the piece, or where a frame may have begun.
+    `stop` is the first byte that is not decided yet; `waits` says that a frame may begin there whose end is beyond the
+    piece (otherwise what follows `stop`, if anything, has not been looked at).
     `rows` and `starts` hold, per frame type, the good frames. `in_step` says whether the byte before `stop` was the
     last of a good frame.
     """
@@ -35,6 +36,7 @@ class Scan:
     rows: list[Rows]
     starts: list[IntArray]
     in_step: bool
+    waits: bool = False
     bad_checksum: int = 0
     bad_delimiter: int = 0
     unknown_id: int = 0
@@ -115,6 +117,7 @@ class Scanner:
                 result.in_step = True
                 at = end = start + layout.length
         result.in_step = result.in_step and end == result.stop
+        result.waits = result.stop < size
         for layout, frames, places in zip(self._layouts, found, starts, strict=True):
             result.rows.append(np.frombuffer(b"".join(frames), np.uint8).reshape(-1, layout.length))
             result.starts.append(np.array(places, np.int64))
@@ -166,6 +169,7 @@ class Scanner:
         first_break = bool(len(starts)) and (int(starts[0]) > 0 or not in_step)
         last_end = int(ends[-1]) if len(ends) else 0
         result = Scan(stop, [], [], in_step=(in_step or bool(len(ends))) and last_end == stop)
+        result.waits = bool(waiting)
         result.resyncs = int(breaks.sum()) + first_break
         result.unknown_id = count(unknown)
         for found in candidates:

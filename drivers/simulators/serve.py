@@ -9,7 +9,6 @@ misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING
 
 from __future__ import annotations
 
-import math
 import os
 import select
 import socket
@@ -59,14 +58,14 @@ class _PtyLine:
         self._poll.register(self._master, 0)  # a hang-up is reported without being asked for
         self._waiting = bytearray()
         self._present = False
-        self._came_s = math.inf
+        self._came_s: float | None = None
 
     def readable(self) -> list[int]:
         return [self._master] if self._present else []
 
     def exchange(self, sent: bytes, now_s: float) -> bytes:
         self._present = not self._poll.poll(0)
-        if not self._present:
+        if not self._present or self._came_s is None:
             self._came_s = now_s
         if now_s - self._came_s < _SETTING_UP_S:
             self._waiting.clear()
