@@ -20,7 +20,7 @@ class Drift(Effect):
     id = "drift"
     family = "noise"
     title = "Linear drift between collects"
-    equation = "R += d k, k = 0, 1, 2, ... in the order taken within the run"
+    equation = "R += d k, k = -1, 0, 1 in the order taken within the run"
     per_channel = True
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
@@ -28,13 +28,18 @@ class Drift(Effect):
     experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the usual time from collect to collect; none where no run has two collects."""
+        """Return the usual time from collect to collect, and the middle of a run; none where no run has two."""
         interval = collect_interval_s(conditions)
-        return (ShapeParameter("interval_s", "s", (interval,) if interval > 0.0 else ()),)
+        middle = 0.5 * (float(np.median(np.unique(conditions.run, return_counts=True)[1])) - 1.0)
+        return (
+            ShapeParameter("interval_s", "s", (interval,) if interval > 0.0 else ()),
+            ShapeParameter("middle", "collects", (middle,)),
+        )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the collect's place in its run for each channel."""
-        return per_channel(place_in_run(conditions, shape["interval_s"]), conditions.sensor)
+        """Return the collect's place in its run, from the run's middle, for each channel."""
+        place = place_in_run(conditions, shape["interval_s"]) - shape["middle"]
+        return per_channel(place, conditions.sensor)
 
 
 class Ageing(Effect):

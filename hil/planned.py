@@ -1,0 +1,94 @@
+"""The conditions that a planned sweep will have, before a night is spent: one row per collect and sensor.
+
+    conditions = planned_conditions(make_plan(sweep.procedure()), bench)[2]
+
+Temperatures follow the plan's setpoints through the usual two lags and self-heating, so that what changes while a unit
+restabilises is there to be seen. Supply and spin are not planned, so they are no columns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from hil.campaign import Conditions, FloatArray
+from hil.config.bench import Bench
+from procedures.plan import Plan, Step, StepKind
+
+CASE_LAG_S, ROTOR_LAG_S = 12 * 60.0, 10 * 60.0
+SELF_HEATING_DEGC, SELF_HEATING_LAG_S = 8.0, 15 * 60.0
+"""What is usual for such a unit; a plan only needs their order of size."""
+
+_GRID_S = 10.0
+
+
+def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
+    """Return the conditions of every planned collect, by sensor of the bench."""
+    steps = [step for step in plan.steps if step.kind is StepKind.COLLECT]
+    columns, start_s, duration_s = _columns(plan, steps)
+    position = np.array([str(step.position) for step in steps])
+    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+    result = {}
+    for number in bench.sensors:
+        orientations = bench.orientations(number)
+        result[number] = Conditions(
+            bench.sensor(number),
+            collect=np.arange(1, len(steps) + 1),
+            run=np.array([step.self_calibration for step in steps], dtype=np.int64),
+            position=position,
+            start_s=start_s,
+            duration_s=duration_s,
+            f_g=np.array([orientations[label].components(gravity) for label in position]),
+            w_deg_per_hr=np.array([orientations[label].components(earth_rate) for label in position]),
+            columns=columns,
+        )
+    return result
+
+
+def _columns(plan: Plan, steps: list[Step]) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
+    settle_s = np.array([step.parameters.get("settle_s", 0.0) for step in steps])
+    duration_s = np.array([step.parameters.get("duration_s", step.duration_s) for step in steps])
+    start_s = np.array([step.starts_s for step in steps]) + settle_s
+    setpoints = [step for step in plan.steps if step.kind is StepKind.SETPOINT]
+    times, air, case, rotor = _temperatures(plan, setpoints)
+    middle = start_s + 0.5 * duration_s
+    commanded = np.array([step.starts_s for step in setpoints])
+    latest = np.searchsorted(commanded, start_s, side="right") - 1
+    columns = {
+        "temperature_degC": np.interp(middle, times, rotor),
+        "dTdt_degC_per_min": 60.0 * np.interp(middle, times, np.gradient(rotor, _GRID_S)),
+        "case_degC": np.interp(middle, times, case),
+        "chamber_degC": np.interp(middle, times, air),
+        "setpoint_degC": np.array([setpoints[index].temperature_degC for index in latest], dtype=np.float64),
+        "time_since_setpoint_s": start_s - commanded[latest],
+        "time_since_power_on_s": start_s,
+        "time_since_index_s": settle_s,
+    }
+    return columns, start_s, duration_s
+
+
+def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a time grid with air, case and rotor temperature: ramps at the planned rate, then two first-order lags."""
+    times = np.arange(0.0, plan.total_s + _GRID_S, _GRID_S)
+    knots_s, knots_degC = [0.0], [_first_temperature(setpoints)]
+    for step in setpoints:
+        knots_s += [step.starts_s, step.starts_s + step.duration_s]
+        knots_degC += [knots_degC[-1], float(step.temperature_degC or 0.0)]
+    air = np.interp(times, knots_s, knots_degC)
+    case = _lagged(air, CASE_LAG_S)
+    heated = SELF_HEATING_DEGC * -np.expm1(-times / SELF_HEATING_LAG_S)
+    return times, air, case, _lagged(case, ROTOR_LAG_S) + heated
+
+
+def _first_temperature(setpoints: list[Step]) -> float:
+    """Return where the first ramp begins, as its duration and rate say."""
+    first = setpoints[0]
+    target = float(first.temperature_degC or 0.0)
+    change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
+    return target - change if target > 23.0 else target + change
+
+
+def _lagged(values: FloatArray, lag_s: float) -> FloatArray:
+    weight = -np.expm1(-_GRID_S / lag_s)
+    start = np.array([(1.0 - weight) * values[0]])
+    return np.asarray(lfilter([weight], [1.0, weight - 1.0], values, zi=start)[0])

@@ -1,0 +1,227 @@
+"""Before a night is spent: which effects a sweep can see, at what size, which look alike, and what would help.
+
+    sights = visibility(conditions, built_in_model("matrix-6"))
+    sights.effects[0].kept, sights.effects[0].members, sights.effects[0].smallest
+
+No rates are needed: it is linear algebra on the conditions (`hil.effects.identifiability`). Sizes are those that a
+search over the whole catalogue finds with the stated probability, its false-alarm rate shared among the classes
+(Bonferroni, so a little pessimistic). Effects that act on the base's terms need their sizes: from the model, or else
+typical ones. What an effect does not show, it leaks into the base's parameters: that is told too.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, IntArray
+from hil.effects.base import Base, Effect, Parameter
+from hil.effects.catalogue import askable
+from hil.effects.identifiability import (
+    CANNOT_BE_SEEN,
+    Visible,
+    classes,
+    flattened,
+    orthonormal,
+    overlap_over_shapes,
+    run_covariance,
+    smallest_visible,
+    visible,
+    whitener,
+)
+from hil.linear_forms import default_form, mu_columns, named_form
+from hil.model import Model
+
+_MOST_SHAPES = 12  # of an effect's grid, evenly chosen: a map needs no finer search
+_TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
+
+    The defaults are the report's quiet cells and its pooled run-to-run scatter.
+    """
+
+    collect_deg_per_hr: float = 0.93
+    run_bias_deg_per_hr: float = 1.8
+    run_mu_deg_per_hr_per_g: float = 0.0
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The size of one parameter that is found with the asked probability when it acts alone."""
+
+    parameter: Parameter
+    value: float
+    shape: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How an effect is seen: the fraction of its norm the base leaves, its class, and its smallest visible sizes."""
+
+    effect: Effect
+    kept: float
+    members: tuple[str, ...]
+    smallest: tuple[Smallest, ...]
+    leaks: Mapping[str, float]  # base parameter: its shift where the effect has its typical size, in standard errors
+
+    @property
+    def best(self) -> Smallest:
+        """The parameter that shows best, measured against its typical size."""
+        return min(self.smallest, key=lambda one: one.value / one.parameter.size)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the base leaves enough of it to be seen at all."""
+        return self.kept >= CANNOT_BE_SEEN
+
+
+@dataclass(frozen=True)
+class Sights:
+    """The map of one sensor. `overlaps` (k, k) is in the order of `effects`; `reasons` says what cannot be asked."""
+
+    sensor: int
+    form: str
+    effects: tuple[Sight, ...]
+    overlaps: FloatArray
+    reasons: Mapping[str, str]
+    noise: NoiseLevel
+    false_alarm_rate: float
+    probability: float
+
+    def sight(self, identifier: str) -> Sight | None:
+        """Return how one effect is seen; None where it cannot be asked about."""
+        return next((sight for sight in self.effects if sight.effect.id == identifier), None)
+
+
+def visibility(
+    conditions: Conditions,
+    model: Model | None = None,
+    noise: NoiseLevel | None = None,
+    false_alarm_rate: float = 0.05,
+    probability: float = 0.9,
+    sigma: FloatArray | None = None,
+) -> Sights:
+    """Return what collects under these conditions can see beside a model's own parameters.
+
+    Without a model it is the fullest that the collects are meant for, with temperature terms where temperature varies.
+    `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's.
+    """
+    noise = noise or NoiseLevel()
+    form = default_model_name(conditions) if model is None else model.form
+    base = base_values(conditions, model)
+    asked, reasons = askable(conditions, base)
+    measured, whiten = _noise(conditions, noise, sigma)
+    fitted = named_form(form, conditions)
+    whitened = whiten @ flattened(fitted.columns(conditions))[measured]
+    absorbed = orthonormal(whitened)
+    shapes = {effect.id: _chosen(effect.shape_grid(conditions)) for effect in asked}
+    seen: list[list[Visible]] = []
+    leaks: list[dict[str, float]] = []
+    for effect in asked:
+        sizes = np.array([parameter.size for parameter in effect.parameters_for(conditions)])
+        grids = [whiten @ flattened(effect.columns(conditions, base, shape))[measured] for shape in shapes[effect.id]]
+        seen.append([visible(grid, absorbed, sizes) for grid in grids])
+        leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, fitted.names))
+    overlaps = _overlaps(seen)
+    kept = [float(np.median([one.kept for one in several])) for several in seen]
+    groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
+    level = false_alarm_rate / max(sum(kept[group[0]] >= CANNOT_BE_SEEN for group in groups), 1)
+    members = {index: tuple(asked[other].id for other in group) for group in groups for index in group}
+    sights = tuple(
+        Sight(
+            effect,
+            kept[index],
+            members[index],
+            _smallest(effect, conditions, seen[index], shapes[effect.id], level, probability),
+            leaks[index],
+        )
+        for index, effect in enumerate(asked)
+    )
+    return Sights(conditions.sensor.number, form, sights, overlaps, reasons, noise, false_alarm_rate, probability)
+
+
+def default_model_name(conditions: Conditions) -> str:
+    """Return `matrix-6-thermal` for a rotor sensor whose temperature is known and varies, else the solver's default."""
+    temperature = conditions.columns.get("temperature_degC")
+    name = default_form(conditions).name
+    known = temperature is not None and bool(np.all(np.isfinite(temperature)))
+    if name == "matrix-6" and known and temperature is not None and np.ptp(temperature) > 20.0:
+        return "matrix-6-thermal"
+    return name
+
+
+def base_values(conditions: Conditions, model: Model | None) -> Base:
+    """Return the base terms that effects act on: the model's values, or typical ones of a rotor sensor (else zero)."""
+    if model is not None and model.has_values(conditions.sensor):
+        return model.base_for(conditions)
+    rows, channels = len(conditions), len(conditions.sensor.channels)
+    bias, slope = np.zeros((rows, channels)), np.zeros((rows, channels))
+    k = np.zeros((rows, channels, 3))
+    if conditions.sensor.is_rotor:
+        form = named_form("matrix-6", conditions)
+        values = np.array([*_TYPICAL_ROTOR["bias"], *_TYPICAL_ROTOR["GS"], *_TYPICAL_ROTOR["MU"]])
+        bias, k = form.terms(conditions, values)
+        slope = np.broadcast_to(np.array(_TYPICAL_ROTOR["slope"]), bias.shape)
+    rates = bias + np.einsum("nca,na->nc", k, conditions.f_g) + np.nan_to_num(conditions.w_channels_deg_per_hr)
+    return Base(bias, k, rates, slope, np.zeros_like(k))
+
+
+def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
+    """Return by how many standard errors each base parameter moves where an effect of typical size is not modelled."""
+    inverse = np.linalg.pinv(base, rcond=1e-9)
+    errors = np.sqrt(np.sum(inverse**2, axis=1))
+    shifts = np.linalg.norm(inverse @ typical, axis=1)
+    return {
+        name: float(shift / error)
+        for name, shift, error in zip(names, shifts, errors, strict=True)
+        if error > 0.0 and shift > 1e-6 * error
+    }
+
+
+def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) -> tuple[IntArray, FloatArray]:
+    """Return which of the flattened rates are measured (indices), and the whitener of those."""
+    channels = len(conditions.sensor.channels)
+    given = np.full((len(conditions), channels), noise.collect_deg_per_hr) if sigma is None else sigma
+    measured = np.flatnonzero(np.isfinite(given.ravel()))
+    scattering: list[tuple[FloatArray, float]] = []
+    if conditions.sensor.is_rotor and noise.run_mu_deg_per_hr_per_g > 0.0:
+        scattering.append((mu_columns(conditions), noise.run_mu_deg_per_hr_per_g))
+    covariance = run_covariance(
+        conditions, np.nan_to_num(given, nan=1.0), np.full(channels, noise.run_bias_deg_per_hr), scattering
+    )
+    return measured, whitener(covariance[np.ix_(measured, measured)])
+
+
+def _chosen(grid: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+    picks = np.unique(np.linspace(0, len(grid) - 1, min(len(grid), _MOST_SHAPES)).round().astype(int))
+    return [grid[int(index)] for index in picks]
+
+
+def _overlaps(seen: Sequence[Sequence[Visible]]) -> FloatArray:
+    overlaps = np.eye(len(seen))
+    for first, second in itertools.combinations(range(len(seen)), 2):
+        overlaps[first, second] = overlaps[second, first] = overlap_over_shapes(seen[first], seen[second])
+    return overlaps
+
+
+def _smallest(
+    effect: Effect,
+    conditions: Conditions,
+    seen: Sequence[Visible],
+    shapes: Sequence[Mapping[str, float]],
+    level: float,
+    probability: float,
+) -> tuple[Smallest, ...]:
+    """Return each parameter's smallest visible size at the shape in the middle of its grid's sizes."""
+    sizes = np.array([smallest_visible(one, level, probability) for one in seen])
+    found = []
+    for index, parameter in enumerate(effect.parameters_for(conditions)):
+        middle = int(np.argsort(sizes[:, index], kind="stable")[(len(seen) - 1) // 2])
+        found.append(Smallest(parameter, float(sizes[middle, index]), shapes[middle]))
+    return tuple(found)
