@@ -58,7 +58,8 @@ class Average:
     def inflation(self) -> FloatArray:
         """How much larger the standard error is than that of as many independent samples."""
         white = self.sd / np.sqrt(max(self.n, 1))
-        return np.divide(self.se, white, out=np.ones_like(self.se), where=white > 0.0)
+        result: FloatArray = np.divide(self.se, white, out=np.ones_like(self.se), where=white > 0.0)
+        return result
 
     @property
     def effective_n(self) -> FloatArray:
@@ -123,7 +124,7 @@ def long_run_variance(noise: FloatArray) -> FloatArray:
 def _autoregressive(noise: FloatArray) -> FloatArray:
     """Return V by an autoregression whose order each column chooses for itself, up to about the cube root of n."""
     n, c = noise.shape
-    highest = min(int(round(n ** (1.0 / 3.0))) + 2, n // 5)
+    highest = min(round(n ** (1.0 / 3.0)) + 2, n // 5)
     covariance = _autocovariance(noise, highest)
     power = covariance[0]
     freedom = n / max(n - 2, 1)  # of the line that was removed
@@ -148,7 +149,8 @@ def _autoregressive(noise: FloatArray) -> FloatArray:
         better = criterion < least
         chosen = np.where(better, candidate, chosen)
         least = np.where(better, criterion, least)
-    return np.where(coloured, chosen, power * freedom)
+    result: FloatArray = np.where(coloured, chosen, power * freedom)
+    return result
 
 
 def _autocovariance(noise: FloatArray, highest: int) -> FloatArray:

@@ -176,6 +176,7 @@ class InterlockSettings:
     setpoint_grace_s: float = 60.0
     follow_tolerance_degC: float = 3.0  # between air and setpoint, once the setpoint was reached
     follow_grace_s: float = 15 * 60.0
+    unsettled_soaks: int = 3  # in a row, where self-calibrations are skipped at the ceiling: then the night is over
     ramp_factor: float = 3.0  # a ramp may take so many times the expected duration …
     ramp_extra_s: float = 20 * 60.0  # … and this on top
 

@@ -1,0 +1,326 @@
+"""A collect: the unit stands still at one position, is sampled, and the samples are averaged and judged.
+
+`reduce_collect` is pure: samples in, data and judgement out, so that raw bytes decoded again give the same result.
+`take_collect` drives the bench through `Watch`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chamber import ChamberReading
+from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, StreamCounts
+from procedures.averaging import Average, average_series
+from procedures.bench import BenchDevices
+from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
+from procedures.settings import CollectSettings
+from procedures.verdict import Judgement, Verdict, combine
+from procedures.watch import Watch
+
+BoolArray = NDArray[np.bool_]
+
+_INDEX_FIELD = "index_position"  # where a unit that indexes says in every frame where it stands
+_EDGE_SAMPLES = 2  # a collect's ends may each cut one sample off
+_RATE_TOLERANCE = 0.005  # of the nominal sample rate
+_WORTH_AVERAGING = 3
+_SHORT_LOSS = 0.002  # of the samples: more than this is worth a remark
+
+
+@dataclass(frozen=True)
+class Collected:
+    """A collect: its data as JSON can hold it, its judgement, and its samples (times in campaign seconds)."""
+
+    data: Mapping[str, Any]
+    judgement: Judgement
+    samples: SampleBlock
+
+    @property
+    def usable(self) -> bool:
+        """True where every channel has a mean and a standard error."""
+        return int(self.data["n_samples"]) >= _WORTH_AVERAGING
+
+
+def join(blocks: Iterable[SampleBlock]) -> SampleBlock:
+    """Return consecutive blocks as one; fields that a block lacks are NaN there."""
+    blocks = list(blocks)
+    filled = [block for block in blocks if len(block)]
+    names = list(dict.fromkeys(name for block in filled for name in block.fields))
+    fields = {name: np.concatenate([_column(block, name) for block in filled]) for name in names}
+    return SampleBlock(
+        time_s=np.concatenate([block.time_s for block in filled]) if filled else np.empty(0),
+        fields=fields,
+        counts=sum((block.counts for block in blocks), StreamCounts()),
+        raw=b"".join(block.raw for block in blocks),
+        arrival_s=blocks[-1].arrival_s if blocks else 0.0,
+    )
+
+
+def _column(block: SampleBlock, name: str) -> FloatArray:
+    return block.fields[name] if name in block.fields else np.full(len(block), np.nan)
+
+
+# Reduction
+
+
+def reduce_collect(
+    samples: SampleBlock, duration_s: float, imu: Imu, settings: CollectSettings
+) -> tuple[dict[str, Any], Judgement]:
+    """Return data and judgement of the samples of one collect that lasted `duration_s`.
+
+    Samples in which a rate is not a finite number are dropped and counted as missing.
+    """
+    names = [name for channels in imu.sensors.values() for name in channels.rates.values()]
+    rates = np.column_stack([_column(samples, name) for name in names]) if names else np.empty((len(samples), 0))
+    good: BoolArray = np.asarray(np.isfinite(rates).all(axis=1))
+    average = average_series(samples.time_s[good], rates[good])
+    n, expected = int(good.sum()), round(duration_s * imu.sample_rate_hz)
+    missing = _missing(samples, n, expected, imu.sample_rate_hz)
+    index = dict(zip(names, range(len(names)), strict=True))
+    kept = _Kept(samples, good, imu.sample_rate_hz, settings)
+    data: dict[str, Any] = {
+        "duration_s": duration_s,
+        "n_samples": n,
+        "n_expected": expected,
+        "n_missing": missing,
+        "sensors": {str(number): kept.sensor(channels, average, index) for number, channels in imu.sensors.items()},
+        "conditions": kept.conditions(imu.conditions),
+        "counts": dict(vars(samples.counts)),
+    }
+    judgements = [*_enough(n, expected, missing, samples.counts, settings), *kept.judge(imu.sensors, average, index)]
+    judgement = combine(judgements, passed="complete, stationary, no drift that matters")
+    return data, judgement
+
+
+def _missing(samples: SampleBlock, n: int, expected: int, sample_rate_hz: float) -> int:
+    """Return how many samples are missing: by the unit's own counter, by gaps in time, and by their number."""
+    short = expected - n
+    if short <= max(_EDGE_SAMPLES, _RATE_TOLERANCE * expected):
+        short = 0
+    not_finite = len(samples) - n
+    return max(samples.counts.lost, missing_in_gaps(samples.time_s, sample_rate_hz), short, not_finite)
+
+
+def _enough(
+    n: int, expected: int, missing: int, counts: StreamCounts, settings: CollectSettings
+) -> Iterable[Judgement]:
+    """Judge the number of samples."""
+    fraction = max(1.0 - missing / expected, 0.0) if expected else 0.0
+    if n < _WORTH_AVERAGING or fraction < settings.minimum_fraction:
+        bad = counts.bad_checksum + counts.bad_delimiter
+        yield Judgement(
+            Verdict.INCONCLUSIVE,
+            f"{missing} of {expected} samples are missing ({bad} frames damaged, {counts.lost} lost); "
+            f"at least {settings.minimum_fraction:.0%} are needed",
+        )
+    elif missing > _SHORT_LOSS * expected:
+        yield Judgement(Verdict.MARGINAL, f"{missing} of {expected} samples are missing")
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """The good samples of a collect, reduced sensor by sensor."""
+
+    samples: SampleBlock
+    good: BoolArray
+    sample_rate_hz: float
+    settings: CollectSettings
+
+    def column(self, name: str) -> FloatArray:
+        """Return a field's good samples."""
+        values: FloatArray = _column(self.samples, name)[self.good]
+        return values
+
+    def mean(self, name: str | None) -> float | None:
+        """Return the mean of a field's finite values, or None."""
+        if name is None:
+            return None
+        values = self.column(name)
+        values = values[np.isfinite(values)]
+        return float(values.mean()) if len(values) else None
+
+    def sensor(self, channels: SensorChannels, average: Average, index: Mapping[str, int]) -> dict[str, Any]:
+        """Return the data of one sensor."""
+        temperature, slope = channels.temperature, None
+        if temperature is not None:
+            slope = slope_per_min(self.samples.time_s[self.good], self.column(temperature))
+        return {
+            "rates": {channel: _rate(average, index[name]) for channel, name in channels.rates.items()},
+            "accelerations": {axis: self.mean(name) for axis, name in channels.accelerations.items()},
+            "temperature_degC": self.mean(temperature),
+            "dTdt_degC_per_min": slope,
+            "conditions": self.conditions(channels.conditions),
+        }
+
+    def conditions(self, names: Mapping[str, str]) -> dict[str, float | None]:
+        """Return the means of condition columns."""
+        return {column: self.mean(name) for column, name in names.items()}
+
+    def judge(
+        self, sensors: Mapping[int, SensorChannels], average: Average, index: Mapping[str, int]
+    ) -> Iterable[Judgement]:
+        """Judge motion, drift, frozen and clipped values."""
+        yield from self._index_field()
+        for number, channels in sensors.items():
+            yield from self._motion(number, channels)
+            for channel, name in channels.rates.items():
+                where = f"sensor {number} {channel}"
+                yield from self._measuring(where, self.column(name))
+                yield from _drift(where, average, index[name], self.settings)
+
+    def _index_field(self) -> Iterable[Judgement]:
+        if _INDEX_FIELD in self.samples.fields and longest_run(self.column(_INDEX_FIELD)) < int(self.good.sum()):
+            yield Judgement(Verdict.FAIL, "the unit left its index position during the collect")
+
+    def _motion(self, number: int, channels: SensorChannels) -> Iterable[Judgement]:
+        if not channels.accelerations:
+            return
+        table = np.column_stack([self.column(name) for name in channels.accelerations.values()])
+        table = table[np.isfinite(table).all(axis=1)]
+        largest_g, too_much = moved(table, self.sample_rate_hz, self.settings.motion_limit_g)
+        if too_much:
+            limit_g = self.settings.motion_limit_g
+            yield Judgement(Verdict.FAIL, f"sensor {number} moved: {largest_g:.4f} g, {limit_g:.4f} g is allowed")
+
+    def _measuring(self, where: str, values: FloatArray) -> Iterable[Judgement]:
+        stuck = longest_run(values)
+        if 0.0 < self.settings.frozen_s * self.sample_rate_hz <= stuck:
+            yield Judgement(Verdict.FAIL, f"{where} did not change for {stuck} samples: it is not being measured")
+            return
+        limit = clipped(values)
+        if limit is not None:
+            yield Judgement(Verdict.FAIL, f"{where} is clipped at {limit:g} deg/hr")
+
+
+def _rate(average: Average, i: int) -> dict[str, float | None]:
+    """Return one channel's average, as JSON can hold it (None where not known)."""
+    values = {
+        "mean_deg_per_hr": average.mean[i],
+        "se_deg_per_hr": average.se[i],
+        "drift_deg_per_hr_per_min": 60.0 * average.slope_per_s[i],
+        "drift_se_deg_per_hr_per_min": 60.0 * average.slope_se_per_s[i],
+        "half_difference_deg_per_hr": average.half_difference[i],
+        "half_difference_se_deg_per_hr": average.half_difference_se[i],
+        "sd_deg_per_hr": average.sd[i],
+        "se_inflation": average.inflation[i],
+    }
+    return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
+
+
+def _drift(where: str, average: Average, i: int, settings: CollectSettings) -> Iterable[Judgement]:
+    """Judge a channel's slope: it must be significant before its size counts. Half the limit is worth a look."""
+    slope, se = 60.0 * average.slope_per_s[i], 60.0 * average.slope_se_per_s[i]
+    if not np.isfinite(slope + se) or abs(slope) < settings.drift_sigmas * se:
+        return
+    limit = settings.drift_limit_deg_per_hr_per_min
+    text = f"{where} drifts by {slope:+.2f} ± {se:.2f} deg/hr per minute, the limit is {limit:g}"
+    if abs(slope) > limit:
+        yield Judgement(Verdict.FAIL, text)
+    elif abs(slope) > 0.5 * limit:
+        yield Judgement(Verdict.MARGINAL, text)
+
+
+# On the bench
+
+
+@dataclass(frozen=True)
+class Times:
+    """When, in campaign seconds, what the collect's conditions count from took place; None where not known."""
+
+    power_on_s: float | None
+    setpoint_s: float | None
+    index_s: float | None
+
+
+def take_collect(
+    devices: BenchDevices, watch: Watch, settings: CollectSettings, position: str, times: Times
+) -> Collected:
+    """Settle, sample and reduce a collect at the position where the unit stands.
+
+    Raises what a poll raises. A position that is not confirmed before and after is a FAIL with its reason.
+    """
+    before = devices.positioner.position()
+    watch.note = "settling"
+    if settings.settle_s > 0.0:
+        _drop(watch, settings.settle_s)
+    watch.note = "sampling"
+    watch.forget_stream()
+    start_s = watch.now_s
+    blocks, readings, end_s = _sample(devices.imu, watch, start_s + settings.duration_s)
+    samples = join(blocks)
+    data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
+    after = devices.positioner.position()
+    judgement = combine([judgement, *_confirmed(position, before, after)], passed=judgement.reason)
+    started_s = watch.campaign_s(start_s)
+    data |= {
+        "position": position,
+        "start_s": started_s,
+        "chamber_degC": _mean([reading.temperature_degC for reading in readings]),
+        "setpoint_degC": readings[-1].setpoint_degC if readings else watch.commanded_degC,
+        "time_since_power_on_s": _since(started_s, times.power_on_s),
+        "time_since_setpoint_s": _since(started_s, times.setpoint_s),
+        "time_since_index_s": _since(started_s, times.index_s),
+        "verdict": judgement.verdict.value,
+        "reason": judgement.reason,
+    }
+    offset_s = started_s - start_s
+    samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
+    return Collected(data, judgement, samples)
+
+
+def _drop(watch: Watch, seconds: float) -> None:
+    for _ in watch.wait(watch.now_s + seconds):
+        pass
+
+
+def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
+    """Return the blocks, the chamber's readings, and the clock at the last drain."""
+    blocks: list[SampleBlock] = []
+    readings: list[ChamberReading] = []
+    end_s = watch.now_s
+    running = _Running(imu.sensors)
+    for look, block in watch.wait(until_s):
+        blocks.append(block)
+        if look.chamber is not None and look.chamber_fresh:
+            readings.append(look.chamber)
+        watch.rates_deg_per_hr = running.add(block)
+        end_s = look.time_s
+    if not readings and watch.look is not None and watch.look.chamber is not None:
+        readings.append(watch.look.chamber)  # a collect shorter than the chamber's poll interval
+    return blocks, readings, end_s
+
+
+class _Running:
+    """Running means of the rates, for onlookers."""
+
+    def __init__(self, sensors: Mapping[int, SensorChannels]) -> None:
+        self._fields = {f"{n}.{channel}": name for n, each in sensors.items() for channel, name in each.rates.items()}
+        self._sums = dict.fromkeys(self._fields, 0.0)
+        self._n = 0
+
+    def add(self, block: SampleBlock) -> Mapping[str, float]:
+        """Take a block in and return the means so far."""
+        self._n += len(block)
+        for label, name in self._fields.items():
+            if name in block.fields:
+                self._sums[label] += float(block.fields[name].sum())
+        return {label: total / self._n for label, total in self._sums.items()} if self._n else {}
+
+
+def _confirmed(position: str, before: str | None, after: str | None) -> Iterable[Judgement]:
+    for when, where in (("before", before), ("after", after)):
+        if where != position:
+            stands = "an unknown position" if where is None else f"position {where}"
+            yield Judgement(Verdict.FAIL, f"{when} the collect the unit stood at {stands}, not {position}")
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def _since(now_s: float, then_s: float | None) -> float | None:
+    return None if then_s is None else now_s - then_s

@@ -1,0 +1,217 @@
+"""Waiting for evidence that the unit is in thermal equilibrium. Time alone is not evidence, and air is not the unit.
+
+    gate = RestabilisationGate(settings, thermometers=[2])
+    gate.look(time_s, air_degC, setpoint_degC, {2: 23.41})
+    gate.decision.met, gate.decision.waiting_for
+
+The criteria are the scheduled time, the chamber's band and slope, and the span and slope of the unit's own sensors;
+all at once, held over the whole window. Leaving the band restarts the window; leaving it for longer than the excursion
+time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from procedures.quality import slope_per_min
+from procedures.settings import Restabilisation
+from procedures.verdict import Verdict
+from procedures.watch import Watch
+
+_EVALUATIONS = 20  # of the evidence, per window
+_EPSILON_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the evidence says at one instant. `since_s` says since when each met criterion has been met."""
+
+    since_s: Mapping[str, float | None]
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def met(self) -> bool:
+        """True where every criterion is met."""
+        return all(since is not None for since in self.since_s.values())
+
+    @property
+    def waiting_for(self) -> tuple[str, ...]:
+        """The criteria that are not met."""
+        return tuple(name for name, since in self.since_s.items() if since is None)
+
+    @property
+    def decided_by(self) -> str:
+        """The criterion that was met last: what the wait was for in the end."""
+        return max(self.since_s, key=lambda name: self.since_s[name] or 0.0)
+
+
+class RestabilisationGate:
+    """Judges looks at chamber and unit, in order of time. Pure: it neither waits nor reads."""
+
+    def __init__(self, settings: Restabilisation, thermometers: Collection[int]) -> None:
+        self._settings = settings
+        self._air: list[tuple[float, float]] = []  # the window's looks: time, °C
+        self._unit: dict[int, list[tuple[float, float]]] = {sensor: [] for sensor in sorted(thermometers)}
+        self._soak_s: float | None = None  # when the present soak began
+        self._band_s: float | None = None  # when the present stay in the band began
+        self._left_s: float | None = None  # when the band was left
+        self._last_s: float | None = None
+        self._judged_s = -np.inf
+        self._judged_state = (False, False)
+        self._since: dict[str, float | None] = {}
+        self.soak_restarts = 0
+        self.window_restarts = 0
+        self.decision = Decision({"time": None})
+
+    def look(self, time_s: float, air_degC: float, setpoint_degC: float, unit_degC: Mapping[int, float]) -> Decision:
+        """Take one look in and return the decision."""
+        unseen = self._last_s is not None and time_s - self._last_s > max(
+            self._settings.excursion_s, self._settings.window_s / 4.0
+        )
+        if unseen and self._left_s is None:
+            self._leave(self._last_s or time_s)  # nobody knows what the air did meanwhile
+        self._last_s = time_s
+        # Written so that a reading which is not a number lies outside.
+        if abs(air_degC - setpoint_degC) <= self._settings.band_degC:
+            self._inside(time_s)
+            self._air.append((time_s, air_degC))
+        elif self._left_s is None:
+            self._leave(time_s)
+        for sensor in self._unit.keys() & unit_degC.keys():
+            self._unit[sensor].append((time_s, unit_degC[sensor]))
+        self._judge(time_s)
+        return self.decision
+
+    def _leave(self, time_s: float) -> None:
+        """Forget what leaving the band makes worthless."""
+        if self._band_s is not None:
+            self.window_restarts += 1
+        self._left_s, self._band_s = time_s, None
+        self._air.clear()
+
+    def _inside(self, time_s: float) -> None:
+        """Begin, or go on with, a stay in the band."""
+        if self._left_s is not None and time_s - self._left_s > self._settings.excursion_s and self._soak_s is not None:
+            self._soak_s = None
+            self.soak_restarts += 1
+        self._left_s = None
+        if self._soak_s is None:
+            self._soak_s = time_s
+        if self._band_s is None:
+            self._band_s = time_s
+
+    def _judge(self, time_s: float) -> None:
+        """Judge the criteria: a few times per window, when the schedule is up, and at once where the band was left."""
+        soaked = self._soak_s is not None and time_s - self._soak_s >= self._settings.at_least_s - _EPSILON_S
+        due = time_s - self._judged_s >= self._settings.window_s / _EVALUATIONS - _EPSILON_S
+        state = (soaked, self._band_s is not None)
+        if not due and state == self._judged_state:
+            return
+        self._judged_s, self._judged_state = time_s, state
+        begins_s = time_s - self._settings.window_s
+        self._air = _recent(self._air, begins_s)
+        self._unit = {sensor: _recent(looks, begins_s) for sensor, looks in self._unit.items()}
+        held = self._band_s is not None and self._band_s <= begins_s + _EPSILON_S
+        steady = held and abs(_slope(self._air)) <= self._settings.slope_degC_per_min
+        criteria = {"time": soaked, "band": held, "slope": steady}
+        for sensor, looks in self._unit.items():
+            whole = bool(looks) and looks[0][0] <= begins_s + self._settings.window_s / _EVALUATIONS + self._pace(looks)
+            criteria[f"unit band (sensor {sensor})"] = whole and _span(looks) <= self._settings.unit_band_degC
+            criteria[f"unit slope (sensor {sensor})"] = (
+                whole and abs(_slope(looks)) <= self._settings.unit_slope_degC_per_min
+            )
+        before = self._since
+        self._since = {
+            name: (time_s if before.get(name) is None else before[name]) if met else None
+            for name, met in criteria.items()
+        }
+        unit = {str(sensor): _evidence(looks) for sensor, looks in self._unit.items()}
+        self.decision = Decision(self._since, {"chamber": _evidence(self._air), "unit": unit})
+
+    @staticmethod
+    def _pace(looks: list[tuple[float, float]]) -> float:
+        """Return the time between looks."""
+        return looks[1][0] - looks[0][0] if len(looks) > 1 else 0.0
+
+
+def _recent(looks: list[tuple[float, float]], begins_s: float) -> list[tuple[float, float]]:
+    """Return the looks of the window (the first may be a hair older, so that the window is covered)."""
+    return [look for look in looks if look[0] >= begins_s - _EPSILON_S]
+
+
+def _slope(looks: list[tuple[float, float]]) -> float:
+    """Return the slope in °C/min, infinite where it cannot be told."""
+    table = np.array(looks).reshape(-1, 2)
+    slope = slope_per_min(table[:, 0], table[:, 1])
+    return np.inf if slope is None else slope
+
+
+def _span(looks: list[tuple[float, float]]) -> float:
+    values = [value for _, value in looks]
+    return max(values) - min(values)
+
+
+def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
+    """Return last temperature, slope and span over the window."""
+    if not looks:
+        return {"temperature_degC": None, "slope_degC_per_min": None, "span_degC": None}
+    slope = _slope(looks)
+    known = float(slope) if np.isfinite(slope) else None
+    return {"temperature_degC": looks[-1][1], "slope_degC_per_min": known, "span_degC": _span(looks)}
+
+
+@dataclass(frozen=True)
+class Restabilised:
+    """How a restabilisation ended: whether the evidence was there, and everything that decided."""
+
+    met: bool
+    reason: str
+    data: Mapping[str, Any]
+
+
+def restabilise(watch: Watch, settings: Restabilisation, thermometers: Collection[int]) -> Restabilised:
+    """Wait for the evidence, never longer than the ceiling. Raises what a poll raises.
+
+    `thermometers` are the sensors that have a temperature of their own: a silent one is no evidence. Where there are
+    none, the result says that only chamber and time were judged.
+    """
+    gate = RestabilisationGate(settings, thermometers)
+    began_s = watch.now_s
+    for look, _ in watch.wait(began_s + settings.ceiling_s):
+        if not look.chamber_fresh or look.chamber is None or watch.commanded_degC is None:
+            continue
+        # Judged against what was commanded, not against what the chamber believes it was told.
+        decision = gate.look(look.time_s, look.chamber.temperature_degC, watch.commanded_degC, look.unit_degC)
+        watch.note = "waiting for " + ", ".join(decision.waiting_for)
+        if decision.met:
+            return _result(gate, watch.now_s - began_s, thermometers)
+    return _result(gate, watch.now_s - began_s, thermometers)
+
+
+def _result(gate: RestabilisationGate, waited_s: float, thermometers: Collection[int]) -> Restabilised:
+    """Return the result in words and numbers."""
+    decision = gate.decision
+    met = decision.met
+    minutes = waited_s / 60.0
+    if met:
+        reason, verdict = f"restabilised after {minutes:.0f} min, decided by {decision.decided_by}", Verdict.PASS
+    else:
+        missing = ", ".join(decision.waiting_for)
+        reason, verdict = f"not restabilised within {minutes:.0f} min: {missing}", Verdict.INCONCLUSIVE
+    if not thermometers:
+        reason += "; the unit has no temperature sensor, so only chamber and time were judged"
+    data = {
+        "verdict": verdict.value,
+        "reason": reason,
+        "waited_s": waited_s,
+        "decided_by": decision.decided_by if met else None,
+        "waiting_for": list(decision.waiting_for),
+        "soak_restarts": gate.soak_restarts,
+        "window_restarts": gate.window_restarts,
+        **decision.evidence,
+    }
+    return Restabilised(met, reason, data)

@@ -1,0 +1,356 @@
+"""Carries out a plan, and is the only thing that decides what happens next: from the plan and the journal alone.
+
+    sequencer = Sequencer(plan, devices, journal, stop, began=began)
+    with stop.on_signals():
+        outcome = sequencer.run()
+
+Steps that the journal holds as DONE are skipped, so running and resuming are the same call. A step stands on others
+that put the bench into a physical state: a collect on its index, its restabilisation, its setpoint and the devices'
+identity. Those that are DONE in the journal but not in effect in this process are restored (done again, recorded as
+events, never as a second result): a chamber cools while the controller is dead, so the soak starts over.
+
+**The promise of the safe state.** Whatever ends a run (its end, a device, an interlock, a stop request, a full disk,
+an error in this program), `_leave` runs and brings the chamber to its safe state *before* it writes anything, because
+the journal may be what failed. It tries as often as a step would be tried, and the outcome says whether it succeeded.
+Only a chamber that is not the one the bench file names is left alone. SIGKILL is the watchdog's to answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from enum import StrEnum
+
+from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
+from procedures.actions import Actions
+from procedures.bench import BenchDevices
+from procedures.interlocks import InterlockTripped, standard_interlocks
+from procedures.journal import Journal, Outcome, StepResult
+from procedures.plan import Plan, Step, StepKind
+from procedures.progress import Progress, Silent
+from procedures.settings import CollectSettings, InterlockSettings, Polling
+from procedures.stop import StopRequest, StopRequested
+from procedures.verdict import Verdict
+from procedures.watch import Position, Watch
+
+# What each kind of step stands on, in the order in which it has to be restored.
+_STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
+    StepKind.IDENTIFY: (),
+    StepKind.SETPOINT: (StepKind.IDENTIFY,),
+    StepKind.RESTABILISE: (StepKind.IDENTIFY, StepKind.SETPOINT),
+    StepKind.INDEX: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE),
+    StepKind.COLLECT: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX),
+    StepKind.SAFE_STATE: (),
+}
+# What doing a step of a kind puts out of effect.
+_UNDOES: Mapping[StepKind, tuple[StepKind, ...]] = {
+    StepKind.SETPOINT: (StepKind.RESTABILISE, StepKind.SAFE_STATE),
+    StepKind.SAFE_STATE: (StepKind.SETPOINT, StepKind.RESTABILISE),
+}
+_NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
+_NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
+
+
+class SweepState(StrEnum):
+    """How a run of a sweep ended."""
+
+    COMPLETE = "complete"  # every step of the plan is DONE in the journal
+    INCOMPLETE = "incomplete"  # it ran to its end, but steps are missing
+    ABORTED = "aborted"  # somebody asked for it
+    FAILED = "failed"  # an interlock, or a device that stayed lost
+    ERROR = "error"  # the software, the disk
+
+
+@dataclass(frozen=True)
+class SweepOutcome:
+    """What became of a run: state, reason, counts, what is missing, and whether the chamber is in its safe state."""
+
+    state: SweepState
+    reason: str
+    steps_done: int
+    steps_total: int
+    missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
+    counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
+    safe: bool = True
+    safe_reason: str = ""  # why the safe state was not reached
+    error: BaseException | None = None  # for the log, where the state is failed or error
+
+
+class Sequencer:
+    """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
+
+    `powered_on` is when the unit was switched on, where that is known. `run` may be called once.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        devices: BenchDevices,
+        journal: Journal,
+        stop: StopRequest,
+        *,
+        began: datetime,
+        interlocks: InterlockSettings | None = None,
+        polling: Polling | None = None,
+        progress: Progress | None = None,
+        powered_on: datetime | None = None,
+    ) -> None:
+        self._plan = plan
+        self._devices = devices
+        self._journal = journal
+        self._began = began
+        self._interlocks = interlocks or InterlockSettings()
+        self._polling = polling or Polling()
+        self._power_on_s = None if powered_on is None else (powered_on - began).total_seconds()
+        rules = tuple(standard_interlocks(self._interlocks, devices.chamber.limits))
+        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began)
+        self._done: set[str] = set()
+        self._failed: set[str] = set()
+        self._in_effect: dict[StepKind, str] = {}
+        self._open: tuple[Step, int] | None = None  # begun in the journal, not ended
+        self._counts: dict[Outcome, int] = {}
+        self._touched = False
+        self._unsettled = 0
+
+    # The run and its ways out
+
+    def run(self) -> SweepOutcome:
+        """Carry out what is not DONE yet. Never raises an `Exception`: the outcome says what happened."""
+        cause: Exception | None = None
+        try:
+            self._sweep()
+        except Exception as error:
+            cause = error
+        except BaseException as error:  # an interrupt that nobody turned into a stop request
+            self._leave(error)
+            raise
+        safe_reason = self._leave(cause)
+        return self._outcome(cause, safe_reason)
+
+    def _sweep(self) -> None:
+        """Do every step that is not DONE, restoring first what it stands on."""
+        recorded = dict(self._journal.completed())
+        self._done = {step.key for step in self._plan.steps if step.key in recorded}
+        self._actions = Actions(self._devices, self._watch, self._interlocks, recorded, self._power_on_s)
+        self._watch.sweep_began(self._plan, frozenset(self._done))
+        pending = [step for step in self._plan.steps if step.key not in self._done]
+        if not pending:
+            return
+        if self._done:
+            done, total = len(self._done), len(self._plan.steps)
+            message = f"resumed with {done} of {total} steps done, next is {pending[0].key}"
+            self._watch.event("resumed", message, next=pending[0].key, done=done)
+        for step in pending:
+            blocked = self._prepare(step)
+            if blocked:
+                self._failed.add(step.key)
+                self._watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
+            else:
+                self._do(step)
+        if StepKind.SAFE_STATE not in self._in_effect:
+            self._end_again()
+
+    def _end_again(self) -> None:
+        """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
+        last = self._plan.steps[-1]
+        final = self._before(last, StepKind.SETPOINT)
+        if final is not None and final.self_calibration is None and self._is_final(final):
+            self._restore(final)
+
+    def _is_final(self, setpoint: Step) -> bool:
+        """Tell a setpoint at which nothing is measured."""
+        return not any(step.kind is StepKind.COLLECT for step in self._plan.steps[setpoint.index :])
+
+    def _leave(self, cause: BaseException | None) -> str:
+        """Reach the safe state, then close the journal's open step and record why. Return why it was not reached."""
+        problem = self._make_safe(cause)
+        reason = _why(cause)
+        try:
+            if self._open is not None:
+                outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
+                self._end(*self._open, StepResult(outcome, reason))
+            if cause is not None:
+                kind = "interlock" if isinstance(cause, InterlockTripped) else _state_after(cause).value
+                self._watch.event(kind, reason)
+            if problem:
+                self._watch.event("safe-state-not-reached", problem)
+            elif self._touched:
+                self._watch.event("safe-state", "the chamber is in its safe state")
+        except Exception as failure:
+            # The journal itself failed. Nothing more can be recorded; the outcome carries the first cause.
+            if cause is not None:
+                cause.add_note(f"and the journal could not record it: {failure}")
+        return problem
+
+    def _make_safe(self, cause: BaseException | None) -> str:
+        """Command the safe state, with retries; return why it was not reached, or nothing."""
+        if not self._touched or StepKind.SAFE_STATE in self._in_effect:
+            return ""
+        if self._actions.chamber_refused:
+            return f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
+        problem = ""
+        for attempt in range(self._polling.device_attempts):
+            if attempt:
+                self._devices.clock.sleep(self._polling.retry_wait_s)
+            try:
+                self._devices.chamber.safe_state()
+            except Exception as failure:
+                problem = f"the chamber could not be brought to its safe state: {failure}"
+            else:
+                return ""
+        return problem
+
+    def _outcome(self, cause: Exception | None, safe_reason: str) -> SweepOutcome:
+        missing = tuple(step.key for step in self._plan.steps if step.key not in self._done)
+        if cause is not None:
+            state, reason = _state_after(cause), _why(cause)
+        elif safe_reason:
+            state, reason = SweepState.FAILED, safe_reason
+        elif missing:
+            state, reason = SweepState.INCOMPLETE, f"{len(missing)} steps are missing, the first is {missing[0]}"
+        else:
+            state, reason = SweepState.COMPLETE, "every step is done"
+        return SweepOutcome(
+            state=state,
+            reason=reason,
+            steps_done=len(self._done),
+            steps_total=len(self._plan.steps),
+            missing=missing,
+            counts=dict(self._counts),
+            safe=not safe_reason,
+            safe_reason=safe_reason,
+            error=cause if state in (SweepState.FAILED, SweepState.ERROR) else None,
+        )
+
+    # One step
+
+    def _prepare(self, step: Step) -> str:
+        """Put into effect what `step` stands on; return the key of what cannot be, or nothing."""
+        for kind in _STANDS_ON[step.kind]:
+            base = self._before(step, kind)
+            if base is None or self._in_effect.get(kind) == base.key:
+                continue
+            if base.key in self._failed or not self._restore(base):
+                self._failed.add(base.key)
+                return base.key
+        return ""
+
+    def _before(self, step: Step, kind: StepKind) -> Step | None:
+        """Return the nearest step of a kind before `step`: by construction of a plan, the one it stands on."""
+        return next((each for each in reversed(self._plan.steps[: step.index]) if each.kind is kind), None)
+
+    def _restore(self, step: Step) -> bool:
+        """Do a step again that is DONE in the journal, as an event; return whether it is in effect now."""
+        self._watch.event("restoring", f"doing {step.key} again, because the bench may have changed", step=step.key)
+        result = self._with_retries(step, lambda: self._begin(step, attempt=0), _unrecorded)
+        evidence = dict(result.data)
+        self._watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=evidence)
+        return self._now_in_effect(step, result)
+
+    def _do(self, step: Step) -> None:
+        """Do a step and commit its result."""
+
+        def begin() -> None:
+            attempt = self._journal.begin(step)
+            self._open = (step, attempt)
+            self._begin(step, attempt)
+
+        def end(result: StepResult) -> None:
+            if self._open is not None:
+                self._end(*self._open, result)
+
+        result = self._with_retries(step, begin, end)
+        if not self._now_in_effect(step, result):
+            self._failed.add(step.key)
+
+    def _begin(self, step: Step, attempt: int) -> None:
+        self._touched = True
+        later_s = sum(each.duration_s for each in self._plan.steps[step.index + 1 :] if each.key not in self._done)
+        total = len(self._plan.steps)
+        self._watch.step_began(Position(step, attempt, self._watch.now_s, later_s, len(self._done), total))
+
+    def _end(self, step: Step, attempt: int, result: StepResult) -> None:
+        self._journal.end(step, attempt, result)
+        self._open = None
+        self._counts[result.outcome] = self._counts.get(result.outcome, 0) + 1
+        if result.outcome is Outcome.DONE:
+            self._done.add(step.key)
+        self._watch.step_ended(step, result)
+
+    def _with_retries(self, step: Step, begin: Callable[[], None], end: Callable[[StepResult], None]) -> StepResult:
+        """Perform a step until it has a result to keep: device errors and bad collects are tried again, bounded."""
+        collects_left = int(CollectSettings.from_parameters(step.parameters).attempts)
+        devices_left = self._polling.device_attempts
+        while True:
+            self._watch.hold_until_clear()
+            begin()
+            try:
+                result = self._actions.perform(step)
+            except DeviceError as error:
+                devices_left -= 1
+                end(StepResult(Outcome.ERROR, str(error)))
+                if devices_left <= 0 or isinstance(error, _NEVER_RETRIED):
+                    raise InterlockTripped("device", f"{step.key}: {error}") from error
+                self._watch.event("retry", f"{step.key}: {error}; {devices_left} more tries", step=step.key)
+                self._pause()
+                continue
+            collects_left -= 1
+            if step.kind is StepKind.COLLECT and collects_left > 0 and _not_good(result):
+                end(replace(result, outcome=Outcome.FAILED))
+                self._watch.event("retry", f"{step.key} is taken again: {result.reason}", step=step.key)
+                self._back_in_position(step)
+                continue
+            end(result)
+            return result
+
+    def _pause(self) -> None:
+        """Let a device recover, looking at the bench meanwhile."""
+        for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
+            pass
+
+    def _back_in_position(self, step: Step) -> None:
+        """Index again where the unit is not confirmed to stand where the collect wants it."""
+        index = self._before(step, StepKind.INDEX)
+        if index is not None and self._devices.positioner.position() != step.position:
+            self._restore(index)
+
+    def _now_in_effect(self, step: Step, result: StepResult) -> bool:
+        """Note what the step put into, and out of, effect; end the night where soaks never settle."""
+        for kind in _UNDOES.get(step.kind, ()):
+            self._in_effect.pop(kind, None)
+        if step.kind is StepKind.RESTABILISE:
+            self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
+            if self._unsettled >= self._interlocks.unsettled_soaks:
+                raise InterlockTripped("soak-never-settles", f"{self._unsettled} soaks in a row: {result.reason}")
+        if result.outcome is not Outcome.DONE:
+            self._in_effect.pop(step.kind, None)
+            return False
+        self._in_effect[step.kind] = step.key
+        return True
+
+
+def _unrecorded(_result: StepResult) -> None:
+    """Leave no result: the step has one."""
+
+
+def _not_good(result: StepResult) -> bool:
+    """Tell a collect whose own samples are not good; a soak that was not is no reason to take it again."""
+    return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in _NOT_GOOD
+
+
+def _state_after(cause: BaseException) -> SweepState:
+    if isinstance(cause, StopRequested):
+        return SweepState.ABORTED
+    if isinstance(cause, InterlockTripped | DeviceError):
+        return SweepState.FAILED
+    return SweepState.ERROR
+
+
+def _why(cause: BaseException | None) -> str:
+    """Say in words what ended a run."""
+    if cause is None:
+        return ""
+    if isinstance(cause, StopRequested | InterlockTripped | DeviceError):
+        return str(cause)
+    return f"{type(cause).__name__}: {cause}"
