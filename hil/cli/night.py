@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import shutil
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
+from hil.cli.ask import ask_on_terminal
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results
 from hil.cli.progress import TerminalProgress, hours_minutes, onlooker, step_in_words
 from hil.errors import InputError
 from procedures.progress import Progress
+
+if TYPE_CHECKING:
+    from hil.config import Bench, Sweep
+    from hil.night import NightOutcome
 
 SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
 BenchName = Annotated[
@@ -90,8 +96,7 @@ def run(
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         if not _confirmed():
             raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
-    with ExitStack() as stack:
-        return _end(_start(stack, asked, on, out, quiet=quiet), out)
+    return _end(_start(asked, on, out, quiet=quiet))
 
 
 def _confirmed() -> bool:
@@ -107,15 +112,33 @@ def resume(folder: Folder, quiet: Quiet = False) -> int:
     from hil.status import night_status
 
     simulated = bool(night_status(folder)["simulated"])
-    with ExitStack() as stack:
-        return _end(resume_night(folder, progress=_watch(stack, quiet=quiet, simulated=simulated)), folder)
+    with _watching(quiet=quiet, simulated=simulated) as progress:
+        ended = resume_night(folder, progress=progress, ask=ask_on_terminal)
+    return _end(ended)
 
 
-def _watch(stack: ExitStack, *, quiet: bool, simulated: bool) -> Progress:
+def _start(sweep: Sweep, bench: Bench, out: Path, *, quiet: bool) -> NightOutcome:
+    from hil.night import start_night
+
+    with _watching(quiet=quiet, simulated=bench.simulated) as progress:
+        return start_night(out, sweep, bench, progress=progress, ask=ask_on_terminal)
+
+
+def _end(ended: NightOutcome) -> int:
+    messages().print(f"{ended.folder}: {ended.state}: {ended.reason}")
+    if ended.exit_status != Exit.DONE:
+        messages().print(f"to carry on: hil resume {ended.folder}")
+    return ended.exit_status
+
+
+@contextmanager
+def _watching(*, quiet: bool, simulated: bool) -> Iterator[Progress]:
     progress = onlooker(messages(), quiet=quiet, simulated=simulated)
-    if isinstance(progress, TerminalProgress):
-        stack.callback(progress.close)
-    return progress
+    try:
+        yield progress
+    finally:
+        if isinstance(progress, TerminalProgress):
+            progress.close()
 
 
 def status(folder: Folder, as_json: JsonFlag = False) -> int:
@@ -175,8 +198,7 @@ def demo(
             if not journal.night.simulated:
                 raise InputError(f"{out}: holds a night that was measured; give another folder with --out")
         shutil.rmtree(out)
-    with ExitStack() as stack:
-        ended = _end(_start(stack, load_sweep("rd-gc-86-1"), load_bench("simulated"), out, quiet=quiet), out)
+    ended = _end(_start(load_sweep("rd-gc-86-1"), load_bench("simulated"), out, quiet=quiet))
     if ended == Exit.DONE:
         results().print(f"report: {write_report(out).resolve()}")
     return ended
