@@ -48,17 +48,12 @@ def report_collects(f_g: FloatArray) -> IntArray:
 
 def can_follow(collects: Collects) -> bool:
     """Tell whether these collects hold the report's three orientations, each with both rates measured."""
-    return {1, 2, 3} <= set(_usable(collects)[collects_measured(collects)].tolist())
-
-
-def collects_measured(collects: Collects) -> NDArray[np.bool_]:
-    """Mark the collects in which every channel was measured, shape (n,)."""
-    return np.asarray(~np.any(np.isnan(collects.rates_deg_per_hr), axis=-1))
+    return {1, 2, 3} <= set(report_collects(collects.conditions.f_g)[_measured(collects)].tolist())
 
 
 def solve_as_contractor(collects: Collects, sigma: FloatArray | None) -> ContractorSolution:
     """Follow (A-13)-(A-16); `sigma` (n, 2) is the noise of the rates, or None where it is not stated."""
-    used = collects_measured(collects) & (_usable(collects) > 0)
+    used = _measured(collects) & (report_collects(collects.conditions.f_g) > 0)
     chosen = collects.rows(used)
     conditions = chosen.conditions
     columns = collins_4_form(conditions.sensor).columns(conditions)
@@ -86,5 +81,6 @@ def solve_as_contractor(collects: Collects, sigma: FloatArray | None) -> Contrac
     )
 
 
-def _usable(collects: Collects) -> IntArray:
-    return report_collects(collects.conditions.f_g)
+def _measured(collects: Collects) -> NDArray[np.bool_]:
+    """Mark the collects in which every channel was measured, shape (n,)."""
+    return np.asarray(~np.any(np.isnan(collects.rates_deg_per_hr), axis=-1))

@@ -30,7 +30,7 @@ RANK_TOLERANCE = 1e-9
 _FAST_CONDITION = 1e4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Values of p parameters from m rows, over any leading dimensions.
 
@@ -54,6 +54,12 @@ class Solution:
     rank_tolerance: float
     shortest: FloatArray
     shortest_covariance: FloatArray
+
+    def __repr__(self) -> str:
+        if self.rank.shape:
+            return f"<{self.rank.size} solutions for {', '.join(self.names)}>"
+        parts = [f"{n} = {v:.4g} ± {e:.2g}" for n, v, e in zip(self.names, self.values, self.se, strict=True)]
+        return f"<{', '.join(parts)}; {int(self.degrees_of_freedom)} degrees of freedom>"
 
     @property
     def se(self) -> FloatArray:

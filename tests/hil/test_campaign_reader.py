@@ -122,6 +122,8 @@ def test_empty_cells_are_missing_and_missing_errors_are_not_stated(folder: Path)
     (folder / "collects.csv").write_text(without("RA_se_deg_per_hr"))
     collects = read_campaign(folder).sensors[2]
     assert np.all(np.isnan(collects.rates_se_deg_per_hr[:, 0]))
+    (folder / "collects.csv").write_text(cell(5, "RB_se_deg_per_hr", "0"))
+    assert np.isnan(read_campaign(folder).sensors[2].rates_se_deg_per_hr[3, 1])
     (folder / "collects.csv").write_text(without("temperature_degC"))
     assert "temperature_degC" not in read_campaign(folder).sensors[2].conditions.columns
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
@@ -16,6 +17,10 @@ ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})
 
 
+COLLECT = {1: 10, 3: 5, 5: 7, 7: 9, 2: 6, 4: 4, 6: 8}
+"""Collect numbers by order in time: unique, and not chronological, as some laboratory will have it."""
+
+
 def collects(sensor: Sensor, first: int, n: int, seed: int, **columns: np.ndarray) -> Collects:
     """Return n collects at random orientations with awkward decimals and a missing rate."""
     rng = np.random.default_rng(seed)
@@ -25,7 +30,7 @@ def collects(sensor: Sensor, first: int, n: int, seed: int, **columns: np.ndarra
     rates[1, 0] = np.nan
     conditions = Conditions(
         sensor,
-        np.arange(first, first + 2 * n, 2),
+        np.array([COLLECT[turn] for turn in range(first, first + 2 * n, 2)]),
         np.repeat(np.arange(1, n + 1), 2)[:n],
         np.array([f"pose-{first + 2 * i}" for i in range(n)]),
         100.0 * np.arange(first, first + 2 * n, 2) + rng.uniform(size=n),
@@ -79,7 +84,7 @@ def test_rows_of_all_sensors_are_chronological_and_a_person_can_read_them(campai
     """Sorted by time; whole numbers without a point; empty cells for what is missing."""
     folder = write_campaign(campaign, tmp_path / "out")
     lines = (folder / "collects.csv").read_text().splitlines()
-    assert [line.split(",")[0] for line in lines[1:]] == ["1", "2", "3", "4", "5", "6", "7"]
+    assert [line.split(",")[0] for line in lines[1:]] == [str(COLLECT[turn]) for turn in range(1, 8)]
     assert lines[0].startswith("collect,run,sensor,position,start_s,duration_s,f_A_g,f_B_g,f_S_g,f_X_g")
     assert ",60," in lines[1]
     assert "nan" not in "".join(lines).lower()
@@ -94,18 +99,25 @@ def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path, form: Seri
     rates[2, 1] = np.nan
     first = Series(np.cumsum(rng.uniform(0.01, 0.02, 5)), rates, rng.normal(20, 1, 5))
     second = Series(np.arange(4.0), rng.normal(size=(4, 3)))
-    folder = write_campaign(campaign, tmp_path / "out", iter([(3, first), (4, second)]), form)
+    folder = write_campaign(campaign, tmp_path / "out", iter([(7, first), (4, second)]), form)
     back = read_campaign(folder)
-    assert sorted(back.series_files) == [3, 4]
-    for collect, written in ((3, first), (4, second)):
+    assert sorted(back.series_files) == [4, 7]
+    for collect, written in ((7, first), (4, second)):
         read = read_series(back, collect)
         assert read is not None
         np.testing.assert_array_equal(read.t_s, written.t_s)
         np.testing.assert_array_equal(read.rates_deg_per_hr, written.rates_deg_per_hr)
         assert read.block_s == 0.5
-    read = read_series(back, 3)
+    read = read_series(back, 7)
     assert read is not None
     np.testing.assert_array_equal(read.temperature_degC, first.temperature_degC)
+
+
+def test_a_missing_sample_is_a_null_in_parquet(campaign: Campaign, tmp_path: Path) -> None:
+    """Other programs read null as missing; NaN they would average."""
+    samples = Series(np.arange(2.0), np.array([[1.0, np.nan], [2.0, 3.0]]))
+    folder = write_campaign(campaign, tmp_path / "out", [(7, samples)], "parquet")
+    assert pyarrow.parquet.read_table(folder / "series" / "0007.parquet")["RB_deg_per_hr"].null_count == 1
 
 
 def test_an_existing_folder_is_never_overwritten(campaign: Campaign, tmp_path: Path) -> None:
@@ -121,5 +133,5 @@ def test_a_failure_leaves_no_half_made_folder(campaign: Campaign, tmp_path: Path
     """A series of no collect, met after half the work, undoes everything."""
     samples = Series(np.arange(2.0), np.zeros((2, 2)))
     with pytest.raises(InputError, match="series of collect 99"):
-        write_campaign(campaign, tmp_path / "out", [(1, samples), (99, samples)])
+        write_campaign(campaign, tmp_path / "out", [(10, samples), (99, samples)])
     assert list(tmp_path.iterdir()) == []

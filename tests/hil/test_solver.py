@@ -195,6 +195,62 @@ def test_mixed_members_of_a_tilted_pair_are_given_as_a_combination() -> None:
     assert seen["GSA + 0.016 MUB"] == pytest.approx(TRUTH[2] + 0.016 / 0.99987 * TRUTH[5])
 
 
+def test_combinations_of_large_columns_are_in_the_parameters_own_units() -> None:
+    """At one temperature, 30 degrees from the reference, value, slope and curvature are seen as one sum."""
+    solution = solve([[1.0, 30.0, 900.0]] * 3, [7.0, 8.0, 9.0], 1.0, names=("B", "B1", "B2"))
+    ((text, value, se),) = solution.combinations()
+    assert text == "0.00111 B + 0.0333 B1 + B2"
+    assert value == pytest.approx(8.0 / 900)
+    assert se == pytest.approx(1 / np.sqrt(3) / 900)
+    assert np.all(np.isnan(solution.values))
+
+
+LONGLEY = """
+60323 83.0 234289 2356 1590 107608 1947
+61122 88.5 259426 2325 1456 108632 1948
+60171 88.2 258054 3682 1616 109773 1949
+61187 89.5 284599 3351 1650 110929 1950
+63221 96.2 328975 2099 3099 112075 1951
+63639 98.1 346999 1932 3594 113270 1952
+64989 99.0 365385 1870 3547 115094 1953
+63761 100.0 363112 3578 3350 116219 1954
+66019 101.2 397469 2904 3048 117388 1955
+67857 104.6 419180 2822 2857 118734 1956
+68169 108.4 442769 2936 2798 120445 1957
+66513 110.8 444546 4681 2637 121950 1958
+68655 112.6 482704 3813 2552 123366 1959
+69564 114.2 502601 3931 2514 125368 1960
+69331 115.7 518173 4806 2572 127852 1961
+70551 116.9 554894 4007 2827 130081 1962
+"""
+LONGLEY_CERTIFIED = {
+    "b0": (-3482258.63459582, 890420.383607373),
+    "b1": (15.0618722713733, 84.9149257747669),
+    "b2": (-0.358191792925910e-01, 0.334910077722432e-01),
+    "b3": (-2.02022980381683, 0.488399681651699),
+    "b4": (-1.03322686717359, 0.214274163161675),
+    "b5": (-0.511041056535807e-01, 0.226073200069370),
+    "b6": (1829.15146461355, 455.478499142212),
+}
+
+
+def test_longley_agrees_with_the_certified_values_to_nine_digits() -> None:
+    """NIST StRD's ill-conditioned regression: coefficients and standard errors, noise from the residuals."""
+    data = np.array(LONGLEY.split(), dtype=float).reshape(16, 7)
+    rows = np.column_stack([np.ones(16), data[:, 1:]])
+    solution = solve(rows, data[:, 0], names=tuple(LONGLEY_CERTIFIED))
+    certified = np.array(list(LONGLEY_CERTIFIED.values()))
+    np.testing.assert_allclose(solution.values, certified[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(solution.se, certified[:, 1], rtol=1e-9)
+
+
+def test_a_solution_prints_itself_readably() -> None:
+    """One solution with its errors; a batch by its size."""
+    rows = design((1.0, 0, 0))
+    assert repr(solve(rows, rows @ TRUTH, 0.9, names=NAMES)).startswith("<BA = 22.08 ± 0.64, BB = -37.83 ± 0.64")
+    assert repr(solve(rows, np.zeros((5, 6)), 0.9, names=NAMES)) == "<5 solutions for BA, BB, GSA, GSB, MUA, MUB>"
+
+
 def test_nothing_measured_knows_nothing() -> None:
     """All rows missing: no value, no covariance, rank 0."""
     solution = solve(design((1.0, 0, 0)), np.full(6, np.nan), 0.9, names=NAMES)
