@@ -67,7 +67,7 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
                 return candidate
     what = SINGULAR.get(kind, kind)
     if path.is_dir():
-        raise InputError(f"{name}: this is a folder, not a {what} file")
+        raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
     shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob("*.yaml")})
     if path.is_absolute() or "/" in str(name):
         raise InputError(f"{name}: there is no such {what} file")
@@ -110,7 +110,8 @@ def parse_yaml(text: str, source: str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
     if not isinstance(document, dict):
-        raise InputError(f"{source}: must be a mapping of keys to values, not {type(document).__name__}")
+        found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
+        raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
     return document
 
 

@@ -1,0 +1,27 @@
+"""The frame descriptions that ship decode what the real units sent, in the units that the rest of the project speaks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drivers.frames import load_description
+from drivers.frames.decoder import StreamDecoder
+from hil.config import find_config
+
+
+def test_the_stim300_description_gives_rates_in_deg_per_hr(reference: Path) -> None:
+    """Every good captured datagram 0x93, against the values listed beside it."""
+    description = load_description(find_config("imus", "stim300"))
+    frames = json.loads((reference / "golden_frames.json").read_text())
+    good = [f for f in frames if f["layout"] == "stim300_0x93_rate_acc_incl_crlf" and f["checksum_ok"]]
+    assert good
+    for frame in good:
+        decoded = StreamDecoder(description).feed(bytes.fromhex(frame["hex"]), 0.0)
+        assert decoded.counts.ok == 1
+        fields = {name: float(values[0]) for name, values in decoded["rate_acc_incl"].columns.items()}
+        for axis, deg_s, g in zip("xyz", frame["expected"]["gyro_deg_s"], frame["expected"]["acc_g"], strict=True):
+            assert fields[f"gyro_{axis}"] == pytest.approx(3600.0 * deg_s, abs=1e-9)
+            assert fields[f"acc_{axis}"] == pytest.approx(g, abs=1e-12)
