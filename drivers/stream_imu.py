@@ -176,17 +176,21 @@ class StreamImu:
         if role is None:
             return None
         newest = FrameBatch(batch.layout, batch.rows[-1:], batch.starts[-1:], batch.sequence[-1:])
-
-        def bit(name: str | None) -> bool:
-            return name is not None and bool(newest.bits(name)[0])
+        status = batch.layout.description.status
+        on = {
+            name
+            for field, bits in status.items()
+            for name, bit in bits.items()
+            if int(newest.wire(field)[0]) >> bit.bit & 1
+        }
 
         return IndexStatus(
             time_s=time_s,
             code=int(newest.wire(role.position)[0]),
-            moving=bit(role.moving),
-            in_position=bit(role.in_position),
-            fault=bit(role.fault),
-            rejected=bit(role.rejected),
+            moving=role.moving in on,
+            in_position=role.in_position in on,
+            fault=role.fault in on,
+            rejected=role.rejected in on,
         )
 
     def _ask_identity(self) -> None:

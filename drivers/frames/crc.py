@@ -24,6 +24,8 @@ _IEEE = 0x04C11DB7
 _CCITT = 0x1021
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
+_FEW = 200  # messages below which a compiled loop over them is faster than the tables
+
 Words = NDArray[np.uint64]
 
 
@@ -63,7 +65,9 @@ class Crc:
         self._kind = kind
         self._length = length
         self._padding = bytes(-length % kind.pad_to)
-        self._register = _compiled_register(kind) or _table_register(kind)
+        compiled = _compiled_register(kind)
+        self._register = compiled or _table_register(kind)
+        self._few = _FEW if compiled is not None else 0
         self._tables, self._constant = _position_tables(kind, length, len(self._padding))
 
     def of_bytes(self, message: bytes) -> int:
@@ -72,6 +76,8 @@ class Crc:
 
     def of_rows(self, rows: Rows) -> NDArray[Any]:
         """Return the CRCs of n messages, shape (n,), given as `rows` of shape (n, length)."""
+        if len(rows) < self._few:
+            return np.fromiter(map(self.of_bytes, map(bytes, rows)), self._tables.dtype, len(rows))
         columns = np.ascontiguousarray(rows.T)
         crc: NDArray[Any] = self._tables[0].take(columns[0], mode="clip")
         crc ^= self._constant

@@ -55,9 +55,11 @@ class FrameLayout:
         integer field raises `ValueError`.
         """
         found = self.numeric[field]
-        wire = np.broadcast_to(np.asarray(values), (len(rows),))
-        if wire.dtype.kind == "f" or found.scale != 1.0 or found.offset != 0.0:
-            wire = (np.asarray(wire, np.float64) - found.offset) / found.scale
+        wire = np.asarray(values)
+        if found.offset != 0.0:
+            wire = wire - found.offset
+        if found.scale != 1.0:
+            wire = wire / found.scale
         if found.type[0] != "f":
             wire = _to_integers(wire, found, field)
         write_column(rows, self.offsets[field], found.type, self.order(found), wire)
@@ -72,20 +74,20 @@ class FrameLayout:
 
 
 def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
+    """Round to the nearest integer and hold at the ends of the field's range; the result is ready to be stored."""
     bits = 8 * field.width
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if field.type[0] == "i" else (0, (1 << bits) - 1)
     dtype = np.dtype(np.int64 if field.type[0] == "i" else np.uint64)
-    if values.dtype.kind != "f":
-        return np.asarray(np.clip(values, low, high), dtype)
-    if np.isnan(values).any():
+    if not values.size:
+        return values.astype(dtype)
+    rounded = np.rint(values) if values.dtype.kind == "f" else values
+    if rounded.dtype.kind == "b" or (rounded.min() >= low and rounded.max() < high):
+        return rounded.astype(dtype)
+    if np.isnan(rounded).any():
         raise ValueError(f"{name}: an integer field cannot hold NaN")
-    rounded = np.rint(values)
-    held = np.clip(rounded, low, high)
-    if bits < 64:
-        return np.asarray(held, dtype)
-    # float(2^63 - 1) is 2^63, which does not fit: the end of the range is put in by itself.
-    inside = np.where(rounded < float(high), held, 0.0).astype(dtype)
-    return np.asarray(np.where(rounded >= float(high), np.array(high, dtype), inside))
+    # In floating point the end of a 64-bit range is beyond it, so that it is put in as an integer.
+    inside = np.where(rounded < high, np.maximum(rounded, low), 0).astype(dtype)
+    return np.asarray(np.where(rounded < high, inside, np.array(high, dtype)))
 
 
 class FrameBatch:

@@ -46,6 +46,9 @@ class FaultPlan:
     def __init__(self, windows: Sequence[FaultWindow]) -> None:
         self._windows = tuple(windows)
 
+    def __bool__(self) -> bool:
+        return bool(self._windows)
+
     def active(self, fault: ImuFault, now_s: float) -> bool:
         """Tell whether `fault` is on at `now_s`."""
         return any(w.fault == fault and w.begins_s <= now_s < w.ends_s for w in self._windows)

@@ -13,12 +13,12 @@ from drivers.simulators.faults import FaultPlan, ImuFault
 
 @dataclass(frozen=True)
 class IndexState:
-    """What the frames say, each of shape (n,): position code (0 while moving) and the status bits."""
+    """What the frames say: position code (0 while moving) and bits, shape (n,); whether the last command failed."""
 
     code: NDArray[np.int64]
     moving: NDArray[np.bool_]
     in_position: NDArray[np.bool_]
-    fault: NDArray[np.bool_]
+    fault: bool
 
 
 class SimulatedIndex:
@@ -55,5 +55,5 @@ class SimulatedIndex:
             code=np.where(moving, 0, self._code),
             moving=moving,
             in_position=~moving,
-            fault=np.full(len(times_s), self._fault),
+            fault=self._fault,
         )

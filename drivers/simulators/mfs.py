@@ -153,7 +153,8 @@ class SimulatedImu:
 
     def _encode(self, numbers: NDArray[np.int64], times_s: FloatArray) -> Rows:
         columns: dict[str, FloatArray | NDArray[np.int64]] = dict(self._physics.signals(times_s))
-        self._freeze(columns, times_s)
+        if self._faults:
+            self._freeze(columns, times_s)
         counter = self._layout.description.counter
         if counter is not None:
             columns[counter.field] = (numbers * counter.step) % counter.modulus
@@ -181,20 +182,24 @@ class SimulatedImu:
         state = self._index.state(times_s)
         columns[role.position] = state.code
         bits = {role.moving: state.moving, role.in_position: state.in_position}
-        if role.fault is not None:
-            bits[role.fault] = state.fault
-        if role.rejected is not None:
-            bits[role.rejected] = np.full(len(times_s), self._rejected)
-        bits["spin_fault"] = self._faults.during(ImuFault.SPIN_FAULT, times_s)
+        if state.fault and role.fault is not None:
+            bits[role.fault] = np.ones(len(times_s), np.bool_)
+        if self._rejected and role.rejected is not None:
+            bits[role.rejected] = np.ones(len(times_s), np.bool_)
+        if self._faults:
+            bits["spin_fault"] = self._faults.during(ImuFault.SPIN_FAULT, times_s)
         for field, described in self._layout.description.status.items():
             word = np.zeros(len(times_s), np.int64)
             for name, bit in described.items():
-                word |= bits.get(name, np.zeros(len(times_s), np.bool_)).astype(np.int64) << bit.bit
+                if name in bits:
+                    word |= bits[name].astype(np.int64) << bit.bit
             columns[field] = word
 
     def _spoil(self, rows: Rows, times_s: FloatArray) -> bytes:
         """Return the bytes of the frames after what the line and the unit do to them."""
         faults, rng = self._faults, self._rng
+        if not faults:
+            return rows.tobytes()
         flipped = np.flatnonzero(faults.strikes(ImuFault.FLIPPED_BITS, times_s, rng))
         rows[flipped, rng.integers(0, rows.shape[1], len(flipped))] ^= (1 << rng.integers(0, 8, len(flipped))).astype(
             np.uint8
