@@ -1,0 +1,8 @@
+"""Find where simulation and measurement disagree, name the missing effect, add it, and prove that the gap shrank."""
+
+from __future__ import annotations
+
+from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival, write_result
+from hil.reconcile.workflow import reconcile
+
+__all__ = ["Disagreement", "FoundEffect", "Gap", "Reconciliation", "Rival", "reconcile", "write_result"]

@@ -1,0 +1,271 @@
+"""What may be missing: the catalogue's effects, and behind them a second tier of terms that have no name.
+
+A candidate is a set of columns with a name. One name has several candidates: one per value of its shape parameters
+(time constant, hysteresis width) and per form in temperature (constant, straight line, a value at each setpoint). The
+second tier is every base parameter times every driver that the campaign knows: without it, something that is not in the
+catalogue would get the catalogue's nearest name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+from hil.effects.base import Base, Effect, Parameter
+from hil.reconcile.drivers import driver_values
+from hil.linear_forms import RATE
+from hil.reconcile.blocks import stations
+
+_TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias"})
+_ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
+"""Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
+_SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
+"""Exchanged labels are looked for among the outliers; the others are the temperature forms of MU_real and g_sensitivity."""
+_NOT_DRIVERS = frozenset({"n_samples"})
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Columns of one name at one shape on one sensor, shape (n, c, p) over all its collects.
+
+    `tier` is 1 for the catalogue, 2 for parameter × driver terms. `form` is the dependence on temperature of the values
+    ("constant", "line", "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
+    """
+
+    name: str
+    tier: int
+    sensor: int
+    columns: FloatArray
+    parameters: tuple[Parameter, ...]
+    shape: Mapping[str, float] = field(default_factory=dict)
+    form: str = "constant"
+    reference_degC: float | None = None
+    stations_degC: tuple[float, ...] = ()
+    title: str = ""
+    equation: str = ""
+    effect: Effect | None = None
+    driver: str = ""
+    target: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return self.columns.shape[2]
+
+    def rebuilt(self, conditions: Conditions, base: Base) -> FloatArray:
+        """Return the columns of the same effect, shape and form on other rows, shape (n, c, p)."""
+        if self.effect is None:
+            raise ValueError(f"{self.name} has no effect to be rebuilt from")
+        columns = np.nan_to_num(np.asarray(self.effect.columns(conditions, base, self.shape), dtype=np.float64))
+        return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
+
+
+def catalogue_candidates(
+    number: int, conditions: Conditions, base: Base, catalogue: Sequence[Effect]
+) -> Iterator[Candidate]:
+    """Yield the candidates of every catalogue effect that can be asked about on this sensor."""
+    for effect in catalogue:
+        if effect.id in _SEARCHED_ELSEWHERE or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
+            continue
+        for shape in effect.shape_grid(conditions):
+            columns = np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
+            if not np.any(columns):
+                continue
+            plain = Candidate(
+                name=_ONE_NAME.get(effect.id, effect.id),
+                tier=1,
+                sensor=number,
+                columns=columns,
+                parameters=effect.parameters_for(conditions),
+                shape=shape,
+                title=effect.title,
+                equation=effect.equation,
+                effect=effect,
+            )
+            if effect.id != "bias":
+                yield plain
+            if effect.id in _TEMPERATURE_FORMS:
+                yield from _over_temperature(plain, conditions)
+
+
+def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Candidate]:
+    """Yield the candidate with values that follow temperature: a straight line, and one value per setpoint."""
+    temperature = conditions.columns.get("temperature_degC")
+    if temperature is None or not np.all(np.isfinite(temperature)):
+        return
+    numbers = stations(temperature, len(conditions))
+    centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
+    if len(centres) < 2:
+        return
+    reference = float(np.round(np.mean(temperature)))
+    for form, least in (("line", 2), ("quadratic", 3)):
+        if len(centres) >= least:
+            yield _replaced(plain, in_form(plain.columns, conditions, form, reference, ()), form, reference, ())
+    if len(centres) > 3:
+        yield _replaced(plain, in_form(plain.columns, conditions, "table", None, centres), "table", None, centres)
+
+
+def in_form(
+    columns: FloatArray, conditions: Conditions, form: str, reference_degC: float | None, centres: Sequence[float]
+) -> FloatArray:
+    """Give columns (n, c, p) values that follow temperature: a line, a quadratic, or one per setpoint (p by p)."""
+    if form == "constant":
+        return columns
+    temperature = conditions.columns["temperature_degC"]
+    if form == "table":
+        nearest = np.argmin(np.abs(temperature[:, None] - np.asarray(centres)), axis=1)
+        factors = (nearest[:, None] == np.arange(len(centres))).astype(np.float64)
+    else:
+        delta = temperature - (reference_degC or 0.0)
+        factors = np.stack([delta**power for power in range({"line": 2, "quadratic": 3}[form])], axis=1)
+    return np.concatenate([columns * factors[:, k, None, None] for k in range(factors.shape[1])], axis=2)
+
+
+def _replaced(plain: Candidate, columns: FloatArray, form: str, reference: float | None, centres: tuple[float, ...]) -> Candidate:
+    repeats = columns.shape[2] // plain.size
+    values = {**plain.__dict__, "columns": columns, "parameters": plain.parameters * repeats, "form": form}
+    return Candidate(**{**values, "reference_degC": reference, "stations_degC": centres})
+
+
+@dataclass(frozen=True)
+class Driver:
+    """Something that a coefficient might follow: a name for people and its value at each row, shape (n,)."""
+
+    name: str
+    values: FloatArray
+    kind: str
+
+
+def drivers(conditions: Conditions) -> list[Driver]:
+    """Return everything the campaign knows that a coefficient might follow, named by its expression.
+
+    Conditions as they were measured, temperature and time as powers, setpoints and zones one by one, and steps from one
+    run to the next.
+    """
+    expressions: list[tuple[str, str]] = []
+    temperature = conditions.columns.get("temperature_degC")
+    for name, values in conditions.columns.items():
+        varies = np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
+        a_temperature = name in {"setpoint_degC", "chamber_degC", "case_degC"} and temperature is not None
+        if varies and not a_temperature and name not in _NOT_DRIVERS:
+            expressions.append((name, "condition"))
+    if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
+        expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]
+        numbers = stations(temperature, len(conditions))
+        low = [float(temperature[numbers == k].min()) for k in range(numbers.max() + 1)]
+        high = [float(temperature[numbers == k].max()) for k in range(numbers.max() + 1)]
+        if len(low) > 2:
+            expressions += [(f"temperature_degC[{a - 1:.1f}..{b + 1:.1f}]", "setpoint") for a, b in zip(low, high, strict=True)]
+            expressions += [(f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)]
+    expressions += [("start_s", "time"), ("start_s^2", "time")]
+    runs = list(dict.fromkeys(conditions.run.tolist()))
+    if len(runs) > 5:
+        expressions += [(f"run>{run}", "step") for run in runs[1:-2]]
+    return [Driver(text, driver_values(text, conditions), kind) for text, kind in expressions]
+
+
+def position_drivers(conditions: Conditions) -> list[Driver]:
+    """Return one indicator per position that is visited more than once."""
+    labels, counts = np.unique(conditions.position, return_counts=True)
+    if len(labels) > 12:
+        return []
+    texts = [f"position={label}" for label, count in zip(labels, counts, strict=True) if count > 1]
+    return [Driver(text, driver_values(text, conditions), "position") for text in texts]
+
+
+def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
+    """Yield parameter × driver terms: one column per channel, each with an amplitude of its own."""
+    ones = np.ones(len(conditions))
+    plain = drivers(conditions)
+    zones = [driver for driver in plain if driver.kind == "zone"]
+    for target, unit, values in _targets(conditions):
+        for driver in plain:
+            if target != "earth rate" or driver.kind == "condition":
+                yield _term(number, conditions, target, unit, driver, values * driver.values[:, None])
+        if target != "earth rate":
+            for power_name, curve in _smooth(conditions):
+                yield _curve(number, conditions, target, unit, power_name, values[:, :, None] * curve[:, None, :])
+    for place in position_drivers(conditions):
+        both = [place.name]
+        for zone in zones:
+            both += [f"{place.name}&{zone.name}", f"{place.name}&{zone.name.replace('>', '<')}"]
+        for text in both:
+            driver = Driver(text, driver_values(text, conditions), "position")
+            yield _term(number, conditions, "B", RATE, driver, driver.values[:, None] * ones[:, None])
+
+
+def _targets(conditions: Conditions) -> Iterator[tuple[str, str, FloatArray]]:
+    """Yield what a driver may act on: name, unit and column per channel, shape (n, c) or (n, 1)."""
+    sensor = conditions.sensor
+    yield "B", RATE, np.ones((len(conditions), 1))
+    for k, axis in enumerate(sensor.axes):
+        if np.std(conditions.f_g[:, k]) > 0.05:
+            name = {0: "GS", 2: "MU"}.get(k, f"g along {axis}") if sensor.is_rotor else f"g along {axis}"
+            yield name, "deg/hr/g", conditions.f_g[:, k : k + 1]
+    if np.any(conditions.w_deg_per_hr):
+        yield "earth rate", "1", conditions.w_channels_deg_per_hr
+
+
+def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
+    """Yield smooth curves over temperature and time: powers one to five, shape (n, 5)."""
+    temperature = conditions.columns.get("temperature_degC")
+    known = temperature is not None and np.all(np.isfinite(temperature))
+    if known and len(np.unique(stations(temperature, len(conditions)))) > 5:
+        yield "temperature_degC", _powers("temperature_degC", conditions)
+    if len(np.unique(conditions.run)) > 7:
+        yield "start_s", _powers("start_s", conditions)
+
+
+def _powers(name: str, conditions: Conditions) -> FloatArray:
+    return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, 6)], axis=1)
+
+
+def _term(
+    number: int, conditions: Conditions, target: str, unit: str, driver: Driver, values: FloatArray
+) -> Candidate:
+    """One column per channel: `values`, shape (n, c) or (n, 1), in that channel only."""
+    channels = len(conditions.sensor.channels)
+    columns = np.broadcast_to(values, (len(conditions), channels))[:, :, None] * np.eye(channels)
+    return Candidate(
+        name=f"{target} × {driver.name}",
+        tier=2,
+        sensor=number,
+        columns=columns,
+        parameters=_amplitudes(conditions, unit, 1),
+        title=f"{target} follows {driver.name}",
+        equation=f"rate += amplitude × {target} × {driver.name}",
+        driver=driver.name,
+        target=target,
+    )
+
+
+def _curve(
+    number: int, conditions: Conditions, target: str, unit: str, over: str, values: FloatArray
+) -> Candidate:
+    """A smooth curve of no stated form: `values` (n, c or 1, k), each channel with amplitudes of its own."""
+    channels, order = len(conditions.sensor.channels), values.shape[2]
+    shaped = np.broadcast_to(values, (len(conditions), channels, order))
+    columns = (shaped[:, :, None, :] * np.eye(channels)[:, :, None]).reshape(len(conditions), channels, channels * order)
+    return Candidate(
+        name=f"{target} × curve over {over}",
+        tier=2,
+        sensor=number,
+        columns=columns,
+        parameters=_amplitudes(conditions, unit, order),
+        title=f"{target} follows {over} in a way that no effect of the catalogue describes",
+        equation=f"rate += {target} × smooth curve over {over}",
+        driver=over,
+        target=target,
+    )
+
+
+def _amplitudes(conditions: Conditions, unit: str, order: int) -> tuple[Parameter, ...]:
+    suffixes = [""] if order == 1 else [f"_{k}" for k in range(1, order + 1)]
+    return tuple(
+        Parameter(f"amplitude_{axis}{suffix}", unit, (0.0, np.inf))
+        for axis in conditions.sensor.channels.values()
+        for suffix in suffixes
+    )

@@ -1,0 +1,83 @@
+"""What a coefficient may follow, as an expression that a model file can hold.
+
+    supply_V                      the condition less its reference
+    temperature_degC^3            its third power, about the reference
+    temperature_degC>23.5         one above, zero below (and < the other way round)
+    temperature_degC[20.0..25.0]  one inside, zero outside
+    position=3                    one at a position
+    run>12                        one after a run
+    position=3&temperature_degC<0.0   products of these
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+from hil.errors import InputError
+
+_NUMBER = r"-?[0-9.]+(?:e-?[0-9]+)?"
+_POWER = re.compile(r"^(\w+)\^([0-9])$")
+_ABOVE = re.compile(rf"^(\w+)([<>])({_NUMBER})$")
+_INSIDE = re.compile(rf"^(\w+)\[({_NUMBER})\.\.({_NUMBER})\]$")
+_LABEL = re.compile(r"^position=(.+)$")
+_NAME = re.compile(r"^\w+$")
+
+
+def driver_values(expression: str, conditions: Conditions, reference: float | None = None) -> FloatArray:
+    """Evaluate an expression at each row, shape (n,); cells that are empty give zero.
+
+    `reference` is what a plain condition or a power is taken about (the median of these rows if not given). Raises
+    `InputError` where the expression is not one of the forms above, or names a column that the data lacks.
+    """
+    out = np.ones(len(conditions))
+    for part in expression.split("&"):
+        out = out * _part(part.strip(), conditions, reference)
+    return np.nan_to_num(out)
+
+
+def driver_reference(expression: str, conditions: Conditions) -> float:
+    """Return the median that a plain condition or power is taken about; 0 for steps, zones and positions."""
+    match = _POWER.match(expression) or (_NAME.match(expression) and re.match(r"^(\w+)$", expression))
+    return float(np.nanmedian(_column(match.group(1), conditions))) if match else 0.0
+
+
+def driver_columns(expression: str) -> frozenset[str]:
+    """Return the condition columns that an expression needs."""
+    names = set()
+    for part in expression.split("&"):
+        match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part) or re.match(r"^(\w+)$", part)
+        if match and match.group(1) not in {"start_s", "run", "duration_s"}:
+            names.add(match.group(1))
+    return frozenset(names)
+
+
+def _part(part: str, conditions: Conditions, reference: float | None) -> FloatArray:
+    if label := _LABEL.match(part):
+        return (conditions.position == label.group(1)).astype(np.float64)
+    if step := _ABOVE.match(part):
+        values, edge = _column(step.group(1), conditions), float(step.group(3))
+        return (values > edge if step.group(2) == ">" else values <= edge).astype(np.float64)
+    if inside := _INSIDE.match(part):
+        values = _column(inside.group(1), conditions)
+        return ((values >= float(inside.group(2))) & (values <= float(inside.group(3)))).astype(np.float64)
+    power = _POWER.match(part)
+    if power is None and not _NAME.match(part):
+        raise InputError(f"driver {part!r} is not a condition, a power, a step, a range or a position")
+    values = _column(power.group(1) if power else part, conditions)
+    middle = float(np.nanmedian(values)) if reference is None else reference
+    return np.asarray((values - middle) ** (int(power.group(2)) if power else 1))
+
+
+def _column(name: str, conditions: Conditions) -> FloatArray:
+    if name == "start_s":
+        return conditions.start_s
+    if name == "duration_s":
+        return conditions.duration_s
+    if name == "run":
+        return conditions.run.astype(np.float64)
+    if name not in conditions.columns:
+        raise InputError(f"driver {name!r}: the data has no such column")
+    return conditions.columns[name]

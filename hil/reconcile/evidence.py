@@ -1,0 +1,213 @@
+"""How strongly the data of one block speak for each candidate, whatever the noise is.
+
+For every point of the noise grid the rows are whitened and the base model is projected out. What is left of a candidate
+explains a part S of what is left of the data, and the ratio of the two marginal likelihoods is, with amplitudes drawn
+from N(0, g s² (Z'Z)^-1) and the scale s² integrated out,
+
+    BF = (1 + g)^(-q/2) [ (b + RSS/2) / (b + (RSS - S g/(1+g))/2) ]^(a + nu/2)
+
+averaged over g (how large effects are, in units of the noise) and over the noise grid, each point with its restricted
+likelihood. A candidate that noise could imitate does not win by being tested at a noise level of its own choosing.
+Everything is an array over (noise, candidates, data sets), so that a thousand simulated nights cost as much as one loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.reconcile.blocks import Block, independent_columns
+from hil.reconcile.noise import NoiseGrid, covariances, noise_grid, whiteners
+
+_G = (8.0, 64.0, 512.0, 4096.0)
+_STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
+_INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted
+_DEPTH = 9.0  # noise points this much (in log probability) below the best are left out
+_MOST_POINTS = 36
+
+
+@dataclass(frozen=True)
+class NoiseTable:
+    """A block's noise models: whitening matrices W (t, N, N) and half log determinants (t,), the same for every step."""
+
+    grid: NoiseGrid
+    whitening: FloatArray
+    half_log_det: FloatArray
+
+    @classmethod
+    def of(cls, block: Block) -> NoiseTable:
+        """Compute the table of a block's layout."""
+        return cls.on(block, noise_grid(block))
+
+    @classmethod
+    def on(cls, block: Block, grid: NoiseGrid) -> NoiseTable:
+        """Compute the table of a block's layout on a given grid."""
+        whitening, half_log_det = whiteners(block, grid)
+        return cls(grid, whitening, half_log_det)
+
+    def take(self, index: IntArray) -> NoiseTable:
+        """Return the table at some grid points."""
+        return NoiseTable(self.grid.take(index), self.whitening[index], self.half_log_det[index])
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Rows whitened with the base projected out: maker M (t, N, N), and log weight of each noise point (t,)."""
+
+    maker: FloatArray
+    log_weight: FloatArray
+    freedom: int
+
+    @classmethod
+    def of(cls, noise: NoiseTable, base: FloatArray) -> Projection:
+        """Project `base` (N, p) out at every noise point."""
+        log_weight = noise.grid.log_prior - noise.half_log_det
+        if base.shape[1] == 0:
+            return cls(noise.whitening, log_weight, base.shape[0])
+        q, r = np.linalg.qr(noise.whitening @ base)
+        log_weight = log_weight - np.sum(np.log(np.abs(np.diagonal(r, axis1=1, axis2=2))), axis=1)
+        maker = noise.whitening - q @ (np.swapaxes(q, 1, 2) @ noise.whitening)
+        return cls(maker, log_weight, base.shape[0] - base.shape[1])
+
+    def log_null(self, y: FloatArray, prior: ScalePrior) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return residuals (t, N, m), RSS (t, m) and the log marginal likelihood of the base alone (t, m)."""
+        residual = self.maker @ y
+        rss = np.sum(residual**2, axis=1)
+        power = prior.a + 0.5 * self.freedom
+        return residual, rss, self.log_weight[:, None] - power * np.log(prior.b + 0.5 * rss)
+
+
+@dataclass(frozen=True)
+class ScalePrior:
+    """Inverse-gamma prior of the scale s²: flat where nothing is stated, weakly held by stated standard errors."""
+
+    a: float
+    b: float
+
+    @classmethod
+    def of(cls, block: Block) -> ScalePrior:
+        """Return the prior of a block."""
+        if not block.sigma_stated:
+            return cls(0.0, 1e-12)
+        return cls(0.5 * _STATED_DOF, 0.5 * _STATED_DOF * float(np.mean(block.sigma**2)))
+
+
+class BlockEvidence:
+    """Evidence for many candidates in one block, at the noise points that matter for its data."""
+
+    def __init__(self, block: Block, noise: NoiseTable, columns: Sequence[FloatArray], rich: Sequence[FloatArray] = ()) -> None:
+        self.block = block
+        self.prior = ScalePrior.of(block)
+        self.points = relevant_points(block, noise, rich)
+        self.noise = noise.take(self.points)
+        self.projection = Projection.of(self.noise, block.base)
+        self.sizes = np.array([c.shape[1] for c in columns], dtype=np.int64)
+        self._groups = [self._group(columns, size) for size in sorted(set(self.sizes.tolist())) if size > 0]
+        self.kept = np.zeros(len(columns))
+        for members, _, _, _, kept in self._groups:
+            self.kept[members] = kept
+
+    def _group(
+        self, columns: Sequence[FloatArray], size: int
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Members of one size: projected columns (t, N, j·q), inverse Gram (t, j, q, q), rank (t, j), kept (j,)."""
+        members = np.flatnonzero(self.sizes == size)
+        stacked = np.concatenate([columns[j] for j in members], axis=1)
+        before = np.sqrt(np.sum((self.noise.whitening @ stacked) ** 2, axis=1))
+        scaled = (self.projection.maker @ stacked) / np.where(before > 0, before, 1.0)[:, None, :]
+        t, n, _ = scaled.shape
+        z = scaled.reshape(t, n, len(members), size)
+        gram = np.einsum("tnjq,tnjr->tjqr", z, z)
+        values, vectors = np.linalg.eigh(gram)
+        usable = values > _INVISIBLE**2
+        inverse = np.einsum("tjqk,tjk,tjrk->tjqr", vectors, np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0), vectors)
+        kept = np.sqrt(np.clip(values[0, :, -1], 0.0, 1.0))
+        return members, scaled, inverse, usable.sum(axis=2).astype(np.float64), kept
+
+    def log_null(self, y: FloatArray) -> FloatArray:
+        """Log marginal likelihood of the base alone, averaged over the noise, shape (m,)."""
+        return _log_sum(self.projection.log_null(y, self.prior)[2])
+
+    def log_factors(self, y: FloatArray) -> FloatArray:
+        """Log Bayes factor of every candidate against the base alone, for data sets `y` (N, m), shape (j, m)."""
+        out = np.zeros((len(self.sizes), y.shape[1]))
+        for begin in range(0, y.shape[1], 128):
+            out[:, begin : begin + 128] = self._log_factors(y[:, begin : begin + 128])
+        return out
+
+    def _log_factors(self, y: FloatArray) -> FloatArray:
+        residual, rss, log_null = self.projection.log_null(y, self.prior)
+        power = self.prior.a + 0.5 * self.projection.freedom
+        offset = self.prior.b + 0.5 * rss
+        weight = np.exp(log_null - _log_sum(log_null))
+        out = np.zeros((len(self.sizes), y.shape[1]))
+        for members, scaled, inverse, rank, _ in self._groups:
+            score = np.swapaxes(scaled, 1, 2) @ residual
+            t, _, m = score.shape
+            score = score.reshape(t, len(members), -1, m)
+            explained = (
+                score[:, :, 0] ** 2 * inverse[:, :, 0]
+                if inverse.shape[-1] == 1
+                else np.einsum("tjqm,tjqm->tjm", score, inverse @ score)
+            )
+            share = np.clip(0.5 * explained / offset[:, None, :], 0.0, 1.0 - 1e-12)
+            terms = [
+                -0.5 * rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G)) for g in _G
+            ]
+            peak = np.max([term.max(axis=0) for term in terms], axis=0)
+            total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)
+            visible = rank.max(axis=0) > 0
+            out[members] = np.where(visible[:, None], peak + np.log(np.maximum(total, 1e-300)), 0.0)
+        return out
+
+    def simulate(self, y: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draw data sets (N, draws) without a missing effect, from the noise that this block's own data suggest."""
+        _, rss, log_null = self.projection.log_null(y[:, None], self.prior)
+        weight = np.exp(log_null[:, 0] - _log_sum(log_null)[0])
+        chosen = rng.choice(len(weight), size=draws, p=weight / weight.sum())
+        out = np.empty((len(self.block.y), draws))
+        covariance = covariances(self.block, self.noise.grid)
+        for point in np.unique(chosen):
+            where = np.flatnonzero(chosen == point)
+            scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom - 1.0, 0.5)
+            factor = np.linalg.cholesky(covariance[point])
+            out[:, where] = np.sqrt(scale) * (factor @ rng.standard_normal((out.shape[0], len(where))))
+        return out
+
+    def best_noise(self, y: FloatArray) -> tuple[int, float]:
+        """Return the most probable noise point for the base alone (index into `noise`) and its scale s²."""
+        _, rss, log_null = self.projection.log_null(y[:, None], self.prior)
+        point = int(np.argmax(log_null[:, 0]))
+        scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom, 0.5)
+        return point, float(scale)
+
+
+def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> IntArray:
+    """Return the noise points that matter: probable under the base alone, or under some rich model of the means.
+
+    A missing effect looks like run-to-run noise to the base alone; a flexible model of the means shows how quiet the
+    unit might really be. What lies between is judged by evidence.
+    """
+    prior = ScalePrior.of(block)
+    keep = np.zeros(len(noise.grid), dtype=bool)
+    shares = []
+    for extra in ([np.zeros((len(block.y), 0))], *[[columns] for columns in rich]):
+        base = independent_columns(np.hstack([block.base, *extra]), 1e-6)
+        if len(block.y) - base.shape[1] < 4 and extra[0].shape[1]:
+            continue
+        projection = Projection.of(noise, base)
+        log_null = projection.log_null(block.y[:, None], prior)[2][:, 0]
+        shares.append(log_null - log_null.max())
+    best = np.max(shares, axis=0)
+    order = np.argsort(-best)
+    keep[order[:_MOST_POINTS]] = True
+    return np.flatnonzero(keep & (best > -_DEPTH))
+
+
+def _log_sum(values: FloatArray) -> FloatArray:
+    """Log of the sum of exponentials along the first axis."""
+    peak = values.max(axis=0)
+    return np.asarray(peak + np.log(np.sum(np.exp(values - peak), axis=0)))

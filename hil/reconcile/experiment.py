@@ -1,0 +1,235 @@
+"""What to measure next: the collects that separate the surviving names most, with the power of doing so.
+
+For every feasible addition to the campaign (another index position, another heading, the present positions again, the
+temperatures in reverse order) the surviving names are worked out on the enlarged design. What the leader would add, less
+what the rival together with a refitted base can imitate, in units of the noise, is the non-centrality of telling them
+apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from hil.campaign import Conditions, FloatArray
+from hil.effects.base import Base
+from hil.effects.history import joined
+from hil.reconcile.candidates import Candidate
+from hil.reconcile.naming import Naming, Weighed
+from hil.reconcile.problem import SensorProblem, base_at
+
+_EASY = 9.0
+_INDEX_ANGLES = {"4": 180.0, "at 45 deg": 45.0, "at 135 deg": 135.0}
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A feasible addition: what it is called, the rows it adds, and how much it asks of the bench (fewer is easier)."""
+
+    name: str
+    rows: Conditions
+    effort: float
+    collects: Sequence[Mapping[str, Any]]
+
+
+def next_experiment(naming: Naming, sensors: Mapping[int, SensorProblem], sigma: Mapping[int, float]) -> dict[str, Any] | None:
+    """Return the addition that separates the leader from its strongest rival, or say that none of those tried does."""
+    rivals = [rival for rival in naming.rivals if rival.tier == 1]
+    leader = naming.leader
+    if leader.tier != 1 or not rivals:
+        return None
+    unit = leader.added.units[0]
+    sensor = sensors[unit.candidate.sensor]
+    rival = max(rivals, key=lambda r: r.probability)
+    scored = []
+    for addition in additions(sensor):
+        outcome = separation(leader, rival, sensor, addition, sigma[sensor.number])
+        if outcome is not None:
+            scored.append((*outcome, addition))
+    if not scored:
+        return None
+    enough = [s for s in scored if s[0] >= _EASY]
+    best = min(enough, key=lambda s: (s[2].effort, -s[0])) if enough else max(scored, key=lambda s: s[0])
+    noncentrality, difference, addition = best
+    power = float(stats.ncx2.sf(stats.chi2.isf(0.01, 1), 1, noncentrality))
+    if noncentrality < 1.0:
+        return {
+            "why": f"none of the stationary collects that were tried separates {leader.name} from {rival.name}; "
+            f"{(leader.added.hypothesis.candidate.effect.experiment if leader.added.hypothesis.candidate.effect else '')}",
+            "collects": [], "expected_difference_deg_per_hr": difference, "power": power, "impossible": True,
+        }
+    repeats = max(1, int(np.ceil(_EASY / noncentrality)))
+    return {
+        "why": f"separates {leader.name} from {rival.name}",
+        "what": addition.name,
+        "collects": list(addition.collects),
+        "repeats": repeats,
+        "expected_difference_deg_per_hr": difference,
+        "power": power,
+        "impossible": False,
+    }
+
+
+def additions(sensor: SensorProblem) -> list[Addition]:
+    """List the feasible additions for a sensor: every run gets the extra collects once."""
+    conditions = sensor.collects.conditions
+    out: list[Addition] = []
+    if conditions.sensor.is_rotor:
+        reference = _index_zero(conditions)
+        present = set(conditions.position.tolist())
+        if reference is not None:
+            for label, angle in _INDEX_ANGLES.items():
+                if label not in present:
+                    rows = _indexed(conditions, reference, label, angle)
+                    out.append(Addition(f"Collect {label}", rows, 1.0 if label == "4" else 1.5, _described(rows)))
+    else:
+        rows = _flipped(conditions)
+        out.append(Addition("every pose upside down", rows, 2.0, _described(rows)))
+    if np.any(conditions.w_deg_per_hr):
+        rows = _turned_heading(conditions)
+        out.append(Addition("the same positions at a heading 90 deg on", rows, 3.0, _described(rows)))
+    if len(np.unique(conditions.run)) > 1:
+        rows = _reversed(conditions)
+        out.append(Addition("the same runs in reverse order of temperature and time", rows, 4.0, _described(rows)))
+    return out
+
+
+def separation(
+    leader: Weighed, rival: Weighed, sensor: SensorProblem, addition: Addition, sigma: float
+) -> tuple[float, float] | None:
+    """Return the non-centrality and the largest difference in deg/hr after an addition; None where columns are lacking."""
+    before = sensor.collects.conditions
+    both = joined(before, addition.rows)
+    base = base_at(sensor.form, both, sensor.values)
+    truth = _signal(leader, sensor.number, both, base)
+    other = _columns(rival, sensor.number, both, base)
+    if truth is None or other is None:
+        return None
+    measured = np.isfinite(sensor.collects.rates_deg_per_hr)
+    mask = np.vstack([measured, np.ones((len(addition.rows), truth.shape[1]), dtype=bool)])
+    design = np.concatenate([sensor.form.columns(both), other], axis=2)[mask]
+    target = truth[mask]
+    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    rest = target - (design / scale) @ np.linalg.lstsq(design / scale, target, rcond=1e-6)[0]
+    return float(np.sum(rest**2)) / sigma**2, float(np.ptp(rest))
+
+
+def _signal(weighed: Weighed, number: int, conditions: Conditions, base: Base) -> FloatArray | None:
+    """The leader's fitted effect on the rows of an enlarged design, (n, c)."""
+    columns = _columns(weighed, number, conditions, base)
+    candidate = _candidate(weighed, number)
+    if columns is None or candidate is None or candidate.effect is None:
+        return None
+    values = np.zeros(columns.shape[2])
+    names = [parameter.name for parameter in candidate.effect.parameters_for(conditions)]
+    for place, (_, u, k) in enumerate(weighed.fit.owner):
+        unit = weighed.added.units[u]
+        if unit.candidate.sensor == number:
+            index = unit.parameters[k]
+            if candidate.form == "constant":  # an enlarged design may have more parameters: match by name
+                index = names.index(candidate.parameters[index].name)
+            values[index] = weighed.fit.values[place]
+    return np.asarray(columns @ values)
+
+
+def _columns(weighed: Weighed, number: int, conditions: Conditions, base: Base) -> FloatArray | None:
+    candidate = _candidate(weighed, number)
+    return None if candidate is None or candidate.effect is None else candidate.rebuilt(conditions, base)
+
+
+def _candidate(weighed: Weighed, number: int) -> Candidate | None:
+    return next((unit.candidate for unit in weighed.added.units if unit.candidate.sensor == number), None)
+
+
+def _index_zero(conditions: Conditions) -> tuple[FloatArray, FloatArray] | None:
+    """f and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
+    labels = np.unique(conditions.position)
+    label = "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))
+    rows = conditions.position == label
+    if conditions.f_g[rows, 2].mean() < 0.5:
+        return None
+    return conditions.f_g[rows].mean(axis=0), np.nan_to_num(conditions.w_deg_per_hr[rows]).mean(axis=0)
+
+
+def _one_per_run(conditions: Conditions) -> Conditions:
+    last = [int(np.flatnonzero(conditions.run == run)[-1]) for run in dict.fromkeys(conditions.run.tolist())]
+    return conditions.rows(np.array(last))
+
+
+def _indexed(conditions: Conditions, reference: tuple[FloatArray, FloatArray], label: str, angle_deg: float) -> Conditions:
+    """One more collect per run at an index angle: f and w turned about the index axis."""
+    rows = _one_per_run(conditions)
+    sine, cosine = np.sin(np.deg2rad(angle_deg)), np.cos(np.deg2rad(angle_deg))
+
+    def turned(vector: FloatArray) -> FloatArray:
+        g3, g2, g1 = vector  # at angle zero A lies along axis 3, B along 2, S along 1
+        return np.array([g1 * sine + g3 * cosine, g2, g1 * cosine - g3 * sine])
+
+    n = len(rows)
+    return replace(
+        rows,
+        collect=conditions.collect.max() + 1 + np.arange(n),
+        position=np.full(n, label),
+        start_s=rows.start_s + 90.0,
+        f_g=np.tile(turned(reference[0]), (n, 1)),
+        w_deg_per_hr=np.tile(turned(reference[1]), (n, 1)),
+    )
+
+
+def _flipped(conditions: Conditions) -> Conditions:
+    return _later(replace(conditions, f_g=-conditions.f_g, position=np.char.add(conditions.position.astype(str), " upside down")))
+
+
+def _turned_heading(conditions: Conditions) -> Conditions:
+    """The same positions with the horizontal earth rate turned by 90 deg about the vertical."""
+    up = conditions.f_g / np.linalg.norm(conditions.f_g, axis=1, keepdims=True)
+    w = np.nan_to_num(conditions.w_deg_per_hr)
+    vertical = np.sum(w * up, axis=1, keepdims=True) * up
+    return _later(replace(conditions, w_deg_per_hr=vertical + np.cross(up, w - vertical)))
+
+
+def _reversed(conditions: Conditions) -> Conditions:
+    """The same collects again, coming back through the temperatures: slopes change sign."""
+    columns = dict(conditions.columns)
+    if "dTdt_degC_per_min" in columns:
+        columns["dTdt_degC_per_min"] = -columns["dTdt_degC_per_min"]
+    back = np.argsort(-conditions.run, kind="stable")
+    return _later(replace(conditions, columns=columns).rows(back), back_to_front=True)
+
+
+def _later(conditions: Conditions, *, back_to_front: bool = False) -> Conditions:
+    """Put the rows after the campaign: runs, collects and times carry on."""
+    start = conditions.start_s
+    span = float(np.ptp(start)) + 3600.0
+    times = start.max() + 3600.0 + (start.max() - start if back_to_front else start - start.min())
+    runs = conditions.run.max() + 1 + (conditions.run.max() - conditions.run if back_to_front else conditions.run - conditions.run.min())
+    columns = dict(conditions.columns)
+    if "time_since_power_on_s" in columns:
+        columns["time_since_power_on_s"] = columns["time_since_power_on_s"] + span
+    return replace(
+        conditions,
+        run=runs,
+        start_s=times,
+        collect=conditions.collect.max() + 1 + np.arange(len(conditions)),
+        columns=columns,
+    )
+
+
+def _described(rows: Conditions) -> list[dict[str, Any]]:
+    """One entry per kind of collect: label, f and w."""
+    out = []
+    for label in dict.fromkeys(rows.position.tolist()):
+        at = rows.position == label
+        out.append(
+            {
+                "position": label,
+                "f": [round(float(v), 4) for v in rows.f_g[at].mean(axis=0)],
+                "w_deg_per_hr": [round(float(v), 3) for v in rows.w_deg_per_hr[at].mean(axis=0)],
+                "runs": len(np.unique(rows.run)),
+            }
+        )
+    return out[:24]

@@ -1,0 +1,210 @@
+"""From evidence to a name: how probable, which rivals, and when the honest word is "ambiguous" or "empirical".
+
+The data weigh names by their evidence; the physical prior weighs them by the size they would need: a name whose typical
+range would have to be exceeded by decades is less plausible, and where columns are identical that is all that ranks
+them. Identical columns are never resolved silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile.blocks import Block
+from hil.reconcile.fit import Added, BlockNoise, Fit, chosen_units, refit
+from hil.reconcile.search import Scan
+
+NAMED = 0.8
+SAME = 0.95
+_DECADES = 0.4  # a size this many decades beyond the typical range is one standard deviation implausible
+_FLOOR = 5.0
+_IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
+_SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
+_STANDARD = 3.0
+_STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
+"""Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
+_IN_SEQUENCE = frozenset({"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad"})
+"""Names that imitate another only by the order and timing of the collects; in no other order would the columns agree."""
+_NEGLIGIBLE = 0.1
+_SLIVER = 0.04
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader."""
+
+    name: str
+    tier: int
+    title: str
+    probability: float
+    log_evidence: float
+    excess: float
+    overlap: float
+    added: Added
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Naming:
+    """The outcome of one step: `kind` is named, ambiguous or empirical; rivals in order of probability."""
+
+    kind: str
+    leader: Weighed
+    rivals: Sequence[Weighed]
+
+
+def weigh(
+    scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60
+) -> Naming:
+    """Name what a scan found: combine evidence with the plausibility of the fitted sizes, and look for the same columns."""
+    names = list(scan.shares)
+    first_tier = [n for n in names if scan.best(n)[0].tier == 1][:limit]
+    considered = list(dict.fromkeys([*names[:12], *first_tier]))
+    weighed = [_fitted(name, scan, blocks, noise) for name in considered]
+    weights = np.array([max(w.probability, 1e-300) * np.exp(plausibility(w.excess)) * _standing(w.name) for w in weighed])
+    weights = weights / weights.sum()
+    ranked = sorted(
+        (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
+    )
+    leader, kind = _lead(ranked)
+    rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
+    if leader.tier == 1:
+        same = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_narrow(leader, w, blocks, noise)]
+        possible = [w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_in_sequence(leader, w)]
+        kind = "ambiguous" if possible or leader.probability < NAMED else "named"
+        shown = [w for w in rivals if w in same or w.probability > 0.005]
+    else:
+        shown = [w for w in rivals if w.probability > 0.01]
+    return Naming(kind, leader, shown[:8])
+
+
+def _standing(name: str) -> float:
+    return _STANDARD if name in _STANDARD_TERMS else 1.0
+
+
+def _only_in_sequence(leader: Weighed, rival: Weighed) -> bool:
+    """Whether a rival with the same columns is improbable and the same only because of the order of the collects."""
+    return rival.name in _IN_SEQUENCE and leader.name not in _IN_SEQUENCE and rival.probability < _NEGLIGIBLE
+
+
+def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
+    """Whether the rival has no more freedom than the leader: a broad effect that contains a narrow one is not the same."""
+    return _freedom(rival, blocks, noise) <= _freedom(leader, blocks, noise)
+
+
+def _freedom(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> int:
+    total = 0
+    for b, columns in enumerate(weighed.added.columns(len(blocks))):
+        if columns is not None:
+            total += _beside(columns, blocks[b], noise[b]).shape[1]
+    return total
+
+
+def _beside(columns: FloatArray, block: Block, noise: BlockNoise) -> FloatArray:
+    """An orthonormal basis of what is left of whitened columns beside the base; slivers of a column do not count."""
+    basis = _orthonormal(noise.whitening @ block.base)
+    seen = noise.whitening @ columns
+    size = np.linalg.norm(seen, axis=0)
+    return _orthonormal((seen - basis @ (basis.T @ seen)) / np.where(size > 0, size, 1.0), _SLIVER)
+
+
+def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
+    """The most probable name; of the tier that holds more than half, so that many split names do not lose to one odd one."""
+    catalogue = [w for w in ranked if w.tier == 1]
+    total = sum(w.probability for w in catalogue)
+    if catalogue and total >= 0.5:
+        return catalogue[0], "named"
+    return next(w for w in ranked if w.tier == 2), "empirical"
+
+
+def _fitted(
+    name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise]
+) -> Weighed:
+    hypothesis, units = scan.best(name)
+    added = chosen_units(hypothesis, units)
+    fit = refit(blocks, noise, [added])
+    evidence = [
+        value + h.log_prior for h, value in zip(scan.hypotheses, scan.log_factors, strict=True) if h.name == name
+    ]
+    log_evidence = float(np.logaddexp.reduce(evidence))
+    excess = _excess(added, fit, blocks, noise) if hypothesis.tier == 1 else 1.0
+    return Weighed(
+        name, hypothesis.tier, hypothesis.candidate.title, scan.shares[name], log_evidence, excess, 1.0, added, fit
+    )
+
+
+def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
+    """How many times the fitted sizes exceed their typical ranges (1 where they do not).
+
+    The sizes are those of the most plausible combination that reproduces the fitted effect beside the base to within the
+    noise. A parameter whose only typical value is one (a sign that is wrong or right) is implausible at any other.
+    """
+    seen, target, typical, switch = [], [], [], []
+    for b, block in enumerate(blocks):
+        columns = np.zeros((len(block.y), len(fit.owner)))
+        for place, (_, u, k) in enumerate(fit.owner):
+            unit = added.units[u]
+            if b in unit.blocks:
+                columns[:, place] = unit.columns[unit.blocks.index(b)][:, k]
+        basis = _orthonormal(noise[b].whitening @ block.base)
+        white = noise[b].whitening @ np.column_stack([columns, fit.effect[b]])
+        white = white - basis @ (basis.T @ white)
+        seen.append(white[:, :-1])
+        target.append(white[:, -1])
+    for _, u, k in fit.owner:
+        candidate = added.units[u].candidate
+        number = added.units[u].parameters[k]
+        low, high = candidate.parameters[number].typical
+        power = number // (candidate.size // {"line": 2, "quadratic": 3}[candidate.form]) if candidate.form in {"line", "quadratic"} else 0
+        typical.append((high if 0 < high < np.inf else 1.0) * _SPAN_DEGC ** -power)
+        switch.append(low == high and power == 0)
+    design = np.vstack(seen) * np.array(typical)
+    # a ridge at the level of the noise: only what the data insist on counts
+    gram = design.T @ design
+    inverse = np.linalg.pinv(gram + 1e-3 * np.eye(len(typical)), rcond=1e-12)
+    sizes = inverse @ (design.T @ np.concatenate(target))
+    errors = np.sqrt(np.clip(np.diag(inverse @ gram @ inverse), 0.0, None))
+    worst = 1.0
+    for size, error, is_switch in zip(np.abs(sizes), errors, switch, strict=True):
+        if is_switch:
+            away = min(abs(size - 1.0), size)
+            worst = max(worst, _IMPOSSIBLE * 2.0 if away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size else 1.0)
+        elif size > 3.0 * error:
+            worst = max(worst, float(size - error))
+    return worst
+
+
+def plausibility(excess: float) -> float:
+    """Log prior weight of a fitted size that exceeds its typical range `excess` times."""
+    if excess > _IMPOSSIBLE:
+        return -2.0 * _FLOOR
+    return -min(0.5 * float(np.log10(max(excess, 1.0)) / _DECADES) ** 2, _FLOOR)
+
+
+def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
+    """How much of the leader's fitted effect the rival's columns reproduce beside the base, 0 to 1."""
+    explained = total = 0.0
+    columns = rival.added.columns(len(blocks))
+    for b, block in enumerate(blocks):
+        whitening = noise[b].whitening
+        basis = _orthonormal(whitening @ block.base)
+        target = whitening @ leader.fit.effect[b]
+        target = target - basis @ (basis.T @ target)
+        total += float(target @ target)
+        other = columns[b]
+        if other is None:
+            continue
+        span = _beside(other, block, noise[b])
+        explained += float(np.sum((span.T @ target) ** 2))
+    return float(np.sqrt(explained / total)) if total > 0 else 0.0
+
+
+def _orthonormal(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
+    if columns.shape[1] == 0:
+        return np.zeros((columns.shape[0], 0))
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    cut = tolerance if tolerance > 1e-6 else tolerance * singular.max(initial=0.0)
+    return np.asarray(left[:, singular > cut])

@@ -1,0 +1,177 @@
+"""From a campaign and a model to what the search works on: blocks, the fitted base, and the candidates.
+
+A built-in model has no values: its six (or four, or two) parameters are one set for the whole campaign, constant with
+temperature, because that is what its form says; `matrix-6-thermal` says that they are quadratics. So on an
+eight-temperature campaign a bias that follows temperature is a disagreement with `matrix-6`, and none with
+`matrix-6-thermal`. Terms that a model already has are refitted with the base: what the model knows cannot be found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.effects.base import Base, Effect
+from hil.errors import InputError
+from hil.linear_forms import LinearForm, named_form
+from hil.model import Model
+from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
+from hil.reconcile.candidates import Candidate, catalogue_candidates, second_tier
+
+_RICH_ORDER = 5
+
+
+@dataclass(frozen=True)
+class SensorProblem:
+    """One sensor: its collects, the form that is fitted, the fitted values (p,), and the base at each row."""
+
+    number: int
+    collects: Collects
+    form: LinearForm
+    values: FloatArray
+    base: Base
+    term_columns: FloatArray
+    predicted: FloatArray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything that is known before the search begins."""
+
+    campaign: Campaign
+    model: Model
+    sensors: Mapping[int, SensorProblem]
+    blocks: Sequence[Block]
+    candidates: Sequence[Candidate]
+    notes: Sequence[str] = field(default_factory=tuple)
+
+
+def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
+    """Fit the model's form to every sensor, cut the rows into blocks, and list the candidates.
+
+    Raises `InputError` where the form does not fit a sensor or needs a column that the campaign lacks.
+    """
+    sensors, blocks, candidates, notes = {}, [], [], []
+    for number, collects in campaign.sensors.items():
+        form, note = _form(model, collects.conditions)
+        notes += note
+        sensor = _sensor(number, collects, model, form)
+        sensors[number] = sensor
+        columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
+        known = collects.conditions.w_channels_deg_per_hr
+        blocks += [_with_values(block, sensor) for block in sensor_blocks(number, collects, known, columns)]
+        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base, catalogue))
+        candidates += list(second_tier(number, collects.conditions))
+    return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
+
+
+def _with_values(block: Block, sensor: SensorProblem) -> Block:  # noqa: ARG001 (blocks are fitted, whatever the values)
+    return block
+
+
+def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
+    """Return the form to fit to a sensor: the model's own, or `constant` where the sensor is of another kind."""
+    try:
+        return named_form(model.form, conditions), []
+    except InputError:
+        rotor_form = model.form in {"matrix-6", "collins-4", "matrix-6-thermal"}
+        if rotor_form and conditions.sensor.is_rotor:
+            raise
+        if model.form == "constant":
+            raise
+        return named_form("constant", conditions), [
+            f"sensor {conditions.sensor.number} is not of the kind that {model.form} describes; it was compared with a constant bias"
+        ]
+
+
+def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:
+    conditions = collects.conditions
+    columns = form.columns(conditions)
+    rates = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+    values = _fit(columns, rates, collects.rates_se_deg_per_hr)
+    base = base_at(form, conditions, values)
+    terms = _term_columns(model, conditions, base)
+    if terms.shape[2]:
+        joint = _fit(np.concatenate([columns, terms], axis=2), rates, collects.rates_se_deg_per_hr)
+        values = joint[: columns.shape[2]]
+        base = base_at(form, conditions, values)
+        terms = _term_columns(model, conditions, base)
+    return SensorProblem(number, collects, form, values, base, terms, base.rates)
+
+
+def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArray:
+    """Fit weighted least squares, minimum norm where the collects leave a combination open; (p,)."""
+    measured = np.isfinite(rates)
+    if columns.shape[2] == 0:
+        return np.zeros(0)
+    weight = np.ones(measured.sum())
+    usable = np.isfinite(stated[measured]) & (stated[measured] > 0)
+    if usable.sum() > 0.5 * len(weight):
+        floor = np.median(stated[measured][usable])
+        weight = 1.0 / np.hypot(np.where(usable, stated[measured], floor), 0.3 * floor)
+    design = columns[measured] * weight[:, None]
+    scale = np.linalg.norm(design, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.asarray(np.linalg.lstsq(design / scale, rates[measured] * weight, rcond=1e-3)[0] / scale)
+
+
+def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Base:
+    """Return bias, K, rates and their slopes by temperature at each row, from the fitted values."""
+    bias, k = form.terms(conditions, values)
+    rates = bias + np.einsum("nca,na->nc", k, conditions.f_g) + conditions.w_channels_deg_per_hr
+    temperature = conditions.columns.get("temperature_degC")
+    if temperature is None:
+        return Base(bias, k, rates, np.zeros_like(bias), np.zeros_like(k))
+    warmer = replace(conditions, columns={**conditions.columns, "temperature_degC": temperature + 0.5})
+    colder = replace(conditions, columns={**conditions.columns, "temperature_degC": temperature - 0.5})
+    bias_up, k_up = form.terms(warmer, values)
+    bias_down, k_down = form.terms(colder, values)
+    return Base(bias, k, rates, bias_up - bias_down, k_up - k_down)
+
+
+def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArray:
+    """Return the columns of the terms that the model already has, each at every power its values use, (n, c, p)."""
+    out = [np.zeros((len(conditions), len(conditions.sensor.channels), 0))]
+    temperature = conditions.columns.get("temperature_degC")
+    numbers = stations(temperature, len(conditions))
+    for term, effect in model.terms_for(conditions.sensor):
+        if effect.missing(conditions):
+            continue
+        shape = {**{s.name: s.grid[0] for s in effect.shapes_for(conditions) if len(s.grid) == 1}, **term.shape}
+        columns = np.nan_to_num(effect.columns(conditions, base, shape))
+        names = [parameter.name for parameter in effect.parameters_for(conditions)]
+        given = [index for index, name in enumerate(names) if name in term.parameters]
+        columns = columns[:, :, given]
+        if temperature is not None and any(curve.depends_on_temperature for curve in term.parameters.values()):
+            steps = [(numbers == k).astype(np.float64)[:, None, None] for k in range(numbers.max() + 1)]
+            columns = np.concatenate([columns * step for step in steps], axis=2)
+        out.append(columns)
+    return np.concatenate(out, axis=2)
+
+
+def rich_columns(block: Block, conditions: Conditions) -> list[FloatArray]:
+    """Return flexible models of the means for one block: per setpoint, and smooth over time; each (N, p)."""
+    targets = [np.ones((len(block.y), 1))]
+    f = conditions.f_g[block.rows]
+    targets += [f[:, k : k + 1] for k in range(3) if np.std(f[:, k]) > 0.05]
+    target = np.hstack(targets)
+    out = []
+    numbers = np.unique(block.station)
+    if 1 < len(numbers):
+        steps = (block.station[:, None] == numbers).astype(np.float64)
+        out.append(independent_columns((target[:, :, None] * steps[:, None, :]).reshape(len(block.y), -1), 1e-6))
+    else:
+        out.append(independent_columns(target, 1e-6))
+    time = conditions.start_s[block.rows]
+    unit = (time - time.min()) / max(float(np.ptp(time)), 1e-12)
+    order = min(_RICH_ORDER, len(np.unique(block.run)) // 3)
+    if order:
+        smooth = np.stack([np.cos(np.pi * k * unit) for k in range(order + 1)], axis=1)
+        out.append(independent_columns((target[:, :, None] * smooth[:, None, :]).reshape(len(block.y), -1), 1e-6))
+    labels = np.unique(conditions.position[block.rows])
+    if 1 < len(labels) < 0.5 * len(block.y):
+        out.append((conditions.position[block.rows][:, None] == labels).astype(np.float64))
+    return out

@@ -1,0 +1,185 @@
+"""Whether the gap shrank on data that was held out, with the selection repeated inside every fold.
+
+A run (or a pose, where there is one run only) is left out; what is missing is searched for and named again in the rest,
+everything is refitted there, and the run that was not seen is predicted with and without what was added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.reconcile.blocks import Block, independent_columns
+from hil.reconcile.evidence import BlockEvidence, NoiseTable
+from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit, without_rows
+from hil.reconcile.hypotheses import Evidence, Hypothesis, Unit, build_evidence
+from hil.reconcile.noise import NoiseGrid
+
+_FLIPS = 2000
+_KEPT_POINTS = 4
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Squared errors of held-out rows, by fold: raw sums, standardised sums, rows, before and after."""
+
+    raw_before: FloatArray
+    raw_after: FloatArray
+    scaled_before: FloatArray
+    scaled_after: FloatArray
+    rows: IntArray
+    residual_before: Sequence[FloatArray]
+    residual_after: Sequence[FloatArray]
+    expected: FloatArray
+
+    @property
+    def floor(self) -> float:
+        """Rms that the noise alone leaves on held-out rows, refitted parameters included, deg/hr."""
+        return float(np.sqrt(self.expected.sum() / max(int(self.rows.sum()), 1)))
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Raw rms before and after, deg/hr."""
+        total = max(int(self.rows.sum()), 1)
+        return float(np.sqrt(self.raw_before.sum() / total)), float(np.sqrt(self.raw_after.sum() / total))
+
+    @property
+    def standardised(self) -> tuple[float, float]:
+        """Standardised mean squares before and after (1 is noise)."""
+        total = max(int(self.rows.sum()), 1)
+        return float(self.scaled_before.sum() / total), float(self.scaled_after.sum() / total)
+
+    def improvement_p_value(self, rng: np.random.Generator) -> float:
+        """Paired sign flips by fold: how often chance alone would improve this much."""
+        gain = self.scaled_before - self.scaled_after
+        if len(gain) < 2 or not np.any(gain):
+            return 1.0
+        signs = rng.choice([-1.0, 1.0], size=(_FLIPS, len(gain)))
+        return float((1 + np.sum(signs @ gain >= gain.sum())) / (1 + _FLIPS))
+
+
+def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[list[FloatArray]]:
+    """Return the folds: for each, the rows held out in every block. One fold per run, or per collect where runs are few."""
+    several = len(np.unique(np.concatenate(place_of_run))) >= 4
+    labels = list(place_of_run) if several else [block.order for block in blocks]
+    values = np.unique(np.concatenate(labels))
+    return [[label == value for label in labels] for value in values]
+
+
+def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: int = 6) -> list[list[FloatArray]]:
+    """Return folds of neighbouring runs (or collects), `count` of them."""
+    folds = by_run(blocks, place_of_run)
+    cut = np.array_split(np.arange(len(folds)), min(count, len(folds)))
+    return [
+        [np.any([folds[i][b] for i in part], axis=0) for b in range(len(blocks))] for part in cut if len(part)
+    ]
+
+
+def held_out(
+    folds: Sequence[Sequence[FloatArray]],
+    blocks: Sequence[Block],
+    tables: Sequence[NoiseTable],
+    noise: Sequence[BlockNoise],
+    hypotheses: Sequence[Hypothesis],
+    steps: int,
+    threshold: float,
+    points: Sequence[IntArray],
+) -> HeldOut:
+    """Predict every fold from the others, before and after; `steps` is how many effects are searched for in each."""
+    count = len(folds)
+    sums = np.zeros((5, count))
+    rows = np.zeros(count, dtype=np.int64)
+    before = [np.full(len(block.y), np.nan) for block in blocks]
+    after = [np.full(len(block.y), np.nan) for block in blocks]
+    for i, fold in enumerate(folds):
+        keep = [~held for held in fold]
+        if any(k.sum() <= b.base.shape[1] + 2 for k, b in zip(keep, blocks, strict=True)):
+            continue
+        added = _select(keep, blocks, tables, hypotheses, steps, threshold, points)
+        plain, full = refit(blocks, noise, [], keep), refit(blocks, noise, added, keep)
+        for b, held in enumerate(fold):
+            if not np.any(held):
+                continue
+            whitening = noise[b].take(held).whitening
+            for row, fitted, store in ((0, plain, before), (1, full, after)):
+                error = fitted.residual[b][held]
+                store[b][held] = error
+                sums[row, i] += float(error @ error)
+                sums[row + 2, i] += float(np.sum((whitening @ error) ** 2))
+            rows[i] += int(held.sum())
+            sums[4, i] += _expected(blocks[b], noise[b], added, b, len(blocks), held)
+    used = rows > 0
+    return HeldOut(sums[0, used], sums[1, used], sums[2, used], sums[3, used], rows[used], before, after, sums[4, used])
+
+
+def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: FloatArray) -> float:
+    """Sum of squares that noise alone leaves on held-out rows when everything is refitted on the others."""
+    extra = [columns for effect in added if (columns := effect.columns(count)[b]) is not None]
+    design = independent_columns(np.hstack([block.base, *extra]), 1e-6)
+    kept = ~held
+    white = noise.take(kept).whitening
+    fitted = np.linalg.pinv(white @ design[kept], rcond=1e-8) @ white
+    error = np.zeros((int(held.sum()), len(block.y)))
+    error[:, held] = np.eye(int(held.sum()))
+    error[:, kept] = -design[held] @ fitted
+    return float(np.trace(error @ noise.covariance @ error.T))
+
+
+def _select(
+    keep: Sequence[FloatArray],
+    blocks: Sequence[Block],
+    tables: Sequence[NoiseTable],
+    hypotheses: Sequence[Hypothesis],
+    steps: int,
+    threshold: float,
+    points: Sequence[IntArray],
+) -> list[Added]:
+    """Search again on the rows that are kept; what is returned has columns for every row."""
+    less = without_rows(blocks, keep)
+    small = [_table(block, table.grid, point) for block, table, point in zip(less, tables, points, strict=True)]
+    reduced = [replace(h, units=tuple(_less(u, keep) for u in h.units)) for h in hypotheses]
+    added: list[Added] = []
+    for _ in range(steps):
+        evidence = _evidence(reduced, less, small)
+        factors, units = evidence.log_factors([block.y[:, None] for block in less])
+        prior = np.array([h.log_prior for h in hypotheses])
+        posterior = factors[:, 0] + prior
+        if float(np.logaddexp.reduce(posterior)) < threshold:
+            break
+        best = _best(hypotheses, posterior)
+        added.append(chosen_units(hypotheses[best], units[best][:, 0]))
+        extra = chosen_units(reduced[best], units[best][:, 0]).columns(len(less))
+        less = [block if e is None else block.with_base(e) for block, e in zip(less, extra, strict=True)]
+    return added
+
+
+def _best(hypotheses: Sequence[Hypothesis], posterior: FloatArray) -> int:
+    """The strongest shape of the strongest name."""
+    totals: dict[str, float] = {}
+    for hypothesis, value in zip(hypotheses, posterior, strict=True):
+        totals[hypothesis.name] = float(np.logaddexp(totals.get(hypothesis.name, -np.inf), value))
+    name = max(totals, key=lambda n: totals[n])
+    places = [i for i, h in enumerate(hypotheses) if h.name == name]
+    return places[int(np.argmax(posterior[places]))]
+
+
+def _evidence(hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]) -> Evidence:
+    return build_evidence(hypotheses, blocks, tables, [() for _ in blocks])
+
+
+def _table(block: Block, grid: NoiseGrid, points: IntArray) -> NoiseTable:
+    return NoiseTable.on(block, grid.take(points[:_KEPT_POINTS]))
+
+
+def _less(unit: Unit, keep: Sequence[FloatArray]) -> Unit:
+    return replace(unit, columns=tuple(c[keep[b]] for b, c in zip(unit.blocks, unit.columns, strict=True)))
+
+
+def noise_points(evidence: BlockEvidence, block: Block) -> IntArray:
+    """Return the few most probable noise points of a block (indices into the full grid), most probable first."""
+    _, _, log_null = evidence.projection.log_null(block.y[:, None], evidence.prior)
+    order = np.argsort(-log_null[:, 0])[:_KEPT_POINTS]
+    return np.asarray(evidence.points[order])

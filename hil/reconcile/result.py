@@ -1,0 +1,173 @@
+"""The result of the discrepancy workflow (schema hil.reconciliation/1), as objects and as the JSON document."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hil.model import Model, save_model
+
+SCHEMA = "hil.reconciliation/1"
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """One place where simulation and measurement differ beyond the noise, with the error rate of the whole map."""
+
+    where: Mapping[str, Any]
+    size_deg_per_hr: float
+    se_deg_per_hr: float
+    q_value: float
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return {
+            "where": dict(self.where),
+            "size_deg_per_hr": self.size_deg_per_hr,
+            "se_deg_per_hr": self.se_deg_per_hr,
+            "q_value": self.q_value,
+        }
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another name for the same data: its probability, and how much of the added effect it can reproduce."""
+
+    id: str
+    probability: float
+    overlap: float
+    title: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return {"id": self.id, "probability": self.probability, "overlap": self.overlap, "title": self.title}
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """One effect that was added: its name, fitted parameters, stated probability and rivals."""
+
+    id: str
+    title: str
+    equation: str
+    parameters: Sequence[Mapping[str, Any]]
+    probability: float
+    confusable_with: Sequence[Rival]
+    kind: str
+    shape: Mapping[str, float] = field(default_factory=dict)
+    sensors: Sequence[int] = ()
+    physics: str = ""
+    experiment: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return {
+            "id": self.id,
+            "title": self.title,
+            "equation": self.equation,
+            "parameters": [dict(parameter) for parameter in self.parameters],
+            "shape": dict(self.shape),
+            "sensors": list(self.sensors),
+            "kind": self.kind,
+            "probability": self.probability,
+            "confusable_with": [rival.document() for rival in self.confusable_with],
+        }
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Held-out residuals before and after, beside the noise: raw rms in deg/hr, and standardised mean squares."""
+
+    before: float
+    after: float
+    noise_floor: float
+    held_out: str
+    standardised_before: float
+    standardised_after: float
+    improved_p_value: float
+    blocks: Mapping[str, float] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return {
+            "unit": "deg/hr",
+            "statistic": "rms of held-out residuals (raw in deg/hr; standardised by their covariance)",
+            "before": self.before,
+            "after": self.after,
+            "noise_floor": self.noise_floor,
+            "held_out": self.held_out,
+            "standardised": {"before": self.standardised_before, "after": self.standardised_after},
+            "improvement_p_value": self.improved_p_value,
+            "by_contiguous_block": dict(self.blocks),
+        }
+
+
+@dataclass(frozen=True)
+class Reconciliation:
+    """What the workflow found. `picture` is for the page: residuals by row before and after, on one scale."""
+
+    campaign: str
+    model_before: str
+    verdict: str
+    disagreements: Sequence[Disagreement]
+    effects: Sequence[FoundEffect]
+    gap: Gap
+    false_alarm_rate: float
+    p_value: float
+    next_experiment: Mapping[str, Any] | None
+    model_after: Model
+    input_model: Model
+    outliers: Sequence[Mapping[str, Any]] = ()
+    within_collects: Sequence[Mapping[str, Any]] = ()
+    notes: Sequence[str] = ()
+    simulated: bool = False
+    picture: Mapping[str, Any] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
+        document = {
+            "schema": SCHEMA,
+            "campaign": self.campaign,
+            "simulated": self.simulated,
+            "model_before": self.model_before,
+            "model_after": "model.yaml",
+            "verdict": self.verdict,
+            "p_value": self.p_value,
+            "disagreements": [d.document() for d in self.disagreements],
+            "effects": [effect.document() for effect in self.effects],
+            "gap": self.gap.document(),
+            "false_alarm_rate": self.false_alarm_rate,
+            "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
+            "outliers": [dict(outlier) for outlier in self.outliers],
+            "within_collects": [dict(finding) for finding in self.within_collects],
+            "notes": list(self.notes),
+        }
+        return dict(_plain(document))
+
+
+def write_result(result: Reconciliation, out_dir: Path) -> None:
+    """Write reconciliation.json, model.yaml and reconciliation.html into `out_dir`, which is made if need be."""
+    from hil.reconcile.page import page  # noqa: PLC0415 (matplotlib is slow to load, and a screening never needs it)
+
+    out_dir.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)
+    (out_dir / "reconciliation.json").write_text(text + "\n", encoding="utf-8")
+    save_model(result.model_after, out_dir / "model.yaml")
+    (out_dir / "reconciliation.html").write_text(page(result), encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, text, lists and mappings only; a number that is not finite is null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,83 @@
+"""The search: is anything missing, what is it called, is anything else missing.
+
+The statistic is the evidence for all hypotheses together against the base alone. Its distribution without a missing
+effect is simulated on the campaign's own layout and noise, so that the rate of false alarms of the whole search is the
+stated one. What is detected is named by its share of the evidence; then it joins the base and the search begins again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile.blocks import Block
+from hil.reconcile.evidence import NoiseTable, _log_sum
+from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One pass over all hypotheses with a given base: log Bayes factors (h,), evidence for anything, shares by name."""
+
+    hypotheses: Sequence[Hypothesis]
+    log_factors: FloatArray
+    unit_factors: Sequence[FloatArray]
+    statistic: float
+    shares: Mapping[str, float]
+    evidence: Evidence
+
+    def best(self, name: str) -> tuple[Hypothesis, FloatArray]:
+        """Return the most probable shape and form of a name, and the log Bayes factors of its units."""
+        places = [i for i, h in enumerate(self.hypotheses) if h.name == name]
+        score = [self.log_factors[i] + self.hypotheses[i].log_prior for i in places]
+        place = places[int(np.argmax(score))]
+        return self.hypotheses[place], self.unit_factors[place]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The campaign's layout for the search: blocks as the base has them now, and their noise tables (never recomputed)."""
+
+    blocks: Sequence[Block]
+    noise: Sequence[NoiseTable]
+    rich: Sequence[Sequence[FloatArray]]
+    hypotheses: Sequence[Hypothesis]
+
+    def with_base(self, extra: Sequence[FloatArray | None]) -> Search:
+        """Return the search with further base columns per block."""
+        blocks = [b if e is None else b.with_base(e) for b, e in zip(self.blocks, extra, strict=True)]
+        return Search(blocks, self.noise, self.rich, self.hypotheses)
+
+    def scan(self) -> Scan:
+        """Weigh every hypothesis against the present base."""
+        evidence = build_evidence(self.hypotheses, self.blocks, self.noise, self.rich)
+        factors, units = evidence.log_factors([block.y[:, None] for block in self.blocks])
+        prior = np.array([h.log_prior for h in self.hypotheses])
+        posterior = factors[:, 0] + prior
+        statistic = float(_log_sum(posterior))
+        shares: dict[str, float] = {}
+        for hypothesis, value in zip(self.hypotheses, np.exp(posterior - statistic), strict=True):
+            shares[hypothesis.name] = shares.get(hypothesis.name, 0.0) + float(value)
+        ordered = dict(sorted(shares.items(), key=lambda item: -item[1]))
+        return Scan(self.hypotheses, factors[:, 0], [u[:, 0] for u in units], statistic, ordered, evidence)
+
+
+def null_statistics(scan: Scan, blocks: Sequence[Block], draws: int, rng: np.random.Generator) -> FloatArray:
+    """Simulate the statistic without a missing effect on this layout, shape (draws,), sorted."""
+    y = [table.simulate(block.y, draws, rng) for table, block in zip(scan.evidence.blocks, blocks, strict=True)]
+    factors, _ = scan.evidence.log_factors(y)
+    prior = np.array([h.log_prior for h in scan.hypotheses])
+    return np.sort(_log_sum(factors + prior[:, None]))
+
+
+def added_columns(hypothesis: Hypothesis, units: FloatArray, blocks: Sequence[Block]) -> list[FloatArray | None]:
+    """Return the columns that a hypothesis adds to each block: of the units that the data touch (at least the strongest)."""
+    out: list[FloatArray | None] = [None] * len(blocks)
+    for place, unit in enumerate(hypothesis.units):
+        if units[place] > 0 or place == int(np.argmax(units)):
+            for block, columns in zip(unit.blocks, unit.columns, strict=True):
+                out[block] = columns if out[block] is None else np.hstack([out[block], columns])  # type: ignore[list-item]
+    return out

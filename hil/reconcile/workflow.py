@@ -1,0 +1,437 @@
+"""Find, name, add, prove: the discrepancy workflow on one campaign.
+
+    result = reconcile(read_campaign("my-campaign"), load_model("collins-4"))
+    result.verdict                       # "named", "ambiguous", "empirical", "unresolved" or "none"
+    write_result(result, Path("out"))    # reconciliation.json, model.yaml, reconciliation.html
+
+The order is that of the questions: which rows can be believed; is anything missing, with a stated rate of false alarms;
+what is it called, with a stated probability; what does the model become; does it predict what it has not seen; where was
+the disagreement; what should be measured next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC
+from typing import Any
+
+import numpy as np
+
+from drivers.clock import SystemClock
+from hil.campaign import Campaign, Conditions, FloatArray, IntArray
+from hil.effects.base import Effect
+from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
+from hil.errors import InputError
+from hil.model import Model, load_model
+from hil.reconcile.blocks import Block
+from hil.reconcile.evidence import NoiseTable
+from hil.reconcile.experiment import next_experiment
+from hil.reconcile.fit import Added, BlockNoise, Fit, estimate_noise, refit
+from hil.reconcile.hypotheses import hypotheses
+from hil.reconcile.improve import described_parameters, improved
+from hil.reconcile.naming import Naming, Weighed, weigh
+from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
+from hil.reconcile.problem import Problem, pose, rich_columns
+from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
+from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
+from hil.reconcile.search import Scan, Search, null_statistics
+from hil.reconcile.where import disagreements
+
+_MOST_EFFECTS = 5
+_DRAWS = 300
+_LEAST_FREEDOM = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that the search found, in the order found."""
+
+    scan: Scan
+    naming: Naming
+
+    @property
+    def added(self) -> Added:
+        """What joined the base."""
+        return self.naming.leader.added
+
+
+def reconcile(
+    campaign: Campaign,
+    model: Model | str,
+    *,
+    alpha: float = 0.05,
+    catalogue: Sequence[Effect] | None = None,
+    draws: int = _DRAWS,
+    seed: int = 0,
+    prove: bool = True,
+) -> Reconciliation:
+    """Compare a campaign with a model, and find, name, add and prove what the model lacks.
+
+    `alpha` is the false-alarm rate of the whole search on data without a missing effect; `draws` the simulated data sets
+    behind it; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does
+    not fit the campaign. Source: reference algorithm of the discrepancy workflow, steps 0 to 10.
+    """
+    if not 0.0 < alpha < 0.5:
+        raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
+    chosen = load_model(model) if isinstance(model, str) else model
+    effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
+    rng = np.random.default_rng(seed)
+    clean, problem, search, faults = _prepare(campaign, chosen, effects)
+    conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
+    first, threshold, p_value = _detect(search, alpha, draws, rng)
+    steps = _find(search, first, threshold) if first is not None and first.statistic > threshold else []
+    blocks = list(search.blocks)
+    noise = _final_noise(search, steps)
+    proof = _prove(search, steps, noise, threshold, first) if prove else None
+    reverted = bool(steps) and proof is not None and not _shrank(proof)
+    notes = [*campaign.warnings, *problem.notes]
+    if reverted:
+        names = ", ".join(step.naming.leader.name for step in steps)
+        notes.append(f"{names}: the gap on held-out data did not shrink, so nothing was added")
+    kept = [] if reverted else steps
+    final = refit(blocks, noise, [step.added for step in kept])
+    found = disagreements(blocks, noise, conditions, alpha, rng) if steps else []
+    verdict = _verdict(kept, unresolved=reverted, swapped=bool(faults["exchanges"]))
+    gap = _gap(proof, noise, blocks, reverted=reverted, rng=rng)
+    results = [_described(i, step, final, conditions) for i, step in enumerate(kept)]
+    results = [*_swap_findings(faults["exchanges"]), *results]
+    experiment = _next(kept, problem, noise, blocks)
+    after = chosen
+    if kept:
+        record = [_record(campaign, step, gap) for step in kept]
+        after = improved(chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record)
+    return Reconciliation(
+        campaign=campaign.title,
+        model_before=chosen.title,
+        verdict=verdict,
+        disagreements=[*_exchange_places(faults["exchanges"], campaign), *found],
+        effects=results,
+        gap=gap,
+        false_alarm_rate=alpha,
+        p_value=p_value,
+        next_experiment=experiment,
+        model_after=after,
+        input_model=chosen,
+        outliers=[_outlier(o, clean) for o in faults["outliers"]],
+        notes=notes,
+        simulated=campaign.simulated,
+        picture=_picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
+    )
+
+
+def _prepare(campaign: Campaign, model: Model, effects: Sequence[Effect]) -> tuple[Campaign, Problem, Search, dict[str, Any]]:
+    """Pose the problem; mend exchanged labels, leave outliers out, and pose it again where that changed anything."""
+    problem = pose(campaign, model, effects)
+    tables = [NoiseTable.of(block) for block in problem.blocks]
+    rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
+    outliers = find_outliers(problem.blocks, tables, rich)
+    swapped = exchanges(campaign, problem.blocks, tables, outliers) if outliers else []
+    clean = campaign
+    if outliers:
+        mended_rows = {(e.sensor, e.run, p) for e in swapped for p in e.positions}
+        outliers = [o for o in outliers if _key(o, campaign) not in mended_rows]
+        clean = left_out(mended(campaign, swapped), outliers)
+        problem = pose(clean, model, effects)
+        tables = [NoiseTable.of(block) for block in problem.blocks]
+        rich = [rich_columns(b, clean.sensors[b.sensor].conditions) for b in problem.blocks]
+    search = Search(problem.blocks, tables, rich, hypotheses(problem.candidates, problem.blocks))
+    return clean, problem, search, {"outliers": outliers, "exchanges": swapped}
+
+
+def _key(outlier: Mapping[str, Any], campaign: Campaign) -> tuple[int, int, str]:
+    conditions = campaign.sensors[outlier["sensor"]].conditions
+    return outlier["sensor"], int(conditions.run[outlier["row"]]), str(conditions.position[outlier["row"]])
+
+
+def _detect(search: Search, alpha: float, draws: int, rng: np.random.Generator) -> tuple[Scan | None, float, float]:
+    """Return the first scan, the statistic that noise alone exceeds with probability alpha, and the p-value."""
+    freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
+    if not search.hypotheses or freedom < _LEAST_FREEDOM:
+        return None, np.inf, 1.0
+    scan = search.scan()
+    null = null_statistics(scan, search.blocks, draws, rng)
+    threshold = float(np.quantile(null, 1.0 - alpha))
+    return scan, threshold, float((1 + np.sum(null >= scan.statistic)) / (1 + draws))
+
+
+def _find(search: Search, first: Scan, threshold: float) -> list[Step]:
+    """Add what is found, one effect after the other, then look at each again beside all the others."""
+    steps: list[Step] = []
+    scan, present = first, search
+    while len(steps) < _MOST_EFFECTS and scan.statistic > threshold:
+        steps.append(Step(scan, _name(scan, present)))
+        present = search.with_base(_columns([s.added for s in steps], len(search.blocks)))
+        if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
+            break
+        scan = present.scan()
+    return _refined(search, steps, threshold) if len(steps) > 1 else steps
+
+
+def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
+    """Name each effect again with the others in the base: what was named first may have carried part of another."""
+    for _ in range(2):
+        names = [step.naming.leader.name for step in steps]
+        for place in range(len(steps)):
+            others = [s.added for i, s in enumerate(steps) if i != place]
+            present = search.with_base(_columns(others, len(search.blocks)))
+            scan = present.scan()
+            if scan.statistic > threshold:
+                steps[place] = Step(scan, _name(scan, present))
+        if [step.naming.leader.name for step in steps] == names:
+            break
+    return _without_repeats(steps)
+
+
+def _without_repeats(steps: Sequence[Step]) -> list[Step]:
+    out: list[Step] = []
+    for step in steps:
+        if all(step.naming.leader.name != other.naming.leader.name for other in out):
+            out.append(step)
+    return out
+
+
+def _name(scan: Scan, present: Search) -> Naming:
+    noise = []
+    candidate, _ = scan.best(next(iter(scan.shares)))
+    columns = _columns([Added(candidate, candidate.units)], len(present.blocks))
+    for block, table, extra in zip(present.blocks, present.noise, columns, strict=True):
+        noise.append(estimate_noise(block if extra is None else block.with_base(extra), table))
+    return weigh(scan, present.blocks, noise)
+
+
+def _columns(added: Sequence[Added], count: int) -> list[FloatArray | None]:
+    out: list[FloatArray | None] = [None] * count
+    for effect in added:
+        for b, columns in enumerate(effect.columns(count)):
+            if columns is not None:
+                present = out[b]
+                out[b] = columns if present is None else np.hstack([present, columns])
+    return out
+
+
+def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
+    """The noise as estimated with everything that was found in the base."""
+    full = search.with_base(_columns([s.added for s in steps], len(search.blocks)))
+    return [estimate_noise(block, table) for block, table in zip(full.blocks, full.noise, strict=True)]
+
+
+def _prove(
+    search: Search, steps: Sequence[Step], noise: Sequence[BlockNoise], threshold: float, first: Scan | None
+) -> tuple[HeldOut, HeldOut] | None:
+    """Held-out comparison by run and by contiguous block."""
+    if first is None:
+        return None
+    scans = [first, *(step.scan for step in steps[1:])]
+    points = [_points(scans, b, block) for b, block in enumerate(search.blocks)]
+    runs = [block.run for block in search.blocks]
+    arguments = (search.blocks, search.noise, noise, search.hypotheses, len(steps), threshold, points)
+    return (
+        held_out(by_run(search.blocks, runs), *arguments),
+        held_out(in_blocks(search.blocks, runs), *arguments),
+    )
+
+
+def _points(scans: Sequence[Scan], b: int, block: Block) -> IntArray:
+    """The noise points that mattered most, over all scans."""
+    chosen: list[int] = []
+    for scan in reversed(scans):
+        table = scan.evidence.blocks[b]
+        chosen += noise_points(table, replace(block, base=table.block.base)).tolist()[:2]
+    return np.array(list(dict.fromkeys(chosen)), dtype=np.int64)
+
+
+def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:
+    before, after = proof[0].standardised
+    return after < before
+
+
+def _gap(
+    proof: tuple[HeldOut, HeldOut] | None, noise: Sequence[BlockNoise], blocks: Sequence[Block], *, reverted: bool, rng: np.random.Generator
+) -> Gap:
+    if proof is None:
+        rows = sum(len(block.y) for block in blocks)
+        floor = float(np.sqrt(sum(np.trace(n.covariance) for n in noise) / max(rows, 1)))
+        return Gap(np.nan, np.nan, floor, "too few rows to hold any out", np.nan, np.nan, 1.0)
+    runs, contiguous = proof
+    floor = runs.floor
+    before, after = runs.rms
+    scaled_before, scaled_after = runs.standardised
+    folds = len(runs.rows)
+    kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
+    return Gap(
+        before=before,
+        after=before if reverted else after,
+        noise_floor=floor,
+        held_out=f"leave-one-{kind}-out, {folds} folds, selection repeated in every fold",
+        standardised_before=scaled_before,
+        standardised_after=scaled_before if reverted else scaled_after,
+        improved_p_value=runs.improvement_p_value(rng),
+        blocks={"before": contiguous.rms[0], "after": contiguous.rms[0] if reverted else contiguous.rms[1]},
+    )
+
+
+def _verdict(steps: Sequence[Step], *, unresolved: bool, swapped: bool) -> str:
+    kinds = {step.naming.kind for step in steps}
+    if unresolved:
+        return "unresolved"
+    if not kinds:
+        return "named" if swapped else "none"
+    for kind in ("ambiguous", "empirical"):
+        if kind in kinds:
+            return kind
+    return "named"
+
+
+def _described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Conditions]) -> FoundEffect:
+    leader = step.naming.leader
+    candidate = leader.added.hypothesis.candidate
+    effect = candidate.effect
+    return FoundEffect(
+        id=leader.name if leader.tier == 1 else f"empirical: {leader.name}",
+        title=candidate.title,
+        equation=candidate.equation,
+        parameters=described_parameters(index, step.added, fit, conditions),
+        probability=_stated(step, leader),
+        confusable_with=[_rival(step, rival) for rival in step.naming.rivals],
+        kind=step.naming.kind,
+        shape=candidate.shape,
+        sensors=sorted({unit.candidate.sensor for unit in step.added.units}),
+        physics=_physics(effect),
+        experiment=effect.experiment if effect is not None else "Vary the driver alone.",
+    )
+
+
+def _stated(step: Step, weighed: Weighed) -> float:
+    """The probability of a name, that nothing is missing at all included among the alternatives."""
+    return weighed.probability / (1.0 + float(np.exp(-max(step.scan.statistic, -30.0))))
+
+
+def _rival(step: Step, rival: Weighed) -> Rival:
+    name = rival.name if rival.tier == 1 else f"empirical: {rival.name}"
+    return Rival(name, _stated(step, rival), rival.overlap, rival.title)
+
+
+def _physics(effect: Effect | None) -> str:
+    if effect is None:
+        return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
+    text = " ".join((type(effect).__doc__ or "").split())
+    return f"{text} {effect.signature}".strip()
+
+
+def _swap_findings(found: Sequence[Any]) -> list[FoundEffect]:
+    return [
+        FoundEffect(
+            id="swap",
+            title="Mislabelled collect",
+            equation=f"run {e.run}: collects at positions {e.positions[0]} and {e.positions[1]} exchanged",
+            parameters=[{"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}],
+            probability=float(1.0 / (1.0 + np.exp(-0.5 * e.gain + 10.0))),
+            confusable_with=[],
+            kind="named",
+            shape={"run": float(e.run)},
+            sensors=(e.sensor,),
+            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest of the campaign.",
+            experiment="Look at the accelerometers of that run: they show which way it stood.",
+        )
+        for e in found
+    ]
+
+
+def _exchange_places(found: Sequence[Any], campaign: Campaign) -> list[Disagreement]:
+    out = []
+    for e in found:
+        channel = next(iter(campaign.sensors[e.sensor].conditions.sensor.channels))
+        for position in e.positions:
+            where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
+            out.append(Disagreement(where, float(np.sqrt(e.gain)), 1.0, float(np.exp(-0.5 * e.gain))))
+    return out
+
+
+def _outlier(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
+    conditions = campaign.sensors[outlier["sensor"]].conditions
+    row = outlier["row"]
+    return {
+        "sensor": outlier["sensor"],
+        "channel": list(conditions.sensor.channels)[outlier["channel"]],
+        "collect": int(conditions.collect[row]),
+        "run": int(conditions.run[row]),
+        "position": str(conditions.position[row]),
+        "size_deg_per_hr": outlier["size_deg_per_hr"],
+        "score": outlier["score"],
+    }
+
+
+def _next(steps: Sequence[Step], problem: Problem, noise: Sequence[BlockNoise], blocks: Sequence[Block]) -> dict[str, Any] | None:
+    """The experiment for the first effect whose name is not settled."""
+    sigma = {
+        number: float(np.sqrt(np.mean([np.median(np.diag(n.covariance)) for n, b in zip(noise, blocks, strict=True) if b.sensor == number])))
+        for number in problem.sensors
+    }
+    for step in steps:
+        if step.naming.kind == "ambiguous":
+            return next_experiment(step.naming, problem.sensors, sigma)
+    return None
+
+
+def _record(campaign: Campaign, step: Step, gap: Gap) -> dict[str, Any]:
+    leader = step.naming.leader
+    return {
+        "campaign": campaign.title,
+        "simulated": campaign.simulated,
+        "date": SystemClock().utc().astimezone(UTC).date().isoformat(),
+        "verdict": step.naming.kind,
+        "name": leader.name,
+        "probability": round(_stated(step, leader), 4),
+        "rivals": {rival.name: round(_stated(step, rival), 4) for rival in step.naming.rivals},
+        "gap_before_deg_per_hr": _number(gap.before),
+        "gap_after_deg_per_hr": _number(gap.after),
+        "noise_floor_deg_per_hr": _number(gap.noise_floor),
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+def _base_values(problem: Problem, steps: Sequence[Step], fit: Fit) -> dict[int, FloatArray]:
+    """Refit the base parameters of every sensor to what the added effects leave."""
+    out = {}
+    for number, sensor in problem.sensors.items():
+        rates = sensor.collects.rates_deg_per_hr - sensor.collects.conditions.w_channels_deg_per_hr
+        target = rates.copy()
+        for b, block in enumerate(problem.blocks):
+            if block.sensor == number and steps:
+                target[block.rows, block.channel] -= fit.effect[b]
+        design = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
+        measured = np.isfinite(target)
+        scale = np.maximum(np.linalg.norm(design[measured], axis=0), 1e-300)
+        values = np.linalg.lstsq(design[measured] / scale, target[measured], rcond=1e-6)[0] / scale
+        out[number] = values[: len(sensor.form.names)]
+    return out
+
+
+def _picture(
+    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], after: Fit, before: Fit
+) -> dict[str, Any]:
+    """Standardised residuals by row, before and after, for the page."""
+    rows = []
+    for b, block in enumerate(blocks):
+        known = conditions[block.sensor]
+        sigma = np.sqrt(np.diag(noise[b].covariance))
+        temperature = known.columns.get("temperature_degC")
+        for i, row in enumerate(block.rows):
+            rows.append(
+                {
+                    "sensor": block.sensor,
+                    "channel": list(known.sensor.channels)[block.channel[i]],
+                    "run": int(known.run[row]),
+                    "position": str(known.position[row]),
+                    "temperature_degC": None if temperature is None else float(temperature[row]),
+                    "before": float(before.residual[b][i] / sigma[i]),
+                    "after": float(after.residual[b][i] / sigma[i]),
+                    "before_deg_per_hr": float(before.residual[b][i]),
+                    "after_deg_per_hr": float(after.residual[b][i]),
+                }
+            )
+    return {"rows": rows}
