@@ -11,13 +11,16 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+_WIDE = 200
+
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
 Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
 
 
 def results() -> Console:
-    """Standard output, for people; as wide as the lines where nobody looks at a terminal."""
-    return Console(highlight=False, markup=False, soft_wrap=not sys.stdout.isatty())
+    """Standard output, for people; wide enough for any table where it is not a terminal."""
+    terminal = sys.stdout.isatty()
+    return Console(highlight=False, markup=False, soft_wrap=not terminal, width=None if terminal else _WIDE)
 
 
 def messages() -> Console:

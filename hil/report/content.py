@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
+from hil.contractor import METHOD
 from hil.solve import RunSolution, solve_campaign
 from procedures.verdict import Judgement, Verdict
 
@@ -44,6 +45,11 @@ class SensorContent:
     def is_rotor(self) -> bool:
         """Whether the sensor has the report's six parameters."""
         return "MUB" in self.parameter_names
+
+    @property
+    def has_contractor(self) -> bool:
+        """Whether its collects are those from which the contractor's solution is made."""
+        return any(repeat.contractor for repeat in self.repeats)
 
 
 @dataclass(frozen=True)
@@ -105,11 +111,11 @@ def gather(campaign: Campaign, night: NightContent | None = None) -> ReportConte
 
 
 def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:
-    """The contractor's four-parameter solutions beside matrix solutions; none for other kinds of sensor."""
+    """The contractor's four-parameter solutions (A-13)-(A-16), where the sensor's collects are the report's three."""
     if not any("MUB" in each.parameters for each in solutions if each.sensor == sensor):
         return ()
     one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
-    return solve_campaign(one, "collins-4")
+    return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
 
 
 def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tuple[int, ...]]]:

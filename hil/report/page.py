@@ -31,22 +31,14 @@ _TABLE_1 = (
 )
 
 _FIGURES = (
-    (
-        "Figure 2's layout: bias A",
-        "BA",
-        _RATE,
-        True,
-        "Bias A. Matrix: eq. (9). Contractor: eq. (5) with MU taken as zero.",
-    ),
-    (
-        "Figure 3's layout: bias B",
-        "BB",
-        _RATE,
-        True,
-        "Bias B. Matrix: eq. (10). Contractor: eq. (6) with MU taken as zero.",
-    ),
-    ("Figure 4's layout: MUA", "MUA", _PER_G, False, "MUA, eq. (11): what the contractor took for zero."),
-    ("Figure 5's layout: MUB", "MUB", _PER_G, False, "MUB, eq. (12): what the contractor took for zero."),
+    ("Figure 2's layout: bias A", "BA", _RATE, "Bias A; the contractor's is eq. (5) with MU taken as zero."),
+    ("Figure 3's layout: bias B", "BB", _RATE, "Bias B; the contractor's is eq. (6) with MU taken as zero."),
+    ("Figure 4's layout: MUA", "MUA", _PER_G, "MUA: what the contractor took for zero."),
+    ("Figure 5's layout: MUB", "MUB", _PER_G, "MUB: what the contractor took for zero."),
+)
+
+_NO_CONTRACTOR = (
+    "The contractor's solution is made from the report's three orientations, which this sensor's collects are not."
 )
 
 _UNCERTAINTY = (
@@ -130,7 +122,7 @@ def headline(content: ReportContent) -> str:
 
 def _summary(content: ReportContent) -> Iterator[str]:
     for sensor in content.sensors:
-        if not sensor.is_rotor:
+        if not sensor.has_contractor:
             continue
         sizes = [
             (abs(float(np.mean(repeat.matrix[name]))), name, float(np.mean(repeat.matrix[name])), repeat)
@@ -155,12 +147,13 @@ def _summary(content: ReportContent) -> Iterator[str]:
 
 def _sensor(sensor: SensorContent) -> dict[str, Any]:
     figures = list(_figures(sensor)) if len(sensor.repeats) > 1 else []
-    return {"number": sensor.number, "note": "", "table": _table(sensor), "figures": figures}
+    note = _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else ""
+    return {"number": sensor.number, "note": note, "table": _table(sensor), "figures": figures}
 
 
 def _table(sensor: SensorContent) -> dict[str, Any] | None:
     if sensor.is_rotor:
-        rows: Sequence[tuple[str, str, str, str]] = _TABLE_1
+        rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
     else:
         units = {name: each.unit for solution in sensor.solutions for name, each in solution.parameters.items()}
         rows = [(name, name, "matrix", unit) for name, unit in units.items()]
@@ -189,10 +182,10 @@ def _figures(sensor: SensorContent) -> Iterator[dict[str, str]]:
     if any(repeat.temperature_degC is None for repeat in sensor.repeats):
         return
     if sensor.is_rotor:
-        for title, name, unit, both, caption in _FIGURES:
-            lines = [_line("matrix (M)", sensor, name, "matrix")]
-            if both:
-                lines.append(_line("contractor (C)", sensor, name, "contractor"))
+        for title, name, unit, caption in _FIGURES:
+            lines = [_line("matrix (M)", sensor, name, "matrix"), _line("contractor (C)", sensor, name, "contractor")]
+            if name in {"MUA", "MUB"} or not sensor.has_contractor:
+                lines, caption = lines[:1], caption.split(";")[0].rstrip(".") + "."
             svg = against_temperature(title, unit, [line for line in lines if len(line.mean)])
             yield {"svg": svg, "caption": f"{caption} Bars: one sigma of the self-calibrations at that temperature."}
         return
