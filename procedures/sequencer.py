@@ -11,13 +11,15 @@ events, never as a second result): a chamber cools while the controller is dead,
 
 **The promise of the safe state.** Whatever ends a run (its end, a device, an interlock, a stop request, a full disk,
 an error in this program), `_leave` runs and brings the chamber to its safe state *before* it writes anything, because
-the journal may be what failed. It tries as often as a step would be tried, and the outcome says whether it succeeded.
+the journal may be what failed. It tries for minutes where the chamber does not answer, and the outcome says whether it
+succeeded.
 Only a chamber that is not the one the bench file names is left alone. SIGKILL is the watchdog's to answer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
@@ -49,6 +51,7 @@ _UNDOES: Mapping[StepKind, tuple[StepKind, ...]] = {
     StepKind.SAFE_STATE: (StepKind.SETPOINT, StepKind.RESTABILISE),
 }
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
+_LEAST_WAIT_S = 0.1
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 
 
@@ -190,16 +193,20 @@ class Sequencer:
         if self._actions.chamber_refused:
             return f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
         problem = ""
-        for attempt in range(self._polling.device_attempts):
-            if attempt:
-                self._devices.clock.sleep(self._polling.retry_wait_s)
+        give_up_s = self._devices.clock.now() + self._polling.safe_state_s
+        while True:
             try:
                 self._devices.chamber.safe_state()
             except Exception as failure:
-                problem = f"the chamber could not be brought to its safe state: {failure}"
+                said, problem = bool(problem), f"the chamber could not be brought to its safe state: {failure}"
             else:
                 return ""
-        return problem
+            if not said:
+                with suppress(Exception):  # trying goes on whether or not this can be recorded
+                    self._watch.event("safe-state-retry", f"{problem}; {_why(cause)}")
+            if self._devices.clock.now() >= give_up_s:
+                return problem
+            self._devices.clock.sleep(max(self._polling.retry_wait_s, _LEAST_WAIT_S))
 
     def _outcome(self, cause: Exception | None, safe_reason: str) -> SweepOutcome:
         missing = tuple(step.key for step in self._plan.steps if step.key not in self._done)

@@ -148,6 +148,7 @@ class Polling:
     progress_s: float = 1.0
     device_attempts: int = 3  # tries of a step that a device refuses, before the night ends safely
     retry_wait_s: float = 5.0
+    safe_state_s: float = 300.0  # how long the safe state is tried for, where the chamber does not answer
 
     def __post_init__(self) -> None:
         for name in ("interval_s", "read_interval_s", "heartbeat_s"):
