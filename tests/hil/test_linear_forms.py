@@ -72,8 +72,8 @@ def test_triad_12_is_row_by_channel_and_column_by_axis() -> None:
 
 
 def test_thermal_columns_are_quadratics_about_the_stated_reference() -> None:
-    """At the reference the slopes vanish; 10 degrees away they add 10 and 100 times."""
-    temperature = np.array([10.0, 20.0, 30.0])
+    """The mean to a whole degree, and columns times the distance from it and its square."""
+    temperature = np.array([10.0, 20.0, 30.0]) + np.array([0.5, 0.4, 0.3])
     rows = conditions(ROTOR, random_f(3), temperature_degC=temperature)
     form = named_form("matrix-6-thermal", rows)
     assert form.reference_degC == 20.0
@@ -83,8 +83,9 @@ def test_thermal_columns_are_quadratics_about_the_stated_reference() -> None:
     plain = named_form("matrix-6", rows).columns(rows)
     columns = form.columns(rows)
     np.testing.assert_allclose(columns[..., 0::3], plain)
-    np.testing.assert_allclose(columns[..., 1::3], plain * np.array([-10, 0, 10])[:, None, None])
-    np.testing.assert_allclose(columns[..., 2::3], plain * 100 * np.array([1, 0, 1])[:, None, None])
+    delta = np.array([-9.5, 0.4, 10.3])[:, None, None]
+    np.testing.assert_allclose(columns[..., 1::3], plain * delta)
+    np.testing.assert_allclose(columns[..., 2::3], plain * delta**2)
     assert matrix_6_thermal_form(rows, reference_degC=25.0).reference_degC == 25.0
 
 

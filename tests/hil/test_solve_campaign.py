@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -254,6 +255,23 @@ def test_without_errors_the_residuals_are_the_noise(tmp_path: Path) -> None:
     assert solution.parameters["BA"].se == pytest.approx(0.354 * SIGMA, rel=0.6)
     assert solution.verdict is Verdict.PASS
     assert "taken as the noise" in solution.reason
+
+
+def test_errors_that_are_stated_for_some_rates_only_are_not_used(tmp_path: Path) -> None:
+    """One empty standard error: all rates weigh alike, and the reason says that not all have one."""
+    rotor(tmp_path, [rotor_row(1, label) for label in "1234"])
+    path = tmp_path / "collects.csv"
+    path.write_text(path.read_text().replace(f"{SIGMA},{SIGMA}\n", f"{SIGMA},\n", 1))
+    solution = only(read_campaign(tmp_path))
+    assert "no (or not all) standard errors" in solution.reason
+    assert solution.parameters["BA"].se == pytest.approx(0.0, abs=1e-9)
+
+
+def test_solutions_come_by_run_and_then_by_sensor(tmp_path: Path) -> None:
+    """Two sensors in two runs."""
+    campaign = rotor(tmp_path, [rotor_row(run, label) for run in (1, 2) for label in "123"])
+    both = replace(campaign, sensors={2: campaign.sensors[2], 1: campaign.sensors[2]})
+    assert [(each.run, each.sensor) for each in solve_campaign(both)] == [(1, 1), (1, 2), (2, 1), (2, 2)]
 
 
 @pytest.mark.parametrize("labels", ["123", "132", "1324", "132231"])

@@ -277,6 +277,25 @@ def test_a_tolerance_declares_what_is_hardly_excited_unseen() -> None:
     assert int(solve(rows, np.zeros(3), 1.0).rank) == 2
     coarse = solve(rows, np.zeros(3), 1.0, names=("B", "K"), rank_tolerance=1e-3)
     assert coarse.unobservable() == ("K is not seen",)
+    assert np.isinf(float(coarse.condition_number))
+
+
+def test_noise_does_not_make_a_parameter_unseen() -> None:
+    """What is excited but measured badly has a value and a large error: orientations decide what is seen."""
+    solution = solve([[1.0, 0.0], [1.0, 1.0]], [2.0, 5.0], [1e-3, 1e3], rank_tolerance=1e-3)
+    np.testing.assert_allclose(solution.values, [2.0, 3.0])
+    np.testing.assert_allclose(solution.se, [1e-3, 1e3])
+
+
+def test_the_fast_path_keeps_its_digits_too() -> None:
+    """Condition 10³, where unrefined normal equations would lose six digits of sixteen."""
+    rng = np.random.default_rng(12)
+    left, _ = np.linalg.qr(rng.normal(size=(40, 8, 4)))
+    right, _ = np.linalg.qr(rng.normal(size=(40, 4, 4)))
+    rows = left @ (np.array([1.0, 0.1, 0.01, 0.001])[:, None] * right)
+    truth = rng.normal(size=(40, 4))
+    found = solve(rows, np.einsum("nmp,np->nm", rows, truth), 1.0).values
+    assert np.abs(found - truth).max() < 2e-12
 
 
 def test_large_columns_do_not_hide_small_ones() -> None:
