@@ -23,7 +23,7 @@ from hil.campaign_writer import SeriesFormat, write_campaign
 from hil.config import Bench
 from hil.configuration import bench_of_record
 from hil.errors import InputError
-from hil.journal_reader import JournalReader, open_readonly
+from hil.journal_reader import JournalReader, reading
 from hil.status import missing_in_words
 from procedures.plan import Step, StepKind
 
@@ -80,7 +80,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
     `DamagedBlock` where samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
-    with open_readonly(folder) as journal, journal.snapshot():
+    with reading(folder) as journal:
         bench = bench_of_record(journal.night.configuration)
         campaign, rows = _campaign(journal, bench)
         _make_way(target)
@@ -92,7 +92,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
 def campaign_of_night(folder: Path | str) -> Campaign:
     """Return the collects of a night as a campaign in memory, without the series; raises as `export_campaign` does."""
     folder = Path(folder)
-    with open_readonly(folder) as journal, journal.snapshot():
+    with reading(folder) as journal:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
 
 

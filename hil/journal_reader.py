@@ -211,5 +211,16 @@ def open_readonly(folder: Path) -> JournalReader:
     return JournalReader(folder, connection)
 
 
+@contextmanager
+def reading(folder: Path) -> Iterator[JournalReader]:
+    """Open the journal of a night and see one instant of it; damage met on the way is an `InputError` too."""
+    try:
+        with open_readonly(folder) as journal, journal.snapshot():
+            yield journal
+    except sqlite3.DatabaseError as error:
+        path = folder / JOURNAL_NAME
+        raise InputError(f"{path}: the journal is damaged ({error}); hil verify says how far") from None
+
+
 def _mapping(text: str | None) -> Mapping[str, Any]:
     return dict(json.loads(text)) if text else {}

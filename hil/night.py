@@ -37,6 +37,7 @@ from hil.configuration import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files import PARTIAL, RealDisk
 from hil.journal import JOURNAL_NAME, SqliteJournal
+from hil.journal_reader import reading
 from hil.journal_records import Night
 from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
@@ -119,7 +120,7 @@ def resume_night(
     controller is working on, or one whose bench cannot be put together any more.
     """
     folder, who = Path(folder), who or _user()
-    with SqliteJournal.open_readonly(folder) as reader:
+    with reading(folder) as reader:
         night, controllers, done, plan = reader.night, reader.controllers(), reader.completed(), reader.plan
     if len(done) == len(plan.steps):
         return NightOutcome(folder, "complete", "every planned step was done before", 0)

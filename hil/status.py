@@ -8,7 +8,6 @@ written lately; a controller that was killed leaves a night that is incomplete, 
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -16,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.errors import InputError
-from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.journal_reader import JournalReader, reading
 from hil.journal_records import Attempt, Controller
 from hil.lock import Owner, living_owner
 from procedures.plan import Plan, Step, StepKind
@@ -30,11 +28,8 @@ def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     folder = Path(folder)
     owner = living_owner(folder)  # before the journal: an owner that ends in between has then written its end
-    try:
-        with open_readonly(folder) as journal, journal.snapshot():
-            return _document(_Facts.of(journal, owner))
-    except sqlite3.DatabaseError as error:
-        raise InputError(f"{folder / JOURNAL_NAME}: the journal is damaged ({error}); see hil verify") from None
+    with reading(folder) as journal:
+        return _document(_Facts.of(journal, owner))
 
 
 @dataclass(frozen=True)

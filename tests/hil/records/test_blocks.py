@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
@@ -94,6 +96,22 @@ def test_a_file_is_written_then_renamed_then_its_folder_synchronised(tmp_path: P
     write_durably(disk, tmp_path / "x.parquet", b"data")
     partial = f"{PARTIAL}x.parquet"
     assert disk.operations == [f"write {partial}", f"rename {partial} x.parquet", f"synchronise {tmp_path.name}"]
+
+
+def test_file_and_folder_are_forced_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file is synchronised with all its bytes, before it gets its name; then the folder is."""
+    seen: list[tuple[bool, int, bool]] = []
+    fsync = os.fsync
+
+    def watched(descriptor: int) -> None:
+        status = os.fstat(descriptor)
+        is_folder = stat.S_ISDIR(status.st_mode)
+        seen.append((is_folder, 0 if is_folder else status.st_size, (tmp_path / "x").exists()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    write_durably(RealDisk(), tmp_path / "x", b"12345")
+    assert seen == [(False, 5, False), (True, 0, True)]
 
 
 @pytest.mark.parametrize("operation", ["write", "rename"])

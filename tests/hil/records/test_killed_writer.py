@@ -84,7 +84,10 @@ def test_what_was_committed_survives_kills_at_random_instants(long_night: Path) 
     instants = random.Random(seed)
     for _ in range(6):
         child = start(long_night)
-        SystemClock().sleep(instants.uniform(0.0, 0.15))
+        assert child.stdout is not None
+        # So many whole steps, then somewhere in the next one.
+        promised += [child.stdout.readline().decode().strip() for _ in range(instants.randrange(6))]
+        SystemClock().sleep(instants.uniform(0.0, 0.01))
         promised += kill(child)
         with SqliteJournal.open_readonly(long_night) as journal:
             completed = journal.completed()
@@ -104,10 +107,37 @@ def test_what_was_committed_survives_kills_at_random_instants(long_night: Path) 
     assert promised, f"seed {seed}: nothing was ever written, so nothing was tested"
 
 
+def test_a_kill_between_blocks_and_commit_leaves_an_orphan_and_no_result(long_night: Path) -> None:
+    """The blocks of a step whose commit never came are harmless, and the step is done again under another name."""
+    killer = _WRITER.replace("import sys", "import os, signal, sys").replace(
+        "    for step in", "    journal._insert = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n    for step in"
+    )
+    killer = killer.replace("journal._insert = lambda", "insert, journal._insert = journal._insert, lambda")
+    killer = killer.replace(
+        "lambda *_: os.kill", "lambda table, *rest: insert(table, *rest) if table != 'blocks' else os.kill"
+    )
+    child = subprocess.Popen([sys.executable, "-c", killer, str(long_night)], stdout=subprocess.DEVNULL)
+    assert child.wait() == -signal.SIGKILL
+    result = verify_night(long_night)
+    assert len(result["notes"]) == 2
+    assert all("no journal row names this block" in note for note in result["notes"])
+    with SqliteJournal.open_readonly(long_night) as journal:
+        assert journal.completed() == {}
+        assert [(each.attempt, each.outcome) for each in journal.attempts()] == [(1, None)]
+    child = start(long_night)
+    assert child.stdout is not None
+    assert child.stdout.readline().decode().strip() == "T0/collect"
+    kill(child)
+    with SqliteJournal.open_readonly(long_night) as journal:
+        assert [row.attempt for row in journal.blocks()][:2] == [2, 2]
+        assert journal.damage() == []
+
+
 def test_after_a_kill_verify_finds_nothing_but_what_is_missing(long_night: Path) -> None:
     """An attempt that was cut off and an orphan block are no damage."""
     child = start(long_night)
-    SystemClock().sleep(0.05)
+    assert child.stdout is not None
+    child.stdout.readline()
     kill(child)
     result = verify_night(long_night)
     assert not result["complete"]
