@@ -19,15 +19,16 @@ from hil.reconcile.search import Scan
 
 NAMED = 0.8
 SAME = 0.95
-_DECADES = 0.4  # a size this many decades beyond the typical range is one standard deviation implausible
+_DECADES = 0.3  # a size this many decades beyond the typical range is one standard deviation implausible
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD = 3.0
+_STANDARD = 10.0
 _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
-_IN_SEQUENCE = frozenset({"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad"})
-"""Names that imitate another only by the order and timing of the collects; in no other order would the columns agree."""
+_INCIDENTAL = frozenset({"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"})
+"""Names that imitate another only because of the order, the timing or the one heading of these collects. Improbable ones
+stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.1
 _SLIVER = 0.04
 
@@ -73,7 +74,7 @@ def weigh(
     rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
     if leader.tier == 1:
         same = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_narrow(leader, w, blocks, noise)]
-        possible = [w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_in_sequence(leader, w)]
+        possible = [w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)]
         kind = "ambiguous" if possible or leader.probability < NAMED else "named"
         shown = [w for w in rivals if w in same or w.probability > 0.005]
     else:
@@ -85,9 +86,9 @@ def _standing(name: str) -> float:
     return _STANDARD if name in _STANDARD_TERMS else 1.0
 
 
-def _only_in_sequence(leader: Weighed, rival: Weighed) -> bool:
-    """Whether a rival with the same columns is improbable and the same only because of the order of the collects."""
-    return rival.name in _IN_SEQUENCE and leader.name not in _IN_SEQUENCE and rival.probability < _NEGLIGIBLE
+def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
+    """Whether a rival with the same columns is improbable and the same only because of how these collects were taken."""
+    return rival.name in _INCIDENTAL and leader.name not in _INCIDENTAL and rival.probability < _NEGLIGIBLE
 
 
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:

@@ -115,7 +115,7 @@ def _next_cell(
     residual: Sequence[FloatArray],
     directions: Sequence[Sequence[FloatArray]],
 ) -> tuple[int | None, float]:
-    """The cell with the largest score; among nearly equal ones the broadest."""
+    """The cell with the largest score; among nearly equal ones the broadest, and the one that needs the smallest offset."""
     best, best_rank, best_score = None, -np.inf, 0.0
     for i in usable:
         b = cells[i].block
@@ -124,7 +124,7 @@ def _next_cell(
         if size < 0.3 * float(np.linalg.norm(columns[i])):
             continue
         score = float(direction @ residual[b]) / size
-        rank = abs(score) + 0.05 * cells[i].breadth
+        rank = abs(score) + 0.05 * cells[i].breadth + 0.2 * size / float(np.linalg.norm(cells[i].rows))
         if rank > best_rank:
             best, best_rank, best_score = i, rank, score
     return best, best_score

@@ -1,0 +1,142 @@
+"""The result for people: one self-contained page that a technician can follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from hil.reconcile.result import FoundEffect, Reconciliation
+
+_TEMPLATE = "page.html.j2"
+_LIMIT = 5.0
+
+VERDICTS = {
+    "none": "Nothing is missing: no disagreement beyond the noise.",
+    "named": "Something is missing, and it has a name.",
+    "ambiguous": "Something is missing; these collects cannot tell which of several causes it is.",
+    "empirical": "Something is missing that no effect of the catalogue describes.",
+    "unresolved": "Something is missing, but these collects support no added term.",
+}
+
+
+def page(result: Reconciliation) -> str:
+    """Return the page as one HTML document: no scripts, no other files."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["number"] = _number
+    environment.filters["percent"] = _percent
+    rows = list(result.picture.get("rows", []))
+    return environment.get_template(_TEMPLATE).render(
+        result=result,
+        headline=VERDICTS[result.verdict],
+        map_svg=_svg(_map(rows)) if rows else "",
+        gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
+        rivals=[_candidates(effect) for effect in result.effects],
+        places=[_place(d.where) for d in result.disagreements],
+    )
+
+
+def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
+    """The leader and its rivals: name, probability, and how alike they are."""
+    rows = [(effect.id, effect.probability, "")]
+    for rival in effect.confusable_with:
+        alike = "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
+        rows.append((rival.id, rival.probability, alike))
+    return rows
+
+
+def _place(where: Mapping[str, Any]) -> str:
+    """Say a place in words."""
+    parts = [f"sensor {where['sensor']}, channel {where['channel']}"]
+    if "position" in where:
+        parts.append(f"position {where['position']}")
+    if "temperature_degC" in where:
+        low, high = where["temperature_degC"]
+        parts.append(f"{low:.0f} to {high:.0f} °C")
+    if "runs" in where:
+        runs = where["runs"]
+        parts.append(f"run {runs[0]}" if len(runs) == 1 else f"runs {runs[0]} to {runs[-1]}")
+    return ", ".join(parts)
+
+
+def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Standardised residuals by run (in order of temperature) and position, before and after, on one scale."""
+    channels = list(dict.fromkeys((r["sensor"], r["channel"]) for r in rows))
+    figure = Figure(figsize=(11.0, 1.2 + 1.5 * len(channels)), layout="constrained")
+    axes = figure.subplots(len(channels), 2, squeeze=False, sharey="row")
+    image: AxesImage | None = None
+    for i, (sensor, channel) in enumerate(channels):
+        own = [r for r in rows if (r["sensor"], r["channel"]) == (sensor, channel)]
+        for j, when in enumerate(("before", "after")):
+            image = _panel(axes[i, j], own, when)
+            axes[i, j].set_title(f"sensor {sensor}, {channel}: {when}", fontsize=9)
+    if image is not None:
+        bar = figure.colorbar(image, ax=axes, shrink=0.8)
+        bar.set_label("residual / σ", fontsize=8)
+    return figure
+
+
+def _panel(axes: Axes, rows: Sequence[Mapping[str, Any]], when: str) -> AxesImage:
+    runs = list(dict.fromkeys(r["run"] for r in rows))
+    positions = sorted({r["position"] for r in rows})
+    if len(runs) == 1:  # poses of one run: a single line of cells
+        runs_of = {p: k for k, p in enumerate(positions)}
+        cells = np.full((1, len(positions)), np.nan)
+        for r in rows:
+            cells[0, runs_of[r["position"]]] = r[when]
+        labels, ticks, y_labels = positions, range(len(positions)), [""]
+    else:
+        cells = np.full((len(positions), len(runs)), np.nan)
+        for r in rows:
+            cells[positions.index(r["position"]), runs.index(r["run"])] = r[when]
+        labels, ticks, y_labels = _run_labels(rows, runs), range(len(runs)), positions
+    image = axes.imshow(cells, aspect="auto", cmap="RdBu_r", vmin=-_LIMIT, vmax=_LIMIT, interpolation="nearest")
+    axes.set_yticks(range(len(y_labels)), y_labels, fontsize=7)
+    axes.set_xticks(list(ticks), labels, fontsize=6, rotation=90)
+    return image
+
+
+def _run_labels(rows: Sequence[Mapping[str, Any]], runs: Sequence[int]) -> list[str]:
+    temperature = {r["run"]: r["temperature_degC"] for r in rows}
+    return [str(run) if temperature[run] is None else f"{run}: {temperature[run]:.0f} °C" for run in runs]
+
+
+def _gap(result: Reconciliation) -> Figure:
+    """Held-out gap before and after, beside the noise floor."""
+    figure = Figure(figsize=(6.0, 1.9), layout="constrained")
+    axes = figure.subplots()
+    names = ["noise floor", "after", "before"]
+    values = [result.gap.noise_floor, result.gap.after, result.gap.before]
+    axes.barh(names, values, color=["0.7", "tab:green", "tab:red"])
+    for place, value in enumerate(values):
+        axes.annotate(f" {_number(value)}", (value, place), va="center", fontsize=9)
+    axes.set_xlabel("rms of held-out residuals, deg/hr")
+    axes.margins(x=0.15)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _svg(figure: Figure) -> str:
+    text = StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()[text.getvalue().index("<svg") :]
+
+
+def _number(value: float | None) -> str:
+    """Three significant digits, or a dash."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:.3g}"
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.0f} %" if 0.01 <= value <= 0.99 else (f"{100.0 * value:.1f} %")
