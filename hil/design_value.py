@@ -73,7 +73,7 @@ def _improvement(name: str, cost: str, before: Sights, after: Sights) -> Improve
         (sight.effect.id, name)
         for sight, other in common
         for name, leak in sight.leaks.items()
-        if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak
+        if sight.effect.in_models and leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak
     )
     ratios = [other.best.value / sight.best.value for sight, other in common if sight.visible and other.visible]
     finite = [ratio for ratio in ratios if math.isfinite(ratio)]
