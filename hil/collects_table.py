@@ -19,7 +19,7 @@ ABSOLUTE_ZERO_DEGC = -273.15
 
 
 class Table:
-    """The cells of one file: `header` and `lines`, each line with its row number (the header is row 1)."""
+    """The cells of one file: `header`, and `lines` with their `rows`, the numbers that a spreadsheet shows (header: 1)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -32,15 +32,11 @@ class Table:
             self.header.pop()
         self._check_header()
         self.lines = [(row, self._padded(row, cells)) for row, cells in records[1:]]
+        self.rows = [row for row, _ in self.lines]
         self._index = {name: j for j, name in enumerate(self.header)}
 
     def __len__(self) -> int:
         return len(self.lines)
-
-    @property
-    def rows(self) -> list[int]:
-        """Row number of each line, as a spreadsheet shows it."""
-        return [row for row, _ in self.lines]
 
     def require(self, columns: Sequence[str]) -> None:
         """Refuse the file where one of `columns` is missing."""
