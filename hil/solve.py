@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.contractor import METHOD, can_follow, solve_as_contractor
@@ -221,7 +221,7 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -
             f"the rates have no (or not all) standard errors: the residuals, on {freedom}, are taken as the noise and "
             "cannot contradict the model",
         )
-    probability = float(stats.chi2.sf(chi_square, degrees))
+    probability = float(chdtrc(degrees, chi_square))
     found = f"chi-square {chi_square:.3g} on {freedom}, p = {probability:.2g}"
     if probability >= PASS_PROBABILITY:
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found})")
