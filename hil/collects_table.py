@@ -19,7 +19,7 @@ ABSOLUTE_ZERO_DEGC = -273.15
 
 
 class Table:
-    """The cells of one file: `header`, and `lines` with their `rows` as a spreadsheet numbers them (the header is 1)."""
+    """The cells of one file: `header`, `lines`, and their `rows` as a spreadsheet numbers them (the header is 1)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
