@@ -179,8 +179,10 @@ def test_campaign_time_never_goes_backwards(new_night: Path) -> None:
 
 def test_every_write_is_synchronised_to_the_disk(journal: SqliteJournal, plan: Plan) -> None:
     """Write-ahead log with full synchronisation; a heartbeat does not lower it for what follows."""
+    full = (2,)
+    assert journal._connection.execute("PRAGMA synchronous").fetchone() == full
     journal.heartbeat(plan.steps[0], {})
-    assert journal._connection.execute("PRAGMA synchronous").fetchone() == (2,)
+    assert journal._connection.execute("PRAGMA synchronous").fetchone() == full
     assert journal._connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert journal._connection.execute("PRAGMA foreign_keys").fetchone() == (1,)
 
