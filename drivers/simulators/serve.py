@@ -38,8 +38,11 @@ class _Line(Protocol):
     def readable(self) -> list[int]:
         """Return the descriptors to wait for."""
 
-    def exchange(self, sent: bytes, now_s: float) -> bytes:
-        """Pass on what the device sent, and return what the client sent."""
+    def receive(self, now_s: float) -> bytes:
+        """Return what the client sent, perhaps nothing."""
+
+    def send(self, data: bytes) -> None:
+        """Pass on what the device sent, as far as the client takes it; keep the rest, drop all without a client."""
 
     def close(self) -> None:
         """Release everything."""
@@ -57,27 +60,30 @@ class _PtyLine:
         self._poll = select.poll()
         self._poll.register(self._master, 0)  # a hang-up is reported without being asked for
         self._waiting = bytearray()
-        self._present = False
+        self._present = self._ready = False
         self._came_s: float | None = None
 
     def readable(self) -> list[int]:
         return [self._master] if self._present else []
 
-    def exchange(self, sent: bytes, now_s: float) -> bytes:
+    def receive(self, now_s: float) -> bytes:
         self._present = not self._poll.poll(0)
         if not self._present or self._came_s is None:
             self._came_s = now_s
-        if now_s - self._came_s < _SETTING_UP_S:
+        self._ready = now_s - self._came_s >= _SETTING_UP_S
+        if self._ready:
+            with suppress(OSError):  # nothing there, or the client left this moment
+                return os.read(self._master, _READ_SIZE)
+        return b""
+
+    def send(self, data: bytes) -> None:
+        if not self._ready:
             self._waiting.clear()
-            return b""
-        self._waiting += sent[: max(0, _MOST_WAITING - len(self._waiting))]
-        received = b""
-        with suppress(OSError):  # nothing there, no room, or the client left this moment
-            received = os.read(self._master, _READ_SIZE)
-        with suppress(OSError):
+            return
+        self._waiting += data[: max(0, _MOST_WAITING - len(self._waiting))]
+        with suppress(OSError):  # no room, or the client left this moment
             while self._waiting:
                 del self._waiting[: os.write(self._master, self._waiting[:_READ_SIZE])]
-        return received
 
     def close(self) -> None:
         os.close(self._master)
@@ -97,29 +103,36 @@ class _TcpLine:
     def readable(self) -> list[int]:
         return [self._listener.fileno()] + ([] if self._client is None else [self._client.fileno()])
 
-    def exchange(self, sent: bytes, now_s: float) -> bytes:  # noqa: ARG002 - a socket has nothing to set up
+    def receive(self, now_s: float) -> bytes:  # noqa: ARG002 - a socket has nothing to set up
         with suppress(BlockingIOError):
             client, _ = self._listener.accept()
             client.setblocking(False)
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._drop_client()
             self._client = client
-        if self._client is None:
-            return b""
-        self._waiting += sent[: max(0, _MOST_WAITING - len(self._waiting))]
-        received = b""
-        try:
-            with suppress(BlockingIOError):
+        if self._client is not None:
+            try:
                 received = self._client.recv(_READ_SIZE)
-                if not received:
-                    self._drop_client()
-                    return b""
-            with suppress(BlockingIOError):
-                while self._waiting:
-                    del self._waiting[: self._client.send(self._waiting)]
+            except BlockingIOError:
+                return b""
+            except OSError:
+                received = b""
+            if received:
+                return received
+            self._drop_client()
+        return b""
+
+    def send(self, data: bytes) -> None:
+        if self._client is None:
+            return
+        self._waiting += data[: max(0, _MOST_WAITING - len(self._waiting))]
+        try:
+            while self._waiting:
+                del self._waiting[: self._client.send(self._waiting)]
+        except BlockingIOError:
+            return
         except OSError:
             self._drop_client()
-        return received
 
     def _drop_client(self) -> None:
         self._waiting.clear()
@@ -215,10 +228,10 @@ class DeviceServer:
         for name, line in self._lines.items():
             device = self._devices[name]
             now_s = self._clock.now()
-            received = line.exchange(device.transmit(now_s), now_s)
+            received = line.receive(now_s)
             if received:
                 device.receive(received, now_s)
-                line.exchange(device.transmit(now_s), now_s)
+            line.send(device.transmit(now_s))
 
     def _wait(self) -> None:
         now_s = self._clock.now()
