@@ -3,8 +3,9 @@
     d case / dt  = (air - case) / tau_case
     d rotor / dt = (case - rotor) / tau_rotor
 
-A step of the air reaches the rotor as the classical two-lag response, so that after 45 minutes 1.6 °C of a 15.3 °C step
-are left with 12 and 10 minutes. The time constants are assumed: the report gives none, only its 45 minutes.
+A new setpoint reaches the rotor as the classical two-lag response: 45 minutes after the air began to move by 15.3 °C at
+3 °C/min, 1.6 °C are still missing with 12 and 10 minutes. The time constants are assumed: the report gives none, only
+its 45 minutes.
 
 A spinning rotor is warmer than its case. The report's tables, and so the model file, are in terms of the temperature
 of a soaked, spinning unit; the rotor temperature here is in the same terms. A unit that has just spun up therefore

@@ -1,4 +1,4 @@
-"""The frame descriptions that ship decode what the real units sent, in the units that the rest of the project speaks."""
+"""The frame descriptions that ship decode what real units sent, in the units that the rest of the project speaks."""
 
 from __future__ import annotations
 
