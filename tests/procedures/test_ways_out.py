@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
@@ -191,3 +192,19 @@ def test_onlookers_see_a_finishing_time_that_holds(bench):
     sampling = [each for each in seen if each.note == "sampling"]
     assert sampling[-1].rates_deg_per_hr["2.RA"] == pytest.approx(-3.0, abs=0.1)
     assert sampling[-1].steps_total == len(bench.plan.steps)
+
+
+def test_a_wall_clock_that_is_set_moves_no_campaign_time(bench, monkeypatch):
+    """Somebody sets the clock back an hour: it is on record once, and times go on as before."""
+    true_utc = bench.clock.utc
+    bench_started = bench.clock.now()
+
+    def wrong_utc():
+        return true_utc() - (timedelta(hours=1) if bench.clock.now() > bench_started + 700.0 else timedelta())
+
+    monkeypatch.setattr(bench.clock, "utc", wrong_utc)
+    outcome = bench.run()
+    assert outcome.state is SweepState.COMPLETE
+    assert bench.record.kinds().count("wall-clock-jump") == 1
+    starts = [data["start_s"] for data in bench.collects().values()]
+    assert starts == sorted(starts)
