@@ -54,9 +54,12 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     power = float(residual @ residual)
     if power <= 1e-20 * max(float(rates @ rates), 1e-300):  # no noise at all: certain where anything is explained
         return index, float(coefficients[index]), 0.0 if explained[index] > power else 1.0
-    correlation = max(float(residual[1:] @ residual[:-1]) / power, 0.0)
-    widened = power / freedom * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
-    p_value = float(stats.f.sf(explained[index] / widened, 1, freedom)) * candidates.shape[1]
+    correlation = float(residual[1:] @ residual[:-1]) / power
+    # Residuals of a fit look less correlated than the noise is (Kendall); without correlation nothing is widened.
+    correlation = min(max(correlation + (1.0 + 4.0 * correlation) / len(rates), 0.0), 0.99)
+    wider = (1.0 + correlation) / (1.0 - correlation)
+    statistic = explained[index] / (power / freedom * wider)
+    p_value = float(stats.f.sf(statistic, 1, max(freedom / wider, 3.0))) * candidates.shape[1]
     return index, float(coefficients[index]), min(p_value, 1.0)
 
 
@@ -133,7 +136,7 @@ class JumpInCollect(_ChannelwiseTest):
 
     def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
         times, rates = blocked(series, channel)
-        edges = np.arange(2, len(times) - 1)
+        edges = np.arange(3, len(times) - 2)
         candidates = (np.arange(len(times))[:, None] >= edges[None, :]).astype(np.float64)
         index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
         at = float(0.5 * (times[edges[index] - 1] + times[edges[index]]))
@@ -159,7 +162,9 @@ class Tone(_ChannelwiseTest):
         spectrum = np.abs(np.fft.rfft(rates - trend)) ** 2
         power = spectrum[1 : (len(rates) + 1) // 2]  # without the mean and the Nyquist ordinate
         if len(power) < 2 * _NEIGHBOURS:
-            return math.nan, {}, "too short for a spectrum"
+            return math.nan, {}, "too few samples for a spectrum"
+        if np.ptp(rates) <= 1e-9 * np.abs(rates).max():
+            return 1.0, {}, "nothing changes"
         background, neighbours = _surroundings(power)
         # Under locally flat noise each ratio is F distributed with 2 and twice the neighbours' degrees of freedom.
         p_values = stats.f.sf(power / background, 2, 2 * neighbours)
@@ -188,7 +193,9 @@ class Lattice(_ChannelwiseTest):
         step = lattice_step(rates)
         share = step**2 / 12.0 / max(float(np.var(rates)), 1e-300)
         # Continuous noise repeats no value; a fine lattice is only how the file was printed.
-        coarse = step > 0.0 and (share > 0.05 or len(np.unique(rates)) == 1)
+        if np.ptp(rates) == 0.0:
+            return 0.0, {"step_deg_per_hr": math.inf, "variance_share": 1.0}, f"every value is {rates[0]:.6g} deg/hr"
+        coarse = step > 0.0 and share > 0.05
         estimates = {"step_deg_per_hr": step, "variance_share": min(share, 1.0)}
         return (0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart"
 
@@ -214,16 +221,19 @@ class Saturation(_ChannelwiseTest):
 
     @staticmethod
     def _pile(rates: FloatArray) -> tuple[float, int]:
-        """Return the chance of so many normal samples beyond the largest value's edge, and how many there are."""
-        top = rates.max()
+        """Return the chance that normal samples which reach the largest value all stay in it, and how many there are.
+
+        Beyond a limit nothing is left; noise that reaches a lattice's cell goes past it with a known probability.
+        """
+        top, middle = rates.max(), float(np.median(rates))
         count = int(np.sum(rates == top))
-        spread = 1.4826 * float(np.median(np.abs(rates - np.median(rates))))
+        spread = 1.4826 * float(np.median(np.abs(rates - middle)))
         if count < 3 or spread == 0.0:
             return 1.0, count
-        edge = (top - 0.5 * lattice_step(rates) - np.median(rates)) / spread
-        tail = float(stats.norm.sf(edge))
-        some = float(stats.binom.sf(0, len(rates), tail))
-        return float(stats.binom.sf(count - 1, len(rates), tail)) / max(some, 1e-300), count
+        half = 0.5 * lattice_step(rates)
+        reach, beyond = stats.norm.sf((top - half - middle) / spread), stats.norm.sf((top + half - middle) / spread)
+        stays = 1.0 - float(beyond / max(reach, 1e-300))
+        return stays ** (count - 1), count
 
 
 class Bursts(_ChannelwiseTest):
