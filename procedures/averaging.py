@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 FloatArray = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ def long_run_variance(noise: FloatArray) -> FloatArray:
         # The line took two degrees of freedom from the batches as well.
         freedom = batches - 2
         scatter = size * np.square(means - means.mean(axis=0)).sum(axis=0)
-        variance = np.where(scatter > chi2.ppf(1.0 - _BATCH_LEVEL, freedom) * variance, scatter / freedom, variance)
+        variance = np.where(scatter > chdtri(freedom, _BATCH_LEVEL) * variance, scatter / freedom, variance)
     return variance
 
 
