@@ -28,6 +28,8 @@ from hil.errors import InputError
 from hil.linear_forms import (
     MATRIX_6,
     MODEL_NAMES,
+    PER_G,
+    RATE,
     LinearForm,
     collins_4_form,
     constant_form,
@@ -113,6 +115,8 @@ class Model(_Section):
         unknown = [name for name in curves if name not in form.names]
         if unknown:
             raise InputError(f"model {self.title}: sensor {sensor.number}: {unknown[0]}: unknown key for {self.form}")
+        for name, unit in zip(form.names, form.units, strict=True):
+            _check_unit(f"model {self.title}: sensors.{sensor.number}.{name}", curves[name].unit, unit)
         per_bias, per_k = _unit_terms(form, sensor)
         values = np.stack([curves[name].at(temperatures) for name in form.names], -1)
         slopes = np.stack([curves[name].slope_at(temperatures) for name in form.names], -1)
@@ -234,6 +238,13 @@ def _check(path: Path, model: Model) -> None:
             for name in expected:
                 if name not in curves:
                     raise InputError(f"{path}: sensors.{number}.{name}: missing")
+                unit = RATE if name.startswith("B") else PER_G
+                _check_unit(f"{path}: sensors.{number}.{name}", curves[name].unit, unit)
+
+
+def _check_unit(where: str, given: str, needed: str) -> None:
+    if given != needed:
+        raise InputError(f"{where}: unit: {given} given, {needed} needed (values are not converted)")
 
 
 def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArray]:
@@ -267,6 +278,8 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     values = np.zeros((len(rows), columns.shape[-1]))
     for index, parameter in enumerate(effect.parameters_for(rows)):
         if parameter.name in term.parameters:
+            where = f"model {title}: term {effect.id}: {parameter.name}"
+            _check_unit(where, term.parameters[parameter.name].unit, parameter.unit)
             values[:, index] = term.parameters[parameter.name].at(temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))
 
