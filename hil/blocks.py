@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from drivers.imu import FloatArray, SampleBlock
+from hil.errors import InputError
 from hil.files import Disk, RealDisk, write_durably
 from procedures.plan import Step
 
@@ -29,7 +30,7 @@ SAMPLES_SCHEMA = "hil.samples/1"
 SAMPLES, RAW = "samples", "raw"
 
 
-class DamagedBlock(Exception):
+class DamagedBlock(InputError):
     """A block is missing, shortened or changed. The message says which, and what is wrong with it."""
 
 

@@ -107,7 +107,10 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
     collects = _collects(journal)
     if not collects:
         raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
-    sensors = sorted({int(number) for collect in collects for number in collect.data["sensors"]})
+    # A unit may stream sensors that the bench file does not orient: their rates mean nothing without f and w.
+    sensors = [
+        number for number in sorted(bench.sensors) if any(str(number) in each.data["sensors"] for each in collects)
+    ]
     rows: list[_Row] = []
     for collect in collects:
         for number in sensors:

@@ -39,6 +39,7 @@ from procedures.plan import Plan, Step
 __all__ = ["JOURNAL_NAME", "SqliteJournal"]
 
 _BUSY_S = 30.0
+_NO_OUTCOME = "incomplete: the controller ended without an outcome"
 
 Listener = Callable[[str, Mapping[str, Any]], None]
 """Called after every commit with what happened and its facts: the log."""
@@ -257,7 +258,7 @@ class SqliteJournal(JournalReader):
         try:
             with contextlib.suppress(sqlite3.Error), self._transaction():
                 self._connection.execute(
-                    "UPDATE controllers SET ended = 'closed' WHERE id = ? AND ended IS NULL", (self._controller,)
+                    "UPDATE controllers SET ended = ? WHERE id = ? AND ended IS NULL", (_NO_OUTCOME, self._controller)
                 )
         finally:
             super().close()

@@ -276,6 +276,26 @@ def test_a_night_without_a_collect_is_not_exported(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_sensor_that_the_bench_does_not_orient_is_not_exported(tmp_path: Path) -> None:
+    """The unit streams two sensors; a bench file that knows one gives a campaign of one."""
+    text = load_bench("simulated").text
+    one = text[: text.index("  1:\n")] + text[text.index("imu:\n") :]
+    start_night(tmp_path / "night", SHORT, parse_bench(one, "one.yaml"))
+    assert list(campaign_of_night(tmp_path / "night").sensors) == [2]
+
+
+def test_an_alarm_ends_a_night_with_status_three_and_the_chamber_safe(tmp_path: Path) -> None:
+    """An interlock is a failed night: its reason is in the status, the safe state in the log."""
+    text = load_bench("simulated").text
+    alarmed = text.replace("simulation:\n", "simulation:\n  chamber_faults: [{kind: alarm, begins: 5 min}]\n")
+    outcome = start_night(tmp_path / "night", SHORT, parse_bench(alarmed, "alarmed.yaml"))
+    assert (outcome.state, outcome.exit_status) == ("failed", 3)
+    status = night_status(tmp_path / "night")
+    assert status["state"] == "failed"
+    assert "alarm" in status["reason"]
+    assert '"chamber: safe state"' in (tmp_path / "night" / "log.jsonl").read_text()
+
+
 def test_an_export_never_overwrites(finished: Path, tmp_path: Path) -> None:
     """A folder with anything in it is refused; an empty one is used."""
     (tmp_path / "full").mkdir()
@@ -293,6 +313,6 @@ def test_an_export_of_damaged_samples_leaves_no_half_made_folder(finished: Path,
     shutil.copytree(finished, copy)
     last = sorted((copy / "blocks").glob("*.parquet"))[-1]
     last.write_bytes(last.read_bytes()[:-1])
-    with pytest.raises(Exception, match="were written"):
+    with pytest.raises(InputError, match="were written"):
         export_campaign(copy, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["night"]
