@@ -10,15 +10,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base, Effect, Parameter, ShapeParameter, median_of
+from hil.effects.base import Base, Effect, Parameter, ShapeParameter
+from hil.effects.drivers import driver_columns, driver_reference, driver_values
 from hil.errors import InputError
 from hil.linear_forms import LinearForm, constant_form, matrix_6_form, triad_12_form
 
 PREFIX = "empirical:"
 EARTH_RATE = "w"
 """The parameter name that stands for the earth rate's share of the rates (a scale-like term)."""
-
-_RECORD = {"start_s"}  # drivers that every campaign has, though they are no condition columns
 
 
 class EmpiricalTerm(Effect):
@@ -35,7 +34,7 @@ class EmpiricalTerm(Effect):
         self.id = f"{PREFIX}{parameter}*{driver}"  # type: ignore[misc]  # one id per pair, fixed at birth
         self.title = f"{parameter} × {driver}, empirical"  # type: ignore[misc]
         self.equation = f"{parameter} += q ({driver} - reference)"  # type: ignore[misc]
-        self.needs = frozenset({driver} - _RECORD)  # type: ignore[misc]
+        self.needs = driver_columns(driver)  # type: ignore[misc]
         self.parameters = (Parameter("q", f"deg/hr per {driver}", (0.1, 10.0)),)  # type: ignore[misc]
 
     def applies_to(self, sensor: Sensor) -> bool:
@@ -44,12 +43,11 @@ class EmpiricalTerm(Effect):
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the driver's median, which a fitted term must keep."""
-        middle = float(np.median(conditions.start_s)) if self.driver in _RECORD else median_of(conditions, self.driver)
-        return (ShapeParameter("reference", "", (middle,)),)
+        return (ShapeParameter("reference", "", (driver_reference(self.driver, conditions),)),)
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
         """Return q, with its unit; typical is what moves the parameter by 0.1 to 10 over the driver's spread."""
-        spread = float(np.nan_to_num(np.nanstd(_driver(conditions, self.driver)))) or 1.0
+        spread = float(np.std(driver_values(self.driver, conditions))) or 1.0
         unit = "1"
         if self.parameter != EARTH_RATE:
             form = _fullest(conditions.sensor)
@@ -58,7 +56,7 @@ class EmpiricalTerm(Effect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the parameter's own column times the driver less its reference, shape (n, c, 1)."""
-        driver = np.nan_to_num(_driver(conditions, self.driver) - shape["reference"])
+        driver = driver_values(self.driver, conditions, shape["reference"])
         if self.parameter == EARTH_RATE:
             own = np.nan_to_num(conditions.w_channels_deg_per_hr)
         else:
@@ -68,7 +66,7 @@ class EmpiricalTerm(Effect):
 
 
 def empirical(parameter: str, driver: str) -> EmpiricalTerm:
-    """Return the second-tier term of a base parameter (BA, MUA, GXY …, or w) and a condition column (or start_s)."""
+    """Return the second-tier term of a base parameter (BA, MUA, GXY …, or w) and a driver (see `hil.effects.drivers`)."""
     return EmpiricalTerm(parameter, driver)
 
 
@@ -78,10 +76,6 @@ def empirical_from_id(identifier: str) -> EmpiricalTerm:
     if not (identifier.startswith(PREFIX) and parameter and star and driver):
         raise InputError(f"effect {identifier}: an empirical term is written empirical:PARAMETER*CONDITION_COLUMN")
     return EmpiricalTerm(parameter, driver)
-
-
-def _driver(conditions: Conditions, name: str) -> FloatArray:
-    return conditions.start_s if name in _RECORD else conditions.columns[name]
 
 
 def _fullest(sensor: Sensor) -> LinearForm:

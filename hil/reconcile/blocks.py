@@ -218,8 +218,17 @@ def _station_scatter(block: Block, f_g: FloatArray) -> FloatArray:
     squares, freedoms = {}, {}
     for number in numbers:
         here = block.station == number
-        labels = [(block.channel[here] == c) & (block.run[here] == r) for c in np.unique(block.channel) for r in np.unique(block.run[here])]
-        design = np.hstack([np.array(labels, dtype=np.float64).T, *(f_g[here] * (block.channel[here] == c)[:, None] for c in np.unique(block.channel))])
+        labels = [
+            (block.channel[here] == c) & (block.run[here] == r)
+            for c in np.unique(block.channel)
+            for r in np.unique(block.run[here])
+        ]
+        design = np.hstack(
+            [
+                np.array(labels, dtype=np.float64).T,
+                *(f_g[here] * (block.channel[here] == c)[:, None] for c in np.unique(block.channel)),
+            ]
+        )
         values = block.y[here] / block.sigma[here]
         design = design / block.sigma[here][:, None]
         fit, _, rank, _ = np.linalg.lstsq(design, values, rcond=1e-2)
@@ -230,7 +239,8 @@ def _station_scatter(block: Block, f_g: FloatArray) -> FloatArray:
         return np.ones(len(block.y))
     pooled = sum(squares.values()) / total
     ratio = {
-        number: np.sqrt((_WHITE_PRIOR_DOF + squares[number] / pooled) / (_WHITE_PRIOR_DOF + freedoms[number])) for number in numbers
+        number: np.sqrt((_WHITE_PRIOR_DOF + squares[number] / pooled) / (_WHITE_PRIOR_DOF + freedoms[number]))
+        for number in numbers
     }
     return np.array([ratio[number] for number in block.station.tolist()])
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Base, Effect, Parameter
-from hil.reconcile.drivers import driver_values
+from hil.effects.drivers import driver_values
 from hil.linear_forms import RATE
 from hil.reconcile.blocks import stations
 
@@ -124,7 +124,9 @@ def in_form(
     return np.concatenate([columns * factors[:, k, None, None] for k in range(factors.shape[1])], axis=2)
 
 
-def _replaced(plain: Candidate, columns: FloatArray, form: str, reference: float | None, centres: tuple[float, ...]) -> Candidate:
+def _replaced(
+    plain: Candidate, columns: FloatArray, form: str, reference: float | None, centres: tuple[float, ...]
+) -> Candidate:
     repeats = columns.shape[2] // plain.size
     values = {**plain.__dict__, "columns": columns, "parameters": plain.parameters * repeats, "form": form}
     return Candidate(**{**values, "reference_degC": reference, "stations_degC": centres})
@@ -158,8 +160,12 @@ def drivers(conditions: Conditions) -> list[Driver]:
         low = [float(temperature[numbers == k].min()) for k in range(numbers.max() + 1)]
         high = [float(temperature[numbers == k].max()) for k in range(numbers.max() + 1)]
         if len(low) > 2:
-            expressions += [(f"temperature_degC[{a - 1:.1f}..{b + 1:.1f}]", "setpoint") for a, b in zip(low, high, strict=True)]
-            expressions += [(f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)]
+            expressions += [
+                (f"temperature_degC[{a - 1:.1f}..{b + 1:.1f}]", "setpoint") for a, b in zip(low, high, strict=True)
+            ]
+            expressions += [
+                (f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)
+            ]
     expressions += [("start_s", "time"), ("start_s^2", "time")]
     runs = list(dict.fromkeys(conditions.run.tolist()))
     if len(runs) > 5:
@@ -223,9 +229,7 @@ def _powers(name: str, conditions: Conditions) -> FloatArray:
     return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, 6)], axis=1)
 
 
-def _term(
-    number: int, conditions: Conditions, target: str, unit: str, driver: Driver, values: FloatArray
-) -> Candidate:
+def _term(number: int, conditions: Conditions, target: str, unit: str, driver: Driver, values: FloatArray) -> Candidate:
     """One column per channel: `values`, shape (n, c) or (n, 1), in that channel only."""
     channels = len(conditions.sensor.channels)
     columns = np.broadcast_to(values, (len(conditions), channels))[:, :, None] * np.eye(channels)
@@ -242,13 +246,13 @@ def _term(
     )
 
 
-def _curve(
-    number: int, conditions: Conditions, target: str, unit: str, over: str, values: FloatArray
-) -> Candidate:
+def _curve(number: int, conditions: Conditions, target: str, unit: str, over: str, values: FloatArray) -> Candidate:
     """A smooth curve of no stated form: `values` (n, c or 1, k), each channel with amplitudes of its own."""
     channels, order = len(conditions.sensor.channels), values.shape[2]
     shaped = np.broadcast_to(values, (len(conditions), channels, order))
-    columns = (shaped[:, :, None, :] * np.eye(channels)[:, :, None]).reshape(len(conditions), channels, channels * order)
+    columns = (shaped[:, :, None, :] * np.eye(channels)[:, :, None]).reshape(
+        len(conditions), channels, channels * order
+    )
     return Candidate(
         name=f"{target} × curve over {over}",
         tier=2,

@@ -55,9 +55,10 @@ class NoiseTable:
 
 @dataclass(frozen=True)
 class Projection:
-    """Rows whitened with the base projected out: maker M (t, N, N), and log weight of each noise point (t,)."""
+    """Rows whitened with the base projected out: maker M (t, N, N), the base's span (t, N, p), log weight per noise point (t,)."""
 
     maker: FloatArray
+    basis: FloatArray
     log_weight: FloatArray
     freedom: int
 
@@ -66,11 +67,15 @@ class Projection:
         """Project `base` (N, p) out at every noise point."""
         log_weight = noise.grid.log_prior - noise.half_log_det
         if base.shape[1] == 0:
-            return cls(noise.whitening, log_weight, base.shape[0])
+            return cls(noise.whitening, np.zeros((len(log_weight), base.shape[0], 0)), log_weight, base.shape[0])
         q, r = np.linalg.qr(noise.whitening @ base)
         log_weight = log_weight - np.sum(np.log(np.abs(np.diagonal(r, axis1=1, axis2=2))), axis=1)
         maker = noise.whitening - q @ (np.swapaxes(q, 1, 2) @ noise.whitening)
-        return cls(maker, log_weight, base.shape[0] - base.shape[1])
+        return cls(maker, q, log_weight, base.shape[0] - base.shape[1])
+
+    def beside(self, white: FloatArray) -> FloatArray:
+        """Return whitened columns (t, N, k) less their part in the base."""
+        return np.asarray(white - self.basis @ (np.swapaxes(self.basis, 1, 2) @ white))
 
     def log_null(self, y: FloatArray, prior: ScalePrior) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return residuals (t, N, m), RSS (t, m) and the log marginal likelihood of the base alone (t, m)."""
@@ -98,7 +103,9 @@ class ScalePrior:
 class BlockEvidence:
     """Evidence for many candidates in one block, at the noise points that matter for its data."""
 
-    def __init__(self, block: Block, noise: NoiseTable, columns: Sequence[FloatArray], rich: Sequence[FloatArray] = ()) -> None:
+    def __init__(
+        self, block: Block, noise: NoiseTable, columns: Sequence[FloatArray], rich: Sequence[FloatArray] = ()
+    ) -> None:
         self.block = block
         self.prior = ScalePrior.of(block)
         self.points = relevant_points(block, noise, rich)
@@ -116,14 +123,23 @@ class BlockEvidence:
         """Members of one size: projected columns (t, N, j·q), inverse Gram (t, j, q, q), rank (t, j), kept (j,)."""
         members = np.flatnonzero(self.sizes == size)
         stacked = np.concatenate([columns[j] for j in members], axis=1)
-        before = np.sqrt(np.sum((self.noise.whitening @ stacked) ** 2, axis=1))
-        scaled = (self.projection.maker @ stacked) / np.where(before > 0, before, 1.0)[:, None, :]
+        white = self.noise.whitening @ stacked
+        before = np.sqrt(np.einsum("tnk,tnk->tk", white, white))
+        scaled = self.projection.beside(white)
+        scaled /= np.where(before > 0, before, 1.0)[:, None, :]
         t, n, _ = scaled.shape
-        z = scaled.reshape(t, n, len(members), size)
-        gram = np.einsum("tnjq,tnjr->tjqr", z, z)
-        values, vectors = np.linalg.eigh(gram)
+        if size == 1:
+            gram = np.einsum("tnk,tnk->tk", scaled, scaled)[:, :, None, None]
+        else:
+            z = np.ascontiguousarray(scaled.reshape(t, n, len(members), size).transpose(0, 2, 1, 3))
+            gram = np.swapaxes(z, 2, 3) @ z
+        if size == 1:
+            values, vectors = gram[..., 0], np.ones_like(gram)
+        else:
+            values, vectors = np.linalg.eigh(gram)
         usable = values > _INVISIBLE**2
-        inverse = np.einsum("tjqk,tjk,tjrk->tjqr", vectors, np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0), vectors)
+        weights = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
+        inverse = (vectors * weights[:, :, None, :]) @ np.swapaxes(vectors, 2, 3)
         kept = np.sqrt(np.clip(values[0, :, -1], 0.0, 1.0))
         return members, scaled, inverse, usable.sum(axis=2).astype(np.float64), kept
 
@@ -155,7 +171,8 @@ class BlockEvidence:
             )
             share = np.clip(0.5 * explained / offset[:, None, :], 0.0, 1.0 - 1e-12)
             terms = [
-                -0.5 * rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G)) for g in _G
+                -0.5 * rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G))
+                for g in _G
             ]
             peak = np.max([term.max(axis=0) for term in terms], axis=0)
             total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)

@@ -36,7 +36,9 @@ class Addition:
     collects: Sequence[Mapping[str, Any]]
 
 
-def next_experiment(naming: Naming, sensors: Mapping[int, SensorProblem], sigma: Mapping[int, float]) -> dict[str, Any] | None:
+def next_experiment(
+    naming: Naming, sensors: Mapping[int, SensorProblem], sigma: Mapping[int, float]
+) -> dict[str, Any] | None:
     """Return the addition that separates the leader from its strongest rival, or say that none of those tried does."""
     rivals = [rival for rival in naming.rivals if rival.tier == 1]
     leader = naming.leader
@@ -60,7 +62,10 @@ def next_experiment(naming: Naming, sensors: Mapping[int, SensorProblem], sigma:
         return {
             "why": f"none of the stationary collects that were tried separates {leader.name} from {rival.name}; "
             f"{(leader.added.hypothesis.candidate.effect.experiment if leader.added.hypothesis.candidate.effect else '')}",
-            "collects": [], "expected_difference_deg_per_hr": difference, "power": power, "impossible": True,
+            "collects": [],
+            "expected_difference_deg_per_hr": difference,
+            "power": power,
+            "impossible": True,
         }
     repeats = max(1, int(np.ceil(_EASY / noncentrality)))
     return {
@@ -148,7 +153,9 @@ def _candidate(weighed: Weighed, number: int) -> Candidate | None:
 def _index_zero(conditions: Conditions) -> tuple[FloatArray, FloatArray] | None:
     """f and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
     labels = np.unique(conditions.position)
-    label = "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))
+    label = (
+        "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))
+    )
     rows = conditions.position == label
     if conditions.f_g[rows, 2].mean() < 0.5:
         return None
@@ -160,7 +167,9 @@ def _one_per_run(conditions: Conditions) -> Conditions:
     return conditions.rows(np.array(last))
 
 
-def _indexed(conditions: Conditions, reference: tuple[FloatArray, FloatArray], label: str, angle_deg: float) -> Conditions:
+def _indexed(
+    conditions: Conditions, reference: tuple[FloatArray, FloatArray], label: str, angle_deg: float
+) -> Conditions:
     """One more collect per run at an index angle: f and w turned about the index axis."""
     rows = _one_per_run(conditions)
     sine, cosine = np.sin(np.deg2rad(angle_deg)), np.cos(np.deg2rad(angle_deg))
@@ -181,7 +190,9 @@ def _indexed(conditions: Conditions, reference: tuple[FloatArray, FloatArray], l
 
 
 def _flipped(conditions: Conditions) -> Conditions:
-    return _later(replace(conditions, f_g=-conditions.f_g, position=np.char.add(conditions.position.astype(str), " upside down")))
+    return _later(
+        replace(conditions, f_g=-conditions.f_g, position=np.char.add(conditions.position.astype(str), " upside down"))
+    )
 
 
 def _turned_heading(conditions: Conditions) -> Conditions:
@@ -206,7 +217,11 @@ def _later(conditions: Conditions, *, back_to_front: bool = False) -> Conditions
     start = conditions.start_s
     span = float(np.ptp(start)) + 3600.0
     times = start.max() + 3600.0 + (start.max() - start if back_to_front else start - start.min())
-    runs = conditions.run.max() + 1 + (conditions.run.max() - conditions.run if back_to_front else conditions.run - conditions.run.min())
+    runs = (
+        conditions.run.max()
+        + 1
+        + (conditions.run.max() - conditions.run if back_to_front else conditions.run - conditions.run.min())
+    )
     columns = dict(conditions.columns)
     if "time_since_power_on_s" in columns:
         columns["time_since_power_on_s"] = columns["time_since_power_on_s"] + span

@@ -82,13 +82,23 @@ class Fit:
     effect: Sequence[FloatArray]
 
 
-def refit(blocks: Sequence[Block], noise: Sequence[BlockNoise], added: Sequence[Added], rows: Sequence[FloatArray] | None = None) -> Fit:
+def refit(
+    blocks: Sequence[Block],
+    noise: Sequence[BlockNoise],
+    added: Sequence[Added],
+    rows: Sequence[FloatArray] | None = None,
+) -> Fit:
     """Fit the base of every block and all added effects together, on the rows where `rows[b]` is true (all, if None).
 
     Predictions and residuals are for every row. Directions that the rows cannot support get the smallest solution.
     """
     keep = [np.ones(len(b.y), dtype=bool) for b in blocks] if rows is None else list(rows)
-    owner = [(i, u, k) for i, a in enumerate(added) for u, unit in enumerate(a.units) for k in range(unit.columns[0].shape[1])]
+    owner = [
+        (i, u, k)
+        for i, a in enumerate(added)
+        for u, unit in enumerate(a.units)
+        for k in range(unit.columns[0].shape[1])
+    ]
     base_sizes = [block.base.shape[1] for block in blocks]
     total = sum(base_sizes) + len(owner)
     typical = np.array([np.nan] * sum(base_sizes) + [_typical(added[i].units[u], k) for i, u, k in owner])

@@ -80,14 +80,18 @@ def _units(candidate: Candidate, blocks: Sequence[Block]) -> list[Unit]:
         used = np.flatnonzero(np.any([acts[b] for b in touched], axis=0))
         return [Unit(candidate, touched, tuple(selected[b][:, used] for b in touched), tuple(used.tolist()))]
     return [
-        Unit(candidate, (b,), (selected[b][:, acts[b]],), tuple(np.flatnonzero(acts[b]).tolist())) for b in own if np.any(acts[b])
+        Unit(candidate, (b,), (selected[b][:, acts[b]],), tuple(np.flatnonzero(acts[b]).tolist()))
+        for b in own
+        if np.any(acts[b])
     ]
 
 
 class Evidence:
     """Evidence for all hypotheses over all blocks."""
 
-    def __init__(self, blocks: Sequence[BlockEvidence], found: Sequence[Hypothesis], places: Sequence[tuple[int, ...]]) -> None:
+    def __init__(
+        self, blocks: Sequence[BlockEvidence], found: Sequence[Hypothesis], places: Sequence[tuple[int, ...]]
+    ) -> None:
         self.blocks = blocks
         self.hypotheses = found
         self._places = places
@@ -95,7 +99,9 @@ class Evidence:
     def log_factors(self, y: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
         """Return log Bayes factors (h, m) and, per hypothesis, those of its units (u, m), for data sets `y[block]` (N, m)."""
         per_block = [block.log_factors(values) for block, values in zip(self.blocks, y, strict=True)]
-        joint = JointEvidence(self.blocks, y) if any(unit.is_joint for h in self.hypotheses for unit in h.units) else None
+        joint = (
+            JointEvidence(self.blocks, y) if any(unit.is_joint for h in self.hypotheses for unit in h.units) else None
+        )
         totals, parts = [], []
         for hypothesis, places in zip(self.hypotheses, self._places, strict=True):
             units = np.array(
@@ -137,9 +143,14 @@ class JointEvidence:
         pieces = [self._piece(b, columns) for b, columns in zip(unit.blocks, unit.columns, strict=True)]
         factors, weights = [], []
         for combination in product(*(range(len(self._points[b])) for b in unit.blocks)):
-            chosen = [(*pieces[i][k], *self._scale(b, self._points[b][k])) for i, (b, k) in enumerate(zip(unit.blocks, combination, strict=True))]
+            chosen = [
+                (*pieces[i][k], *self._scale(b, self._points[b][k]))
+                for i, (b, k) in enumerate(zip(unit.blocks, combination, strict=True))
+            ]
             factors.append(_joint_factor(chosen))
-            weights.append(sum(self._states[b][2][self._points[b][k]] for b, k in zip(unit.blocks, combination, strict=True)))
+            weights.append(
+                sum(self._states[b][2][self._points[b][k]] for b, k in zip(unit.blocks, combination, strict=True))
+            )
         weight = np.array(weights)
         return _log_sum(weight + np.array(factors)) - _log_sum(weight)
 
@@ -167,9 +178,14 @@ def _joint_factor(chosen: Sequence[tuple[FloatArray, FloatArray, FloatArray, Flo
     rank = np.zeros(draws)
     for _ in range(2):
         precision = [c[4] / offset for offset, c in zip(offsets, chosen, strict=True)]
-        gram = np.sum([p[:, None, None] * (c[0] * normal[:, None] * normal) for p, c in zip(precision, chosen, strict=True)], axis=0)
+        gram = np.sum(
+            [p[:, None, None] * (c[0] * normal[:, None] * normal) for p, c in zip(precision, chosen, strict=True)],
+            axis=0,
+        )
         whole = np.sum([p.mean() * c[2] for p, c in zip(precision, chosen, strict=True)], axis=0) * normal**2
-        score = np.sum([p[:, None] * (c[1] * normal[:, None]).T for p, c in zip(precision, chosen, strict=True)], axis=0)
+        score = np.sum(
+            [p[:, None] * (c[1] * normal[:, None]).T for p, c in zip(precision, chosen, strict=True)], axis=0
+        )
         values, vectors = np.linalg.eigh(gram)
         usable = values > _INVISIBLE**2 * max(float(whole.max()), 1e-300)
         inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
@@ -187,7 +203,12 @@ def _joint_factor(chosen: Sequence[tuple[FloatArray, FloatArray, FloatArray, Flo
     return np.where(rank > 0, _log_sum(np.array(terms)), 0.0)
 
 
-def build_evidence(found: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable], rich: Sequence[Sequence[FloatArray]]) -> Evidence:
+def build_evidence(
+    found: Sequence[Hypothesis],
+    blocks: Sequence[Block],
+    tables: Sequence[NoiseTable],
+    rich: Sequence[Sequence[FloatArray]],
+) -> Evidence:
     """Lay out the columns of all units block by block and compute their evidence tables."""
     columns: list[list[FloatArray]] = [[] for _ in blocks]
     places: list[tuple[int, ...]] = []
@@ -226,7 +247,9 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
     for place, (hypothesis, parts) in enumerate(zip(found, spans, strict=True)):
         if not visible[place]:
             continue
-        if hypothesis.tier == 2 and all(_known(unit, part, known) for unit, part in zip(hypothesis.units, parts, strict=True)):
+        if hypothesis.tier == 2 and all(
+            _known(unit, part, known) for unit, part in zip(hypothesis.units, parts, strict=True)
+        ):
             continue
         kept.append(hypothesis)
     return share_prior(kept)
@@ -241,7 +264,8 @@ def share_prior(found: Sequence[Hypothesis], catalogue_share: float = 0.8) -> li
         totals[hypothesis.name] = totals.get(hypothesis.name, 0.0) + weight
     share = {1: catalogue_share if names[2] else 1.0, 2: 1.0 - catalogue_share if names[1] else 1.0}
     return [
-        replace(h, log_prior=float(np.log(share[h.tier] / names[h.tier] * w / totals[h.name]))) for h, w in zip(found, weights, strict=True)
+        replace(h, log_prior=float(np.log(share[h.tier] / names[h.tier] * w / totals[h.name])))
+        for h, w in zip(found, weights, strict=True)
     ]
 
 

@@ -13,7 +13,7 @@ from hil.effects.empirical import empirical
 from hil.linear_forms import RATE, LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
 from hil.reconcile.candidates import Candidate
-from hil.reconcile.drivers import driver_reference
+from hil.effects.drivers import driver_reference
 from hil.reconcile.fit import Added, Fit
 from hil.reconcile.hypotheses import Unit
 from hil.reconcile.problem import SensorProblem
@@ -21,7 +21,9 @@ from hil.reconcile.problem import SensorProblem
 Curve = Constant | Polynomial | Table
 
 
-def described_parameters(index: int, added: Added, fit: Fit, conditions: Mapping[int, Conditions]) -> list[dict[str, Any]]:
+def described_parameters(
+    index: int, added: Added, fit: Fit, conditions: Mapping[int, Conditions]
+) -> list[dict[str, Any]]:
     """Return the fitted parameters of one added effect, for the result document."""
     out = []
     for place, (owner, u, k) in enumerate(fit.owner):
@@ -98,13 +100,17 @@ def _base_curves(form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Cu
         return {n: Constant(unit=u, value=float(v)) for n, u, v in zip(form.names, form.units, values, strict=True)}
     return {
         form.names[i]: Polynomial(
-            unit=form.units[i], polynomial=tuple(float(v) for v in values[i : i + 3]), reference_degC=form.reference_degC
+            unit=form.units[i],
+            polynomial=tuple(float(v) for v in values[i : i + 3]),
+            reference_degC=form.reference_degC,
         )
         for i in range(0, len(form.names), 3)
     }
 
 
-def _terms(index: int, number: int, added: Added, fit: Fit, sensor: SensorProblem, record: Mapping[str, Any]) -> list[Term]:
+def _terms(
+    index: int, number: int, added: Added, fit: Fit, sensor: SensorProblem, record: Mapping[str, Any]
+) -> list[Term]:
     """Return the terms of one added effect on one sensor."""
     found: dict[int, tuple[float, float]] = {}
     candidate: Candidate | None = None
@@ -123,7 +129,15 @@ def _terms(index: int, number: int, added: Added, fit: Fit, sensor: SensorProble
     if candidate.effect is None:
         return []
     curves = _curves(candidate, found)
-    return [Term(effect=candidate.effect.id, sensor=number, parameters=curves, shape=dict(candidate.shape), added=dict(record))]
+    return [
+        Term(
+            effect=candidate.effect.id,
+            sensor=number,
+            parameters=curves,
+            shape=dict(candidate.shape),
+            added=dict(record),
+        )
+    ]
 
 
 def _curves(candidate: Candidate, found: Mapping[int, tuple[float, float]]) -> dict[str, Curve]:
@@ -170,11 +184,19 @@ def _empirical_terms(
         mine = units[column].candidate.columns[:, channel, column]
         scale = float(own @ mine) / max(float(own @ own), 1e-300)
         if name != "w":
-            parameter = Constant(unit=effect.parameters_for(conditions)[0].unit, value=value * scale, se=abs(error * scale))
+            parameter = Constant(
+                unit=effect.parameters_for(conditions)[0].unit, value=value * scale, se=abs(error * scale)
+            )
         else:
             parameter = Constant(unit=f"1 per {driver}", value=value * scale, se=abs(error * scale))
         out.append(
-            Term(effect=effect.id, sensor=sensor.number, parameters={"q": parameter}, shape={"reference": reference}, added=dict(record))
+            Term(
+                effect=effect.id,
+                sensor=sensor.number,
+                parameters={"q": parameter},
+                shape={"reference": reference},
+                added=dict(record),
+            )
         )
     return out
 

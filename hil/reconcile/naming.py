@@ -26,7 +26,9 @@ _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over th
 _STANDARD = 10.0
 _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
-_INCIDENTAL = frozenset({"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"})
+_INCIDENTAL = frozenset(
+    {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"}
+)
 """Names that imitate another only because of the order, the timing or the one heading of these collects. Improbable ones
 stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.1
@@ -57,15 +59,15 @@ class Naming:
     rivals: Sequence[Weighed]
 
 
-def weigh(
-    scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60
-) -> Naming:
+def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60) -> Naming:
     """Name what a scan found: combine evidence with the plausibility of the fitted sizes, and look for the same columns."""
     names = list(scan.shares)
     first_tier = [n for n in names if scan.best(n)[0].tier == 1][:limit]
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
     weighed = [_fitted(name, scan, blocks, noise) for name in considered]
-    weights = np.array([max(w.probability, 1e-300) * np.exp(plausibility(w.excess)) * _standing(w.name) for w in weighed])
+    weights = np.array(
+        [max(w.probability, 1e-300) * np.exp(plausibility(w.excess)) * _standing(w.name) for w in weighed]
+    )
     weights = weights / weights.sum()
     ranked = sorted(
         (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
@@ -74,12 +76,20 @@ def weigh(
     rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
     if leader.tier == 1:
         same = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_narrow(leader, w, blocks, noise)]
-        possible = [w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)]
-        kind = "ambiguous" if possible or leader.probability < NAMED else "named"
+        possible = [
+            w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
+        ]
+        stated = leader.probability * certainty(scan)
+        kind = "ambiguous" if possible or stated < NAMED else "named"
         shown = [w for w in rivals if w in same or w.probability > 0.005]
     else:
         shown = [w for w in rivals if w.probability > 0.01]
     return Naming(kind, leader, shown[:8])
+
+
+def certainty(scan: Scan) -> float:
+    """Probability that anything is missing at all, at even odds beforehand."""
+    return 1.0 / (1.0 + float(np.exp(-max(scan.statistic, -30.0))))
 
 
 def _standing(name: str) -> float:
@@ -121,9 +131,7 @@ def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
     return next(w for w in ranked if w.tier == 2), "empirical"
 
 
-def _fitted(
-    name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise]
-) -> Weighed:
+def _fitted(name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
     hypothesis, units = scan.best(name)
     added = chosen_units(hypothesis, units)
     fit = refit(blocks, noise, [added])
@@ -159,8 +167,12 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
         candidate = added.units[u].candidate
         number = added.units[u].parameters[k]
         low, high = candidate.parameters[number].typical
-        power = number // (candidate.size // {"line": 2, "quadratic": 3}[candidate.form]) if candidate.form in {"line", "quadratic"} else 0
-        typical.append((high if 0 < high < np.inf else 1.0) * _SPAN_DEGC ** -power)
+        power = (
+            number // (candidate.size // {"line": 2, "quadratic": 3}[candidate.form])
+            if candidate.form in {"line", "quadratic"}
+            else 0
+        )
+        typical.append((high if 0 < high < np.inf else 1.0) * _SPAN_DEGC**-power)
         switch.append(low == high and power == 0)
     design = np.vstack(seen) * np.array(typical)
     # a ridge at the level of the noise: only what the data insist on counts
@@ -172,7 +184,9 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
     for size, error, is_switch in zip(np.abs(sizes), errors, switch, strict=True):
         if is_switch:
             away = min(abs(size - 1.0), size)
-            worst = max(worst, _IMPOSSIBLE * 2.0 if away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size else 1.0)
+            worst = max(
+                worst, _IMPOSSIBLE * 2.0 if away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size else 1.0
+            )
         elif size > 3.0 * error:
             worst = max(worst, float(size - error))
     return worst

@@ -25,7 +25,8 @@ _RUN_CORRELATION = (0.0, 0.6, 0.97)
 _RUN_SENSITIVITY = (0.0, 1.2, 3.5)
 _COLLECT_DRIFT = (0.0, 0.8, 2.0)
 _COLLECT_CORRELATION = (0.6, 0.95)
-_LEVELLING = (0.03, 1.0)
+_LEVELLING = (0.1, 0.4, 1.0)
+_LEVELLING_PRIOR = {0.1: -1.6, 0.4: -1.0, 1.0: -0.7}  # stated errors leave out what differs from collect to collect
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,13 @@ def noise_grid(block: Block) -> NoiseGrid:
         prior = -np.log1p((bias / 3.0) ** 2) - (np.log(3.0) if bias > 0 else 0.0)
         prior += {0.0: 0.0, 1.2: -1.2, 3.5: -1.8}[sensitivity]
         prior += {0.0: 0.0, 0.8: -1.7, 2.0: -2.2}[drift]
+        prior += _LEVELLING_PRIOR.get(level, 0.0) if len(levelling) > 1 else 0.0
         points.append((bias, rho, sensitivity, drift, phi, level))
         priors.append(prior)
     columns = np.array(points, dtype=np.float64).T
     log_prior = np.array(priors)
     log_prior -= np.logaddexp.reduce(log_prior)
-    return NoiseGrid(*columns, log_prior=log_prior)
+    return NoiseGrid(*columns, log_prior)
 
 
 def covariances(block: Block, grid: NoiseGrid) -> FloatArray:

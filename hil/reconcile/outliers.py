@@ -36,7 +36,9 @@ class Exchange:
     gain: float
 
 
-def find_outliers(blocks: Sequence[Block], tables: Sequence[NoiseTable], rich: Sequence[Sequence[FloatArray]]) -> list[dict[str, Any]]:
+def find_outliers(
+    blocks: Sequence[Block], tables: Sequence[NoiseTable], rich: Sequence[Sequence[FloatArray]]
+) -> list[dict[str, Any]]:
     """Return rows that stand out, strongest first: sensor, row index, channel index, score, size in deg/hr.
 
     Rows are judged beside a rich model of the means, so that a missing effect is not taken for a row's fault.
@@ -65,8 +67,11 @@ def _of_block(block: Block, table: NoiseTable) -> list[dict[str, Any]]:
         row = rows[worst]
         found.append(
             {
-                "sensor": block.sensor, "row": int(block.rows[row]), "channel": int(block.channel[row]),
-                "score": float(score[worst]), "size_deg_per_hr": float(size[worst]),
+                "sensor": block.sensor,
+                "row": int(block.rows[row]),
+                "channel": int(block.channel[row]),
+                "score": float(score[worst]),
+                "size_deg_per_hr": float(size[worst]),
             }
         )
         kept[row] = False
@@ -100,7 +105,9 @@ def studentised(block: Block, noise: BlockNoise) -> tuple[FloatArray, FloatArray
     return normal, size
 
 
-def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[NoiseTable], outliers: Sequence[Mapping[str, Any]]) -> list[Exchange]:
+def exchanges(
+    campaign: Campaign, blocks: Sequence[Block], tables: Sequence[NoiseTable], outliers: Sequence[Mapping[str, Any]]
+) -> list[Exchange]:
     """Return the pairs of labels in one run that were exchanged: both rates, put in each other's place, fit well."""
     found = []
     suspects = {(o["sensor"], int(campaign.sensors[o["sensor"]].conditions.run[o["row"]])) for o in outliers}
@@ -150,7 +157,8 @@ def mended(campaign: Campaign, found: Sequence[Exchange]) -> Campaign:
         collects = sensors[exchange.sensor]
         conditions = collects.conditions
         rows = [
-            int(np.flatnonzero((conditions.run == exchange.run) & (conditions.position == label))[0]) for label in exchange.positions
+            int(np.flatnonzero((conditions.run == exchange.run) & (conditions.position == label))[0])
+            for label in exchange.positions
         ]
         rates, errors = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
         rates[rows], errors[rows] = rates[rows[::-1]], errors[rows[::-1]]

@@ -73,9 +73,7 @@ def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: 
     """Return folds of neighbouring runs (or collects), `count` of them."""
     folds = by_run(blocks, place_of_run)
     cut = np.array_split(np.arange(len(folds)), min(count, len(folds)))
-    return [
-        [np.any([folds[i][b] for i in part], axis=0) for b in range(len(blocks))] for part in cut if len(part)
-    ]
+    return [[np.any([folds[i][b] for i in part], axis=0) for b in range(len(blocks))] for part in cut if len(part)]
 
 
 def held_out(

@@ -42,10 +42,15 @@ def disagreements(
 ) -> list[Disagreement]:
     """Return the places of disagreement, largest first; none where no cell stands out of the noise."""
     cells = [cell for b, block in enumerate(blocks) for cell in _cells(b, block, conditions[block.sensor])]
-    white = [(n.whitening @ block.base, n.whitening @ block.y, n.whitening) for block, n in zip(blocks, noise, strict=True)]
+    white = [
+        (n.whitening @ block.base, n.whitening @ block.y, n.whitening) for block, n in zip(blocks, noise, strict=True)
+    ]
     residual = [_beside(base, y[:, None])[:, 0] for base, y, _ in white]
     columns = [_beside(white[c.block][0], (white[c.block][2] @ c.rows)[:, None])[:, 0] for c in cells]
-    kept = [float(np.linalg.norm(v)) / max(float(np.linalg.norm(white[c.block][2] @ c.rows)), 1e-12) for c, v in zip(cells, columns, strict=True)]
+    kept = [
+        float(np.linalg.norm(v)) / max(float(np.linalg.norm(white[c.block][2] @ c.rows)), 1e-12)
+        for c, v in zip(cells, columns, strict=True)
+    ]
     usable = [i for i, k in enumerate(kept) if k > _LEAST_KEPT]
     if not usable:
         return []
@@ -84,7 +89,14 @@ def _report(
         for k, (i, score) in enumerate(here):
             place = base.shape[1] + k
             q = -np.expm1(tests * np.log1p(-min(2.0 * float(stats.norm.sf(abs(score))), 0.999999)))
-            out.append((abs(score), Disagreement(cells[i].where, float(values[place]), float(errors[place]), float(min(max(q, 1e-300), 1.0)))))
+            out.append(
+                (
+                    abs(score),
+                    Disagreement(
+                        cells[i].where, float(values[place]), float(errors[place]), float(min(max(q, 1e-300), 1.0))
+                    ),
+                )
+            )
     return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
 
 
@@ -158,9 +170,20 @@ def _cells(b: int, block: Block, conditions: Conditions) -> list[_Cell]:
             if label is not None:
                 where["position"] = label
                 out.append(_Cell(b, where, rows.astype(np.float64), 3))
-            out += [_Cell(b, {**where, **extra}, (rows & mask).astype(np.float64), breadth) for extra, mask, breadth in _ranges(block, conditions)]
+            out += [
+                _Cell(b, {**where, **extra}, (rows & mask).astype(np.float64), breadth)
+                for extra, mask, breadth in _ranges(block, conditions)
+            ]
         if len(labels) >= 13:
-            out += [_Cell(b, {"sensor": block.sensor, "channel": names[channel], "position": label}, (own & (position == label)).astype(np.float64), 0) for label in labels]
+            out += [
+                _Cell(
+                    b,
+                    {"sensor": block.sensor, "channel": names[channel], "position": label},
+                    (own & (position == label)).astype(np.float64),
+                    0,
+                )
+                for label in labels
+            ]
     return [cell for cell in out if cell.rows.sum() > 0]
 
 

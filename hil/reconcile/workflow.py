@@ -30,7 +30,7 @@ from hil.reconcile.experiment import next_experiment
 from hil.reconcile.fit import Added, BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import described_parameters, improved
-from hil.reconcile.naming import Naming, Weighed, weigh
+from hil.reconcile.naming import Naming, Weighed, certainty, weigh
 from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
@@ -41,6 +41,7 @@ from hil.reconcile.where import disagreements
 _MOST_EFFECTS = 5
 _DRAWS = 300
 _LEAST_FREEDOM = 3
+_CERTAIN = 4.0  # log evidence above the threshold from which a disagreement that nothing mends is called certain
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,9 @@ def reconcile(
         notes.append(f"{names}: the gap on held-out data did not shrink, so nothing was added")
     kept = [] if reverted else steps
     final = refit(blocks, noise, [step.added for step in kept])
-    found = disagreements(blocks, noise, conditions, alpha, rng) if steps else []
-    verdict = _verdict(kept, unresolved=reverted, swapped=bool(faults["exchanges"]))
+    certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
+    found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
+    verdict = _verdict(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
     gap = _gap(proof, noise, blocks, reverted=reverted, rng=rng)
     results = [_described(i, step, final, conditions) for i, step in enumerate(kept)]
     results = [*_swap_findings(faults["exchanges"]), *results]
@@ -100,7 +102,9 @@ def reconcile(
     after = chosen
     if kept:
         record = [_record(campaign, step, gap) for step in kept]
-        after = improved(chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record)
+        after = improved(
+            chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record
+        )
     return Reconciliation(
         campaign=campaign.title,
         model_before=chosen.title,
@@ -120,7 +124,9 @@ def reconcile(
     )
 
 
-def _prepare(campaign: Campaign, model: Model, effects: Sequence[Effect]) -> tuple[Campaign, Problem, Search, dict[str, Any]]:
+def _prepare(
+    campaign: Campaign, model: Model, effects: Sequence[Effect]
+) -> tuple[Campaign, Problem, Search, dict[str, Any]]:
     """Pose the problem; mend exchanged labels, leave outliers out, and pose it again where that changed anything."""
     problem = pose(campaign, model, effects)
     tables = [NoiseTable.of(block) for block in problem.blocks]
@@ -247,7 +253,12 @@ def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:
 
 
 def _gap(
-    proof: tuple[HeldOut, HeldOut] | None, noise: Sequence[BlockNoise], blocks: Sequence[Block], *, reverted: bool, rng: np.random.Generator
+    proof: tuple[HeldOut, HeldOut] | None,
+    noise: Sequence[BlockNoise],
+    blocks: Sequence[Block],
+    *,
+    reverted: bool,
+    rng: np.random.Generator,
 ) -> Gap:
     if proof is None:
         rows = sum(len(block.y) for block in blocks)
@@ -304,7 +315,7 @@ def _described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Condit
 
 def _stated(step: Step, weighed: Weighed) -> float:
     """The probability of a name, that nothing is missing at all included among the alternatives."""
-    return weighed.probability / (1.0 + float(np.exp(-max(step.scan.statistic, -30.0))))
+    return weighed.probability * certainty(step.scan)
 
 
 def _rival(step: Step, rival: Weighed) -> Rival:
@@ -325,7 +336,9 @@ def _swap_findings(found: Sequence[Any]) -> list[FoundEffect]:
             id="swap",
             title="Mislabelled collect",
             equation=f"run {e.run}: collects at positions {e.positions[0]} and {e.positions[1]} exchanged",
-            parameters=[{"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}],
+            parameters=[
+                {"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}
+            ],
             probability=float(1.0 / (1.0 + np.exp(-0.5 * e.gain + 10.0))),
             confusable_with=[],
             kind="named",
@@ -362,10 +375,18 @@ def _outlier(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _next(steps: Sequence[Step], problem: Problem, noise: Sequence[BlockNoise], blocks: Sequence[Block]) -> dict[str, Any] | None:
+def _next(
+    steps: Sequence[Step], problem: Problem, noise: Sequence[BlockNoise], blocks: Sequence[Block]
+) -> dict[str, Any] | None:
     """The experiment for the first effect whose name is not settled."""
     sigma = {
-        number: float(np.sqrt(np.mean([np.median(np.diag(n.covariance)) for n, b in zip(noise, blocks, strict=True) if b.sensor == number])))
+        number: float(
+            np.sqrt(
+                np.mean(
+                    [np.median(np.diag(n.covariance)) for n, b in zip(noise, blocks, strict=True) if b.sensor == number]
+                )
+            )
+        )
         for number in problem.sensors
     }
     for step in steps:

@@ -1,12 +1,12 @@
 """What a coefficient may follow, as an expression that a model file can hold.
 
-    supply_V                      the condition less its reference
-    temperature_degC^3            its third power, about the reference
-    temperature_degC>23.5         one above, zero below (and < the other way round)
-    temperature_degC[20.0..25.0]  one inside, zero outside
-    position=3                    one at a position
-    run>12                        one after a run
-    position=3&temperature_degC<0.0   products of these
+supply_V                      the condition less its reference
+temperature_degC^3            its third power, about the reference
+temperature_degC>23.5         one above, zero below (and < the other way round)
+temperature_degC[20.0..25.0]  one inside, zero outside
+position=3                    one at a position
+run>12                        one after a run
+position=3&temperature_degC<0.0   products of these
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _POWER = re.compile(r"^(\w+)\^([0-9])$")
 _ABOVE = re.compile(rf"^(\w+)([<>])({_NUMBER})$")
 _INSIDE = re.compile(rf"^(\w+)\[({_NUMBER})\.\.({_NUMBER})\]$")
 _LABEL = re.compile(r"^position=(.+)$")
-_NAME = re.compile(r"^\w+$")
+_NAME = re.compile(r"^(\w+)$")
 
 
 def driver_values(expression: str, conditions: Conditions, reference: float | None = None) -> FloatArray:
@@ -40,15 +40,15 @@ def driver_values(expression: str, conditions: Conditions, reference: float | No
 
 def driver_reference(expression: str, conditions: Conditions) -> float:
     """Return the median that a plain condition or power is taken about; 0 for steps, zones and positions."""
-    match = _POWER.match(expression) or (_NAME.match(expression) and re.match(r"^(\w+)$", expression))
-    return float(np.nanmedian(_column(match.group(1), conditions))) if match else 0.0
+    match = _POWER.match(expression) or _NAME.match(expression)
+    return _median(_column(match.group(1), conditions)) if match else 0.0
 
 
 def driver_columns(expression: str) -> frozenset[str]:
     """Return the condition columns that an expression needs."""
     names = set()
     for part in expression.split("&"):
-        match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part) or re.match(r"^(\w+)$", part)
+        match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part) or _NAME.match(part)
         if match and match.group(1) not in {"start_s", "run", "duration_s"}:
             names.add(match.group(1))
     return frozenset(names)
@@ -67,7 +67,7 @@ def _part(part: str, conditions: Conditions, reference: float | None) -> FloatAr
     if power is None and not _NAME.match(part):
         raise InputError(f"driver {part!r} is not a condition, a power, a step, a range or a position")
     values = _column(power.group(1) if power else part, conditions)
-    middle = float(np.nanmedian(values)) if reference is None else reference
+    middle = _median(values) if reference is None else reference
     return np.asarray((values - middle) ** (int(power.group(2)) if power else 1))
 
 
@@ -80,4 +80,9 @@ def _column(name: str, conditions: Conditions) -> FloatArray:
         return conditions.run.astype(np.float64)
     if name not in conditions.columns:
         raise InputError(f"driver {name!r}: the data has no such column")
-    return conditions.columns[name]
+    return np.asarray(conditions.columns[name], dtype=np.float64)
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
