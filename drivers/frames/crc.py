@@ -24,7 +24,7 @@ _IEEE = 0x04C11DB7
 _CCITT = 0x1021
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
-_FEW = 200  # messages below which a compiled loop over them is faster than the tables
+_FEW = 96  # messages below which a compiled loop over them is faster than the tables
 
 Words = NDArray[np.uint64]
 

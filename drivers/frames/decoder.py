@@ -13,7 +13,7 @@ from drivers.frames.scan import Scan, Scanner
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
 
-_FEW = 48  # below so many frames, looking at them one by one is faster
+_FEW = 16  # below so many frames, looking at them one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 
 

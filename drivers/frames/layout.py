@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.description import ByteOrder, FieldDescription, StreamDescription
-from drivers.frames.wire import Rows, read_column, write_column
+from drivers.frames.wire import Rows, native_type, read_column, write_column
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,6 +33,20 @@ class FrameLayout:
         self.offsets = description.offsets(name)
         self.numeric: Mapping[str, FieldDescription] = {k: f for k, f in frame.fields.items() if f.type != "text"}
         self._order: ByteOrder = description.byte_order
+        self.record, self.assembled = self._native_record()
+
+    def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
+        """Return a structured type over one frame with every field of a native width, and the names of the others."""
+        native = {name: dtype for name, f in self.numeric.items() if (dtype := native_type(f.type, self.order(f)))}
+        record = np.dtype(
+            {
+                "names": list(native),
+                "formats": list(native.values()),
+                "offsets": [self.offsets[name] for name in native],
+                "itemsize": self.length,
+            }
+        )
+        return record, [name for name in self.numeric if name not in native]
 
     def order(self, field: FieldDescription) -> ByteOrder:
         """Return the byte order of `field`: its own, or the stream's."""
@@ -45,8 +59,10 @@ class FrameLayout:
 
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
         """Return a numeric field's values as they stand on the wire, shape (n,)."""
-        found = self.numeric[field]
-        return read_column(rows, self.offsets[field], found.type, self.order(found))
+        if field in self.assembled:
+            found = self.numeric[field]
+            return read_column(rows, self.offsets[field], found.type, self.order(found))
+        return np.ndarray(len(rows), self.record, rows if len(rows) else None)[field]
 
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
@@ -132,20 +148,17 @@ class FrameBatch:
     @cached_property
     def columns(self) -> Mapping[str, FloatArray]:
         """All numeric fields in their units, each of shape (n,)."""
-        n = len(self.rows)
-        columns = {name: np.empty(n) for name in self.layout.numeric}
+        n, layout = len(self.rows), self.layout
+        values = np.empty((len(layout.numeric), n))
         for start in range(0, n, _BLOCK):
             rows = self.rows[start : start + _BLOCK]
-            for name, field in self.layout.numeric.items():
-                part = columns[name][start : start + _BLOCK]
-                wire = self.layout.wire_values(rows, name)
-                if field.scale == 1.0:
-                    part[:] = wire
-                else:
-                    np.multiply(wire, field.scale, out=part)
+            records = np.ndarray(len(rows), layout.record, rows)
+            for part, (name, field) in zip(values[:, start : start + _BLOCK], layout.numeric.items(), strict=True):
+                wire = layout.wire_values(rows, name) if name in layout.assembled else records[name]
+                np.multiply(wire, field.scale, out=part)
                 if field.offset != 0.0:
                     part += field.offset
-        return columns
+        return dict(zip(layout.numeric, values, strict=True))
 
 
 def join_rows(parts: Sequence[Rows], length: int) -> Rows:

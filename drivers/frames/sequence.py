@@ -35,7 +35,14 @@ class FrameSequence:
             self._sequence += len(rows)
             return FrameBatch(self._layout, rows, starts, sequence), 0, 0
         counters = self._layout.wire_values(rows, self._counter.field).astype(np.int64)
-        steps = self._steps(counters, self._counter)
+        moved = self._moved(counters, self._counter)
+        if (moved == self._counter.step).all():  # the usual case
+            sequence = np.arange(self._sequence + 1, self._sequence + 1 + len(rows))
+            self._last, self._sequence, self._continuous = int(counters[-1]), int(sequence[-1]), True
+            return FrameBatch(self._layout, rows, starts, sequence), 0, 0
+        # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
+        step = self._counter.step
+        steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step))
         repeated = steps == 0
         if not self._continuous:
             steps[0] = max(1, int(steps[0]))
@@ -50,12 +57,11 @@ class FrameSequence:
         batch = FrameBatch(self._layout, np.ascontiguousarray(rows[keep]), starts[keep], sequence[keep])
         return batch, lost, int(repeated.sum())
 
-    def _steps(self, counters: IntArray, counter: CounterDescription) -> IntArray:
-        """Return by how many frames each counter is ahead of the one before; the very first is one ahead of nothing."""
-        moved = np.empty_like(counters)
-        np.subtract(counters[1:], counters[:-1], out=moved[1:])
-        modulus, step = counter.modulus, counter.step
-        moved[0] = step if self._last is None else counters[0] - self._last
-        moved %= modulus
-        # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
-        return np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
+    def _moved(self, counters: IntArray, counter: CounterDescription) -> IntArray:
+        """Return by how much each counter is ahead of the one before; the very first is one step ahead of nothing."""
+        before = counters[0] - counter.step if self._last is None else self._last
+        moved = counters.copy()
+        moved[1:] -= counters[:-1]
+        moved[0] -= before
+        moved %= counter.modulus
+        return moved

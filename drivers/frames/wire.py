@@ -13,6 +13,12 @@ ByteOrder = Literal["little", "big"]
 _NATIVE = {"u": (1, 2, 4, 8), "i": (1, 2, 4, 8), "f": (4, 8)}
 
 
+def native_type(kind: str, order: ByteOrder) -> str | None:
+    """Return numpy's name of a type on the wire (u8, i24, f32 …), None where numpy has none."""
+    size = int(kind[1:]) // 8
+    return f"{'<' if order == 'little' else '>'}{kind[0]}{size}" if size in _NATIVE[kind[0]] else None
+
+
 def _view(rows: Rows, offset: int, dtype: str) -> NDArray[Any]:
     """Return a view of the number at `offset` of every row, without copying."""
     if not len(rows):
@@ -25,10 +31,10 @@ def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray
 
     `kind` is u, i or f and the number of bits: u8, i24, f32, u40.
     """
-    size = int(kind[1:]) // 8
-    if size in _NATIVE[kind[0]]:
-        return _view(rows, offset, f"{'<' if order == 'little' else '>'}{kind[0]}{size}")
-    return _assemble(rows, offset, size, order, signed=kind[0] == "i")
+    native = native_type(kind, order)
+    if native is not None:
+        return _view(rows, offset, native)
+    return _assemble(rows, offset, int(kind[1:]) // 8, order, signed=kind[0] == "i")
 
 
 def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: bool) -> NDArray[Any]:
@@ -46,10 +52,11 @@ def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: b
 
 def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: NDArray[Any]) -> None:
     """Store `values`, shape (n,), at `offset` of every row. Integers must already be in range."""
-    size = int(kind[1:]) // 8
-    if size in _NATIVE[kind[0]]:
-        _view(rows, offset, f"{'<' if order == 'little' else '>'}{kind[0]}{size}")[:] = values
+    native = native_type(kind, order)
+    if native is not None:
+        _view(rows, offset, native)[:] = values
         return
+    size = int(kind[1:]) // 8
     positions = range(offset + size - 1, offset - 1, -1) if order == "big" else range(offset, offset + size)
     rest = values.astype(np.int64 if kind[0] == "i" else np.uint64)
     for position in positions:
