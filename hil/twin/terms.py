@@ -1,8 +1,8 @@
 """A simulated sensor whose model has named terms: the rates come from the model itself, terms included.
 
 The terms may depend on anything that a campaign knows and on the past (hysteresis, a setpoint's step), so they are
-evaluated a minute of grid points at a time, with a history of one row per minute before it. Each grid point stands for
-the mean over its 5 s.
+evaluated in groups of grid points, five minutes each, with a history of one row for every group before. Each grid point
+stands for the mean over its 5 s.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hil.twin.motion import Leg
 from hil.twin.sensor import SimulatedSensor
 from hil.twin.thermal import GRID_S
 
-_GROUP = 12  # grid points per evaluation: a minute
+_GROUP = 60  # grid points per evaluation: five minutes
 
 
 class Setpoints(Protocol):
@@ -34,25 +34,23 @@ class TermRates:
 
     def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, setpoints: Setpoints | None) -> None:
         self._sensor, self._grid, self._spun_up_s, self._setpoints = sensor, grid, spun_up_s, setpoints
-        self._history: list[Conditions] = []  # before each minute: the first grid point of every minute before it
+        self._history: Conditions | None = None  # the first grid point of every group that is over
 
     def rates(self, leg: Leg, f_g: FloatArray, w_deg_per_hr: FloatArray, first: int, last: int) -> FloatArray:
         """Return the mean rates over grid points `first` to `last` (inclusive) while resting, shape (m, c), deg/hr."""
         parts = []
-        for minute in range(len(self._history), last // _GROUP):
-            self._remember(leg, f_g, w_deg_per_hr, minute)
-        for minute in range(first // _GROUP, last // _GROUP + 1):
-            begin, end = minute * _GROUP, min(last, minute * _GROUP + _GROUP - 1)
-            # From the minute's beginning even where only its end is asked for: an effect that remembers must meet the
+        known = 0 if self._history is None else len(self._history)
+        for group in range(known, last // _GROUP):
+            row = self._conditions(leg, f_g, w_deg_per_hr, np.array([group * _GROUP]))
+            self._history = row if self._history is None else joined(self._history, row)
+        for group in range(first // _GROUP, last // _GROUP + 1):
+            begin, end = group * _GROUP, min(last, group * _GROUP + _GROUP - 1)
+            # From the group's beginning even where only its end is asked for: an effect that remembers must meet the
             # same past however often it is asked.
             rows = self._conditions(leg, f_g, w_deg_per_hr, np.arange(begin, end + 1))
-            past = self._history[minute - 1] if minute > 0 else None
+            past = self._history.rows(np.arange(group)) if self._history is not None and group > 0 else None
             parts.append(self._sensor.model.rates(rows, past)[max(first - begin, 0) :])
         return np.concatenate(parts)
-
-    def _remember(self, leg: Leg, f_g: FloatArray, w_deg_per_hr: FloatArray, minute: int) -> None:
-        row = self._conditions(leg, f_g, w_deg_per_hr, np.array([minute * _GROUP]))
-        self._history.append(joined(self._history[-1], row) if self._history else row)
 
     def _conditions(self, leg: Leg, f_g: FloatArray, w_deg_per_hr: FloatArray, nodes: NDArray[np.int64]) -> Conditions:
         begins_s = self._grid.time_of(nodes)
