@@ -181,6 +181,10 @@ def restabilise(watch: Watch, settings: Restabilisation, thermometers: Collectio
     """
     gate = RestabilisationGate(settings, thermometers)
     began_s = watch.now_s
+    now, _ = watch.poll()
+    if now.chamber is not None and watch.commanded_degC is not None:
+        # The soak begins with the step, also where the chamber's next reading is not due yet.
+        gate.look(now.time_s, now.chamber.temperature_degC, watch.commanded_degC, now.unit_degC)
     for look, _ in watch.wait(began_s + settings.ceiling_s):
         if not look.chamber_fresh or look.chamber is None or watch.commanded_degC is None:
             continue
@@ -198,7 +202,7 @@ def _result(gate: RestabilisationGate, waited_s: float, thermometers: Collection
     met = decision.met
     minutes = waited_s / 60.0
     if met:
-        reason, verdict = f"restabilised after {minutes:.0f} min, decided by {decision.decided_by}", Verdict.PASS
+        reason, verdict = f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}", Verdict.PASS
     else:
         missing = ", ".join(decision.waiting_for)
         reason, verdict = f"not restabilised within {minutes:.0f} min: {missing}", Verdict.INCONCLUSIVE

@@ -34,7 +34,7 @@ class Killed(BaseException):
 
 
 class FakeChamber:
-    """Ramps to its setpoint at 3 °C/min. Faults are functions of time: `alarm`, `silent`, `offset_degC`."""
+    """Ramps to its setpoint, 3 °C/min unless told otherwise. Faults are functions of time."""
 
     def __init__(self, clock: VirtualClock) -> None:
         self.clock = clock
@@ -42,17 +42,19 @@ class FakeChamber:
         self.setpoint_degC = 23.0
         self._air, self._at = 23.0, 0.0
         self.prepared = self.safe = False
+        self.prepared_first: bool | None = None  # whether `prepare` came before the first setpoint
         self.safe_calls = 0
         self.safe_fails = 0
         self.dead = False  # the controller died: nothing it would still do reaches the chamber
         self.stuck = False
+        self.ramp_degC_per_min = 3.0
         self.alarm: Callable[[float], tuple[str, ...]] = lambda t: ()
         self.silent: Callable[[float], bool] = lambda t: False
         self.offset_degC: Callable[[float], float] = lambda t: 0.0
 
     def air_degC(self) -> float:
         t = self.clock.now()
-        reach = 0.0 if self.stuck else 3.0 * (t - self._at) / 60.0
+        reach = 0.0 if self.stuck else self.ramp_degC_per_min * (t - self._at) / 60.0
         self._air += math.copysign(min(abs(self.setpoint_degC - self._air), reach), self.setpoint_degC - self._air)
         self._at = t
         return self._air + self.offset_degC(t)
@@ -76,6 +78,8 @@ class FakeChamber:
 
     def set_temperature(self, setpoint_degC: float) -> None:
         self._answer()
+        if self.prepared_first is None:
+            self.prepared_first = self.prepared
         self.air_degC()
         self.setpoint_degC = setpoint_degC
 
@@ -158,12 +162,13 @@ class FakeImu:
 
 
 class FakeTable:
-    """Moves in 5 s. `refuse` of the next moves time out; `lies` confirms another position."""
+    """Moves in 5 s. `refuse` of the next moves time out; `ends_at` is where it ends up instead of where it should."""
 
     def __init__(self, clock: VirtualClock) -> None:
         self.clock = clock
         self.where: str | None = None
         self.refuse = 0
+        self.ends_at: str | None = None
         self.moves: list[str] = []
 
     def move_to(self, position: str, timeout_s: float) -> None:
@@ -173,7 +178,7 @@ class FakeTable:
             self.refuse -= 1
             self.where = None
             raise DeviceTimeout(f"position {position} was not confirmed within {timeout_s:g} s")
-        self.where = position
+        self.where = self.ends_at or position
 
     def position(self) -> str | None:
         return self.where

@@ -10,6 +10,7 @@ import pytest
 from drivers.errors import SetpointOutOfLimits, WrongDevice
 from procedures.journal import Outcome
 from procedures.plan import StepKind
+from procedures.progress import Silent
 from procedures.sequencer import SweepState
 from procedures.verdict import Verdict, self_calibration_verdict
 
@@ -134,6 +135,46 @@ def test_a_unit_that_always_drifts_gives_a_complete_campaign_with_fail(bench):
     assert outcome.state is SweepState.COMPLETE
     assert {data["verdict"] for data in bench.collects().values()} == {"FAIL"}
     assert "drifts" in bench.collects()["T1/S1/C1/collect"]["reason"]
+
+
+def test_a_position_that_is_confirmed_as_another_one_is_not_collected(bench):
+    """The table says that it is at 2 when it was sent to 1: no collect is taken there."""
+    bench.table.ends_at = "2"
+    outcome = bench.run()
+    assert outcome.state is SweepState.FAILED
+    assert "sent to position 1 and confirms 2" in outcome.reason
+    assert not any(key.endswith("collect") for key in bench.record.begins)
+
+
+def test_the_chambers_own_limits_are_set_before_anything_is_measured(bench):
+    """The second safety layer is in place when the first setpoint is commanded."""
+    bench.run()
+    assert bench.chamber.prepared_first
+
+
+def test_a_unit_that_leaves_its_position_during_a_collect_is_brought_back_and_collected_again(bench):
+    """The first collect ends somewhere else: FAILED; the unit is indexed again before the second take."""
+
+    class Slips(Silent):
+        def update(self, snapshot):
+            if snapshot.note == "sampling" and snapshot.step.key == "T1/S1/C1/collect" and snapshot.attempt == 1:
+                bench.table.where = "2"
+
+    outcome = bench.run(progress=Slips())
+    assert outcome.state is SweepState.COMPLETE
+    assert bench.table.moves[:3] == ["1", "1", "2"]
+    first = next(result for key, _, result in bench.record.ends if key == "T1/S1/C1/collect")
+    assert first.outcome is Outcome.FAILED
+    assert "stood at position 2" in first.reason
+    assert bench.collects()["T1/S1/C1/collect"]["verdict"] == "PASS"
+
+
+def test_a_chamber_at_a_third_of_its_ramp_rate_still_arrives(bench):
+    """The time allowed for a ramp grows with its length: an hour for 63 °C is slow, not a fault."""
+    bench.chamber.ramp_degC_per_min = 1.05
+    bench.sweep = replace(bench.sweep, temperatures_degC=(-40.0,))
+    assert bench.run().state is SweepState.COMPLETE
+    assert bench.record.results["T1/setpoint"].data["ramp_s"] > 3500.0
 
 
 def test_a_soak_that_never_settles_is_collected_as_inconclusive_where_the_sweep_says_so(bench):
