@@ -113,8 +113,10 @@ def _chamber_limits(settings: InterlockSettings, limits: ChamberLimits) -> Calla
 
 def _setpoint_changed(settings: InterlockSettings) -> Callable[[Look], str | None]:
     def check(look: Look) -> str | None:
-        if not look.chamber_fresh or look.chamber is None or look.commanded_degC is None:
+        if not look.chamber_fresh or look.chamber is None:
             return None
+        if look.commanded_degC is None:
+            return ""
         holds, commanded = look.chamber.setpoint_degC, look.commanded_degC
         if abs(holds - commanded) <= settings.setpoint_tolerance_degC:
             return ""
@@ -125,8 +127,10 @@ def _setpoint_changed(settings: InterlockSettings) -> Callable[[Look], str | Non
 
 def _setpoint_not_followed(settings: InterlockSettings) -> Callable[[Look], str | None]:
     def check(look: Look) -> str | None:
-        if not look.chamber_fresh or look.chamber is None or look.commanded_degC is None or not look.arrived:
+        if not look.chamber_fresh or look.chamber is None:
             return None
+        if look.commanded_degC is None or not look.arrived:
+            return ""
         air, commanded = look.chamber.temperature_degC, look.commanded_degC
         if abs(air - commanded) <= settings.follow_tolerance_degC:
             return ""

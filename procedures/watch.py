@@ -20,7 +20,7 @@ from drivers.chamber import ChamberReading
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock, StreamCounts
 from procedures.bench import BenchDevices
-from procedures.interlocks import Interlock, Interlocks, Look
+from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal import Journal, StepResult
 from procedures.plan import Plan, Step
 from procedures.progress import Progress, Silent, Snapshot
@@ -28,6 +28,7 @@ from procedures.settings import Polling
 from procedures.stop import StopRequest
 
 _WALL_JUMP_S = 5.0
+_HOLD_CEILING_S = 3600.0
 _TICK_S = 1e-6  # sleeping for less may not move a clock at all
 
 
@@ -143,12 +144,18 @@ class Watch:
                 return
 
     def hold_until_clear(self) -> None:
-        """Return once nothing is suspected. Nothing new begins before; a trip ends the wait."""
+        """Return once nothing is suspected. Nothing new begins before; a trip, or the ceiling, ends the wait.
+
+        The ceiling is for what neither clears nor trips, because nothing more is heard of it.
+        """
         if not self._interlocks.suspected:
             return
+        give_up_s = self.now_s + _HOLD_CEILING_S
         self.event("hold", f"holding: {self._interlocks.suspected}")
         while self._interlocks.suspected:
             self.note = f"holding: {self._interlocks.suspected}"
+            if self.now_s >= give_up_s:
+                raise InterlockTripped("held-too-long", self._interlocks.suspected)
             for _ in self.wait(self.now_s + self._polling.read_interval_s):
                 pass
         self.event("hold-ended", "nothing is suspected any more")

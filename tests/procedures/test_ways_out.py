@@ -208,3 +208,21 @@ def test_a_wall_clock_that_is_set_moves_no_campaign_time(bench, monkeypatch):
     assert bench.record.kinds().count("wall-clock-jump") == 1
     starts = [data["start_s"] for data in bench.collects().values()]
     assert starts == sorted(starts)
+
+
+def test_a_suspicion_of_which_nothing_more_is_heard_ends_the_hold_at_a_ceiling(bench):
+    """The unit was too hot in one look, then its thermometer says nothing any more: no hold for ever."""
+    true_read = bench.imu.read_block
+
+    def read_block():
+        block = true_read()
+        t = bench.clock.now()
+        if len(block) and t > 700.0:
+            block.fields["rotor_2_degC"][:] = 95.0 if t <= 710.0 else float("nan")
+        return block
+
+    bench.imu.read_block = read_block
+    outcome = bench.run()
+    assert outcome.state is SweepState.FAILED
+    assert "held-too-long: unit-limits" in outcome.reason
+    assert bench.chamber.safe
