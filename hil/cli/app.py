@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
-import click
 import typer
 
 from hil.cli import data, device, night
-from hil.cli.ending import Exit, run_to_exit
+from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
     name="hil",
@@ -20,23 +20,15 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for module in (night, data, device):
-    module.add_to(app)
+for command in (*night.COMMANDS, *data.COMMANDS, *device.COMMANDS):
+    app.command()(with_status(command))
 
 
 def main() -> None:
     """Run the command line; every way out has its exit status."""
-    sys.exit(run_to_exit(_run))
+    sys.exit(run(sys.argv[1:]))
 
 
-def _run() -> int:
-    try:
-        status = app(standalone_mode=False)
-    except click.exceptions.Exit as ending:
-        return ending.exit_code
-    except click.Abort:
-        raise KeyboardInterrupt from None
-    except click.ClickException as usage:
-        usage.show()
-        return Exit.BAD_INPUT
-    return int(status or Exit.DONE)
+def run(arguments: Sequence[str]) -> int:
+    """Carry out one command and return its exit status."""
+    return run_to_exit(lambda: app(args=list(arguments), prog_name="hil"))

@@ -16,12 +16,6 @@ from hil.solve import RunSolution
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    for command in (solve, report, export):
-        app.command()(command)
-
-
 def read_source(source: Path) -> Campaign:
     """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
     from hil.campaign_reader import HEADER_FILE, read_campaign
@@ -131,3 +125,6 @@ def export(
 
     export_campaign(folder, out)
     results().print(f"campaign: {out}")
+
+
+COMMANDS = (solve, report, export)

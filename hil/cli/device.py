@@ -8,11 +8,6 @@ from typing import Annotated
 import typer
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    app.command()(simulate)
-
-
 def simulate(
     bench: Annotated[
         str, typer.Argument(help="A bench file with a simulation section, or the name of one that ships.")
@@ -32,3 +27,6 @@ def simulate(
 def _announce(line: str) -> None:
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
+
+
+COMMANDS = (simulate,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import tempfile
@@ -9,6 +10,8 @@ import traceback
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
+
+import typer
 
 from drivers.errors import DeviceError
 from hil.errors import InputError
@@ -24,10 +27,25 @@ class Exit(IntEnum):
     INCOMPLETE = 4
 
 
-def run_to_exit(command: Callable[[], int | None]) -> int:
-    """Run `command` and turn whatever it raises into a sentence on standard error and an exit status."""
+def with_status(command: Callable[..., int | None]) -> Callable[..., None]:
+    """Give a command that returns its exit status the form that the application ends with."""
+
+    @functools.wraps(command)
+    def ended(*arguments: object, **options: object) -> None:
+        raise typer.Exit(int(command(*arguments, **options) or Exit.DONE))
+
+    return ended
+
+
+def run_to_exit(application: Callable[[], object]) -> int:
+    """Run the application and turn whatever it raises into a sentence on standard error and an exit status.
+
+    Usage errors it has said and ended itself: their status passes through.
+    """
     try:
-        return command() or Exit.DONE
+        application()
+    except SystemExit as ending:
+        return int(ending.code or Exit.DONE)
     except InputError as error:
         return _say(error, Exit.BAD_INPUT)
     except DeviceError as error:
@@ -42,6 +60,7 @@ def run_to_exit(command: Callable[[], int | None]) -> int:
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", Exit.FAILED)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory
         return _say(f"internal error: {error!r}. Please report it with {_write_traceback()}", Exit.FAILED)
+    return Exit.DONE
 
 
 def _say(what: object, status: Exit) -> int:

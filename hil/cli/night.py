@@ -29,12 +29,6 @@ BenchName = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    for command in (demo, check, plan, run, resume, status, verify):
-        app.command()(command)
-
-
 def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     """Show every step and when it would happen. Nothing moves."""
     from hil.config import check_sweep_against_bench, load_bench, load_sweep
@@ -202,3 +196,6 @@ def demo(
     if ended == Exit.DONE:
         results().print(f"report: {write_report(out).resolve()}")
     return ended
+
+
+COMMANDS = (demo, check, plan, run, resume, status, verify)

@@ -1,0 +1,97 @@
+"""Bad input: one clear sentence, status 2, no traceback, and nothing left behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hil.config import find_config
+
+
+def shipped(kind: str, name: str) -> dict[str, Any]:
+    """A configuration file that ships, as YAML gives it."""
+    return dict(yaml.safe_load(find_config(kind, name).read_text()))
+
+
+def refused(ended: Any, *words: str) -> None:
+    """Status 2, one sentence with `words`, no traceback."""
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stdout == ""
+    assert "Traceback" not in ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1
+    for word in words:
+        assert word in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("temperatures", ["20 kg"], ("temperatures", "kg")),
+        ("temperatures", ["200 degC"], ("200", "limits")),
+        ("temperatures", [], ("temperatures",)),
+        ("colour", "blue", ("colour",)),
+        ("self_calibrations_per_temperature", 0, ("self_calibrations_per_temperature",)),
+        ("positions", [1, 2, 9], ("9",)),
+    ],
+)
+def test_a_wrong_sweep_is_refused(hil: Any, tmp_path: Path, key: str, value: object, words: tuple[str, ...]) -> None:
+    """A wrong unit, a temperature outside the chamber's limits, an unknown key, a position that the bench lacks."""
+    path = tmp_path / "sweep.yaml"
+    path.write_text(yaml.safe_dump({**shipped("sweeps", "rd-gc-86-1"), key: value}))
+    out = tmp_path / "night"
+    refused(hil("run", path, "--bench", "simulated", "--out", out), "sweep.yaml", *words)
+    assert not out.exists()
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["sweep.yaml"]
+
+
+def test_a_port_that_does_not_exist_is_refused(hil: Any, tmp_path: Path) -> None:
+    """The message names the key and the port; nothing is begun."""
+    bench = shipped("benches", "simulated")
+    bench["clock"] = "system"
+    bench["imu"]["port"] = str(tmp_path / "ttyNONE")
+    path = tmp_path / "bench.yaml"
+    path.write_text(yaml.safe_dump(bench))
+    out = tmp_path / "night"
+    refused(hil("run", "quick", "--bench", path, "--out", out, "--yes"), "imu.port", "ttyNONE")
+    assert not out.exists()
+
+
+def test_names_that_nobody_knows_are_refused(hil: Any, tmp_path: Path) -> None:
+    """An unknown sweep, bench, folder or model: which one, and what there is."""
+    refused(hil("plan", "nonsense", "--bench", "simulated"), "nonsense", "rd-gc-86-1")
+    refused(hil("plan", "rd-gc-86-1", "--bench", "nonsense"), "nonsense", "simulated")
+    refused(hil("solve", tmp_path / "nowhere"), "nowhere")
+    refused(hil("status", tmp_path), "journal")
+    refused(hil("resume", tmp_path), "journal")
+
+
+def test_a_folder_that_is_neither_is_refused(hil: Any, tmp_path: Path) -> None:
+    """A folder without campaign.yaml and without a journal is not guessed at."""
+    refused(hil("solve", tmp_path), "campaign.yaml")
+    refused(hil("report", tmp_path), "campaign.yaml")
+
+
+def test_usage_errors_have_status_2(hil: Any) -> None:
+    """An unknown command or option is bad usage."""
+    assert hil("explode").returncode == 2
+    assert hil("plan", "rd-gc-86-1", "--nonsense").returncode == 2
+    assert hil("run", "rd-gc-86-1").returncode == 2
+
+
+@pytest.mark.parametrize("command", ["run", "resume", "status", "solve", "verify", "export", "simulate", "report"])
+def test_every_command_helps(hil: Any, command: str) -> None:
+    """--help says what the command does and ends with 0."""
+    ended = hil(command, "--help")
+    assert ended.returncode == 0
+    assert "Usage" in ended.stdout
+
+
+def test_the_demo_does_not_replace_what_is_not_a_demo(hil: Any, tmp_path: Path) -> None:
+    """A folder with something else in it is refused and kept."""
+    keep = tmp_path / "keep.txt"
+    keep.write_text("mine")
+    refused(hil("demo", "--out", tmp_path), str(tmp_path))
+    assert keep.read_text() == "mine"

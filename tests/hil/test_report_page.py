@@ -1,0 +1,101 @@
+"""The report: what it must show, from a night and from a folder that somebody else wrote."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.cases import Case, make_case, write_case
+from benchmarks.blind.night import Design
+from hil.campaign_reader import read_campaign
+from hil.report.content import gather, runs_by_temperature
+from hil.report.page import headline, render
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    """A campaign of 8 temperatures × 3 self-calibrations."""
+    return make_case(7, model="matrix-6-thermal")
+
+
+@pytest.fixture
+def folder(case: Case, tmp_path: Path) -> Path:
+    """That campaign as a folder."""
+    return write_case(case, tmp_path / "campaign")
+
+
+def test_the_table_has_the_means_and_the_scatter(case: Case, folder: Path) -> None:
+    """Table 1's layout: mean and sample standard deviation over the three self-calibrations at each temperature."""
+    content = gather(read_campaign(folder))
+    sensor = content.sensors[0]
+    assert [len(repeat.runs) for repeat in sensor.repeats] == [3] * 8
+    assert [repeat.temperature_degC for repeat in sensor.repeats] == pytest.approx(case.night.design.temperatures_degC)
+    rates = case.rates[case.night.run <= 3].reshape(3, 3, 2)
+    w2 = case.night.w[0, 1]
+    bias_b = (rates[:, 0, 1] + rates[:, 1, 1]) / 2 - w2
+    gsa = np.array([solution.parameters["GSA"].value for solution in sensor.solutions[:3]])
+    bias_b = bias_b - gsa * case.night.g[1]  # eq. (10)
+    assert sensor.repeats[0].matrix["BB"] == pytest.approx(bias_b)
+    page = render(content)
+    assert f"{np.mean(bias_b):.2f}" in page
+    assert f"±{np.std(bias_b, ddof=1):.2f}" in page
+
+
+def test_the_contractors_bias_is_off_by_mu(folder: Path) -> None:
+    """BA_C - BA = MUB (G1 + G3²/G1) + MUA G2 G3/G1, run by run: the story of the report, in its own numbers."""
+    sensor = gather(read_campaign(folder)).sensors[0]
+    g2, g3 = Design().tilt_rad
+    g1 = np.sqrt(1 - g2**2 - g3**2)
+    for repeat in sensor.repeats:
+        matrix, contractor = repeat.matrix, repeat.contractor
+        expected = matrix["MUB"] * (g1 + g3**2 / g1) + matrix["MUA"] * g2 * g3 / g1
+        assert contractor["BA"] - matrix["BA"] == pytest.approx(expected)
+
+
+def test_the_page_stands_alone_and_says_that_it_is_simulated(folder: Path) -> None:
+    """No network, no script; the mark of simulation; figures for bias A, bias B, MUA, MUB; what was assumed."""
+    page = render(gather(read_campaign(folder)))
+    addresses = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!#)([^"')\s>]+)""", page)
+    assert addresses == []
+    assert "<script" not in page
+    assert "SIMULATED: no device was measured" in page
+    assert page.count("<svg") == 4
+    assert "isotropic rotor" in page
+    assert "cannot contradict the model" in page
+
+
+def test_a_title_cannot_inject_markup(folder: Path) -> None:
+    """Text from a file is text in the page."""
+    header = folder / "campaign.yaml"
+    header.write_text(header.read_text().replace("sealed case", "<script>alert(1)</script>"))
+    page = render(gather(read_campaign(folder)))
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_a_missing_collect_is_inconclusive_in_the_headline(case: Case, folder: Path) -> None:
+    """A run without its third collect has no MU: the first line of the report says that something is not conclusive."""
+    table = folder / "collects.csv"
+    rows = table.read_text().splitlines()
+    table.write_text("\n".join(rows[:3] + rows[4:]) + "\n")
+    content = gather(read_campaign(folder))
+    assert "23 PASS" in headline(content)
+    assert "1 INCONCLUSIVE" in headline(content)
+
+
+def test_without_temperatures_all_runs_are_one_group(case: Case, tmp_path: Path) -> None:
+    """A folder without any thermometer still has a report."""
+    campaign = read_campaign(write_case(case, tmp_path / "bare", with_conditions=False))
+    groups = runs_by_temperature(campaign.sensors[2].conditions)
+    assert [(temperature, len(runs)) for temperature, runs in groups] == [(None, 24)]
+    assert "all runs" in render(gather(campaign))
+
+
+def test_a_triad_has_a_report_of_its_own(reference_data: Path) -> None:
+    """Three channels, hand-placed poses, one run: no MU, no contractor, the twelve parameters instead."""
+    page = render(gather(read_campaign(reference_data / "campaigns" / "mpu9150-unit0")))
+    assert "GXY" in page
+    assert "contractor" not in page
