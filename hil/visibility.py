@@ -11,7 +11,6 @@ typical ones. What an effect does not show, it leaks into the base's parameters:
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +25,7 @@ from hil.effects.identifiability import (
     classes,
     flattened,
     orthonormal,
-    overlap_over_shapes,
+    overlap_table,
     run_covariance,
     smallest_visible,
     visible,
@@ -128,7 +127,7 @@ def visibility(
         grids = [whiten @ flattened(effect.columns(conditions, base, shape))[measured] for shape in shapes[effect.id]]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
         leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, fitted.names))
-    overlaps = _overlaps(seen)
+    overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
     level = false_alarm_rate / max(sum(kept[group[0]] >= CANNOT_BE_SEEN for group in groups), 1)
@@ -201,13 +200,6 @@ def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) 
 def _chosen(grid: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
     picks = np.unique(np.linspace(0, len(grid) - 1, min(len(grid), _MOST_SHAPES)).round().astype(int))
     return [grid[int(index)] for index in picks]
-
-
-def _overlaps(seen: Sequence[Sequence[Visible]]) -> FloatArray:
-    overlaps = np.eye(len(seen))
-    for first, second in itertools.combinations(range(len(seen)), 2):
-        overlaps[first, second] = overlaps[second, first] = overlap_over_shapes(seen[first], seen[second])
-    return overlaps
 
 
 def _smallest(

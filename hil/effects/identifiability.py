@@ -137,6 +137,35 @@ def overlap_over_shapes(first: Sequence[Visible], second: Sequence[Visible]) -> 
     return float(min(table.max(axis=1).mean(), table.max(axis=0).mean()))
 
 
+def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
+    """Return `overlap_over_shapes` of all pairs at once, (k, k), one on the diagonal: a single matrix product."""
+    shapes = [one for several in effects for one in several]
+    if not shapes:
+        return np.zeros((len(effects), len(effects)))
+    bases = np.concatenate([one.basis for one in shapes], axis=1)
+    weighted = np.concatenate([one.weighted for one in shapes], axis=1)
+    by_basis = _membership([one.rank for one in shapes])
+    by_column = _membership([one.weighted.shape[1] for one in shapes])
+    power = by_basis @ ((bases.T @ weighted) ** 2) @ by_column.T
+    whole = np.array([float(np.sum(one.weighted**2)) for one in shapes])
+    # [a, b]: how much of shape b shape a can reproduce; an overlap needs both ways round.
+    fraction = np.sqrt(np.divide(power, whole, out=np.zeros_like(power), where=whole > 0.0).clip(max=1.0))
+    mutual = np.minimum(fraction, fraction.T)
+    edges = np.concatenate([[0], np.cumsum([len(several) for several in effects])])
+    table = np.eye(len(effects))
+    for first in range(len(effects)):
+        for second in range(first + 1, len(effects)):
+            block = mutual[edges[first] : edges[first + 1], edges[second] : edges[second + 1]]
+            value = min(block.max(axis=1).mean(), block.max(axis=0).mean()) if block.size else 0.0
+            table[first, second] = table[second, first] = value
+    return table
+
+
+def _membership(sizes: Sequence[int]) -> FloatArray:
+    """Return the matrix (groups, members) with one where a member belongs to its group."""
+    return np.equal.outer(np.arange(len(sizes)), np.repeat(np.arange(len(sizes)), sizes)).astype(np.float64)
+
+
 def principal_cosines(first: Visible, second: Visible) -> FloatArray:
     """Return the cosines of the principal angles between what two effects span, largest first."""
     if first.rank == 0 or second.rank == 0:
