@@ -40,6 +40,8 @@ class SimulatedSensor:
         self._seed = bench.simulation.seed
         self._scatters = bench.simulation.noise.run_to_run
         self._runs: dict[int, dict[str, float]] = {}
+        self._offsets: dict[int, FloatArray] = {}
+        self._none = np.zeros(4 * self.channels)
         self._table = self._tabulate()
 
     @property
@@ -73,6 +75,7 @@ class SimulatedSensor:
         if run not in self._runs:
             drawn = run_scatter(self._seed, run, self.sensor.number, self.noise, temperature_degC)
             self._runs[run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
+            self._offsets[run] = self._offset(self._runs[run])
 
     def scatter(self, run: int) -> Mapping[str, float]:
         """Return by how much each base parameter differs in `run` from the model's value."""
@@ -80,9 +83,9 @@ class SimulatedSensor:
 
     def scatter_coefficients(self, run: int) -> FloatArray:
         """Return the scatter of `run` as one row like those of `coefficients`, shape (c + 3 c,)."""
-        drawn = self.scatter(run)
-        if not drawn:
-            return np.zeros(4 * self.channels)
+        return self._offsets.get(run, self._none)
+
+    def _offset(self, drawn: Mapping[str, float]) -> FloatArray:
         curves = self.model.sensors[self.sensor.number]
         offsets = {name: Constant(unit=curves[name].unit, value=drawn.get(name, 0.0)) for name in curves}
         only = self.model.model_copy(update={"sensors": {self.sensor.number: offsets}})
