@@ -70,7 +70,7 @@ class TemperatureRateBias(Effect):
     needs = frozenset({"dTdt_degC_per_min"})
     signature = "Opposite sign heating and cooling, dies away while soaking, largest in the first run after a setpoint."
     confusable_with = ("hyst", "bias_grad", "soak_insufficient", "T_lag", "drift")
-    experiment = "Two ramp rates and a long soak; order 1-3-2, which MU does not see it in."
+    experiment = "Two ramp rates and a long soak; order 1-3-2, in which MU is immune to it."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return dT/dt for each channel."""

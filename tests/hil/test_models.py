@@ -327,3 +327,12 @@ def _part(conditions, rows):  # type: ignore[no-untyped-def]
         },
         columns={name: values[rows] for name, values in conditions.columns.items()},
     )
+
+
+def test_the_example_of_the_reference_page_is_a_model(tmp_path: Path) -> None:
+    """The YAML in docs/reference/model-files.md loads and can be evaluated."""
+    page = Path(__file__).resolve().parents[2] / "docs" / "reference" / "model-files.md"
+    example = page.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
+    path = tmp_path / "example.yaml"
+    path.write_text(example, encoding="utf-8")
+    assert np.all(np.isfinite(load_model(path).rates(campaign())))
