@@ -18,13 +18,14 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-import hil
 from hil.campaign import Conditions, FloatArray, Sensor
+from hil.config.files import find_config
 from hil.curve import Curve
 from hil.effects.base import Base, Effect
 from hil.effects.catalogue import effect_by_id
 from hil.effects.history import joined
 from hil.errors import InputError
+from hil.files import RealDisk, write_durably
 from hil.linear_forms import (
     MATRIX_6,
     MODEL_NAMES,
@@ -188,7 +189,8 @@ def load_model(path_or_name: str | Path) -> Model:
 def save_model(model: Model, path: Path) -> None:
     """Write a model file that `load_model` reads back as an equal model."""
     document = _plain(model.model_dump(by_alias=True, exclude_defaults=True))
-    path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8")
+    text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
+    write_durably(RealDisk(), path, text.encode())
 
 
 def _plain(value: Any) -> Any:
@@ -289,15 +291,7 @@ def _temperature(conditions: Conditions) -> FloatArray:
 
 
 def _find(name: str) -> Path:
-    given = Path(name)
-    if given.is_file():
-        return given
-    package = Path(hil.__file__).resolve().parent
-    file_name = name if name.endswith((".yaml", ".yml")) else f"{name}.yaml"
-    for folder in (package / "configs" / "models", package.parent / "configs" / "models"):
-        if (folder / file_name).is_file():
-            return folder / file_name
-    raise InputError(
-        f"model {name}: there is no such file, and no shipped or built-in model has this name "
-        f"(built-ins: {', '.join(sorted(MODEL_NAMES))})"
-    )
+    try:
+        return find_config("models", name)
+    except InputError as error:
+        raise InputError(f"model {error}; built in are {', '.join(MODEL_NAMES)}") from error

@@ -12,10 +12,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
+from hil.config.bench import Bench
+from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design_value import improvements
-from hil.effects.catalogue import SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model import Model
+from hil.planned import planned_conditions
 from hil.visibility import NoiseLevel, Sight, Sights, visibility
+from procedures.plan import make_plan
 
 
 def visibility_document(
@@ -79,6 +83,7 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "title": sight.effect.title,
         "kept": round(sight.kept, 6),
         "visible": sight.visible,
+        "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
             "value": best.value if math.isfinite(best.value) else None,
@@ -91,6 +96,23 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
     }
+
+
+def sweep_document(
+    sweep: Sweep, bench: Bench, model: Model | None = None, noise: NoiseLevel | None = None
+) -> dict[str, object]:
+    """Return the map of a sweep before it runs; raises `InputError` where the bench cannot carry it out."""
+    check_sweep_against_bench(sweep, bench)
+    conditions = planned_conditions(make_plan(sweep.procedure()), bench)
+    return visibility_document(conditions, sweep.title, model, noise)
+
+
+def campaign_document(
+    campaign: Campaign, model: Model | None = None, noise: NoiseLevel | None = None
+) -> dict[str, object]:
+    """Return the map of collects that were measured, with their own standard errors and gaps."""
+    conditions, title, sigmas = of_campaign(campaign, noise)
+    return {**visibility_document(conditions, title, model, noise, sigmas), "simulated": campaign.simulated}
 
 
 def of_campaign(

@@ -6,7 +6,7 @@ askable(conditions, base)          # what this data can be asked about, and why 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -93,6 +93,16 @@ SERIES_EFFECTS: tuple[SeriesEffect, ...] = (
     series.Bursts(),
 )
 """Effects that show in the series of samples within a collect. Some have the id of an effect on averages: one cause."""
+
+
+FORM_EFFECTS: Mapping[str, tuple[str, ...]] = {
+    "constant": ("bias",),
+    "collins-4": ("bias", "GS"),
+    "matrix-6": ("bias", "GS", "MU_real"),
+    "matrix-6-thermal": ("bias", "GS", "MU_real", "bias_T", "GS_T", "MU_T"),
+    "triad-12": ("bias", "g_sensitivity"),
+}
+"""The built-in models as sums of effects: what each of them has already."""
 
 
 def entries() -> Iterator[Described]:

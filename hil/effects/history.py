@@ -46,12 +46,12 @@ def play(values: FloatArray, half_width: float) -> FloatArray:
 
     |values − play| never exceeds `half_width`; the result does not depend on how fast the history was gone through.
     """
-    output = np.empty_like(values)
-    held = values[0] if len(values) else 0.0
-    for index, value in enumerate(values):
+    output = []
+    held = float(values[0]) if len(values) else 0.0
+    for value in values.tolist():  # plain floats: each step depends on the one before
         held = min(max(held, value - half_width), value + half_width)
-        output[index] = held
-    return output
+        output.append(held)
+    return np.array(output)
 
 
 def loop_side(temperature: FloatArray, start_s: FloatArray, half_width: float) -> FloatArray:
@@ -80,14 +80,13 @@ def setpoint_step(conditions: Conditions) -> FloatArray:
     else:
         levels, least = _run_means(conditions)[order], 1.0
     steps = np.zeros(len(levels))
-    level, step = np.nan, 0.0
-    for index, value in enumerate(levels):
-        if np.isfinite(value):
-            if np.isfinite(level) and abs(value - level) > least:
-                step = value - level
-            if not np.isfinite(level) or abs(value - level) > least:
-                level = value
-        steps[index] = step
+    known = np.flatnonzero(np.isfinite(levels))
+    level = levels[known[0]] if len(known) else np.nan
+    # Only where the level differs from the row before can there be a step: a night has few of those rows.
+    for index in known[1:][np.diff(levels[known]) != 0.0]:
+        if abs(levels[index] - level) > least:
+            steps[index:] = levels[index] - level
+            level = levels[index]
     result = np.zeros(len(levels))
     result[order] = steps
     return result
@@ -124,11 +123,10 @@ def slew_since_previous(conditions: Conditions) -> FloatArray:
     turned = np.arccos(np.clip(np.sum(f[1:] * f[:-1], axis=1), -1.0, 1.0)) / (0.5 * np.pi)
     changed = np.asarray(conditions.position[order][1:] != conditions.position[order][:-1])
     usual = float(turned[changed].mean()) if changed.any() else 1.0
-    slews = np.full(len(f), usual)
-    for index in range(1, len(f)):  # rows of the same collect (samples) share the slew that led to it
-        slews[index] = turned[index - 1] if changed[index - 1] else slews[index - 1]
+    # Rows of the same collect (samples) share the slew that led to it: the latest change of position.
+    latest = np.maximum.accumulate(np.where(np.concatenate([[False], changed]), np.arange(len(f)), 0))
     result = np.zeros(len(f))
-    result[order] = slews
+    result[order] = np.where(latest > 0, np.concatenate([[usual], turned])[latest], usual)
     return result
 
 

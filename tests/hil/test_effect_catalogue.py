@@ -16,6 +16,7 @@ from hil.effects.base import Base, Described, Effect, VarianceEffect
 from hil.effects.catalogue import (
     BASE_EFFECTS,
     EFFECTS,
+    FORM_EFFECTS,
     SERIES_EFFECTS,
     VARIANCE_EFFECTS,
     askable,
@@ -24,7 +25,9 @@ from hil.effects.catalogue import (
     why_not,
 )
 from hil.effects.empirical import empirical
+from hil.effects.identifiability import flattened, orthonormal, project_out
 from hil.errors import InputError
+from hil.linear_forms import named_form
 from tests.hil.effect_conditions import ROTOR, campaign, one_run, rotor_base, triad_base, triad_poses
 
 TWO_AXES = Sensor(3, ("X", "Y", "Z"), {"P": "Z", "Q": "X"})
@@ -130,6 +133,17 @@ def test_every_entry_describes_itself(entry: Described) -> None:
     assert set(entry.confusable_with) <= known - {entry.id}
     assert all(parameter.unit for parameter in entry.parameters)
     assert all(0.0 <= low <= high for p in entry.parameters for low, high in [p.typical, *p.typical_other.values()])
+
+
+@pytest.mark.parametrize("form", FORM_EFFECTS)
+def test_built_in_models_are_the_sums_of_their_effects(form: str) -> None:
+    """The columns of the form and of its effects span the same space."""
+    conditions = triad_poses() if form == "triad-12" else campaign(("1", "2", "3", "4"), g=(0.97, 0.2, -0.1))
+    own = orthonormal(flattened(named_form(form, conditions).columns(conditions)))
+    effects = [effect_by_id(identifier).columns(conditions, None, {}) for identifier in FORM_EFFECTS[form]]
+    theirs = orthonormal(np.concatenate([flattened(columns) for columns in effects], axis=1))
+    assert own.shape == theirs.shape
+    assert np.allclose(project_out(own, theirs), 0.0, atol=1e-9)
 
 
 def test_no_id_stands_twice_among_effects_of_one_kind() -> None:

@@ -20,7 +20,8 @@ from hil.linear_forms import named_form
 from hil.model import built_in_model, load_model
 from hil.planned import planned_conditions
 from hil.visibility import NoiseLevel, Sights, base_values, visibility
-from hil.visibility_document import of_campaign, visibility_document
+from hil.visibility_document import campaign_document, of_campaign, sweep_document, visibility_document
+from hil.visibility_text import visibility_text
 from procedures.plan import make_plan
 from tests.hil.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
 
@@ -228,3 +229,21 @@ def test_sensor_layouts_take_the_form_that_is_meant_for_them() -> None:
     assert visibility(campaign(temperatures=(20.0,))).form == "matrix-6"
     assert visibility(triad_poses()).form == "triad-12"
     assert (ROTOR.is_rotor, TRIAD.is_triad) == (True, True)
+
+
+def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
+    """The screenful for the contractor's form on the published sweep, and for a campaign marked as simulated."""
+    document = sweep_document(load_sweep("rd-gc-86-1"), load_bench("simulated"), built_in_model("collins-4"))
+    text = visibility_text(document)
+    alike = next(line for line in text.splitlines() if line.startswith("Look alike") and "MU_real" in line)
+    assert "k2" in alike
+    assert "  supply: needs supply_V" in text
+    assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
+    assert "tells apart: " in text
+    assert "SIMULATED" not in text
+    rates = np.zeros((72, 2))
+    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, rates + 0.5)}, simulated=True)
+    lines = visibility_text(campaign_document(simulated)).splitlines()
+    assert lines[0] == "night  SIMULATED"
+    assert any(line.startswith("  k2 (") and "MUB" in line for line in lines)
+    assert not any(line.startswith("  MU_real") for line in lines)  # the model has it
