@@ -114,9 +114,9 @@ def test_frames_inside_a_good_frame_are_its_payload(speed: str) -> None:
     outer = bytearray(b"\xfe\x81\x01\x01" + inner + bytes(5))
     for byte in outer[:-1]:
         outer[-1] ^= byte
-    outcome = decode(description, [bytes(outer) * 3 + inner])
-    assert (len(outcome.frames["outer"]), len(outcome.frames["inner"])) == (3, 1)
-    assert outcome.counts == StreamCounts(ok=4)
+    outcome = decode(description, [inner + bytes(outer) * 3 + inner])
+    assert (len(outcome.frames["outer"]), len(outcome.frames["inner"])) == (3, 2)
+    assert outcome.counts == StreamCounts(ok=5)
 
 
 def test_a_counter_that_wraps_loses_nothing_and_gaps_are_counted_across_the_wrap(speed: str) -> None:
@@ -168,6 +168,9 @@ def test_after_a_reset_the_unfinished_frame_is_gone_and_the_gap_is_not_a_loss() 
     decoded = decoder.feed(frames[2][30:] + b"".join(frames[6:]))
     assert decoded.counts == StreamCounts(ok=4, skipped_bytes=29, resyncs=1)
     assert decoded["sample"].sequence.tolist() == [6, 7, 8, 9]
+    assert decoded["sample"].starts[0] == 3 * 59
+    decoder.reset()
+    assert decoder.feed(frames[9]).counts == StreamCounts(ok=1)
 
 
 def damaged(frames: list[bytes], seed: int, rate: float) -> tuple[bytes, set[bytes]]:

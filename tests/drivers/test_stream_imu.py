@@ -139,6 +139,17 @@ def test_an_outage_longer_than_a_turn_of_the_counter_is_counted_by_the_clock() -
     assert sum(block.counts.lost for block in blocks) == 7200 * 20
 
 
+def test_an_outage_before_a_collect_is_no_loss_of_the_collect() -> None:
+    """Two turns of the counter passed in silence; the collect that begins after it misses nothing."""
+    bench = Bench([FaultWindow(ImuFault.STALL, begins_s=60.0, ends_s=60.0 + 7200.0)])
+    bench.clock.sleep(30.0)
+    bench.imu.read_block()
+    bench.clock.sleep(7229.0)
+    blocks = bench.collect(60.0)
+    assert sum(len(block) for block in blocks) == 59 * 20 + 1
+    assert sum(block.counts.lost for block in blocks) == 0
+
+
 def test_a_unit_that_was_switched_off_is_placed_by_the_clock_and_loses_what_the_clock_says() -> None:
     """A counter that begins anew is not a gap of an hour."""
     clock = VirtualClock()
