@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock import SystemClock, VirtualClock
-from drivers.errors import DeviceTimeout, TransportError
+from drivers.clock import Clock, SystemClock, VirtualClock
+from drivers.errors import DeviceTimeout, SetpointOutOfLimits, TransportError, WrongDevice
 from drivers.operator import OperatorPositioner
+from drivers.simulators.memory import MemoryTransport
 from drivers.stream_imu import IndexingPositioner
+from drivers.transport import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError
@@ -103,6 +105,84 @@ def test_simulated_devices_also_run_under_the_computers_clock() -> None:
     with build_bench(_bench(("clock: virtual", "clock: system"))) as live:
         assert isinstance(live.devices.clock, SystemClock)
         assert live.devices.imu.identify().model == "MFS-IMU"
+
+
+def test_every_setting_of_the_chamber_section_reaches_the_driver() -> None:
+    """Address, line end, limits, margin and safe state, seen from the controller's side."""
+    bench = _bench(
+        ("  model: P300    ", "  address: 2\n  terminator: CR\n  native_margin: 3 degC\n  model: P300    "),
+        ("{action: standby}", "{action: hold, temperature: 30 degC}"),
+    )
+    with build_bench(bench) as live:
+        chamber = live.devices.chamber
+        chamber.prepare()
+        reading = chamber.read()
+        assert (reading.low_limit_degC, reading.high_limit_degC) == (-48.0, 78.0)
+        with pytest.raises(SetpointOutOfLimits):
+            chamber.set_temperature(76.0)
+        chamber.safe_state()
+        reading = chamber.read()
+        assert (reading.mode, reading.setpoint_degC) == ("CONSTANT", 30.0)
+
+
+def test_another_chamber_on_the_port_is_refused() -> None:
+    """The model of the bench file is how its answer begins."""
+    with (
+        build_bench(_bench(("  model: P300    ", "  model: SH-641  "))) as live,
+        pytest.raises(WrongDevice, match="SH-641"),
+    ):
+        live.devices.chamber.identify()
+
+
+def test_the_rate_of_the_bench_file_takes_the_place_of_the_descriptions() -> None:
+    """The simulated unit streams at it, and the driver knows."""
+    with build_bench(_bench(("  port: sim://imu", "  rate: 50 Hz\n  port: sim://imu"))) as live:
+        assert live.devices.imu.sample_rate_hz == 50.0
+        live.devices.imu.discard()
+        live.devices.clock.sleep(10.0)
+        assert len(live.devices.imu.read_block()) == 500
+
+
+def test_real_ports_are_opened_with_their_own_baud_rates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bench file's, or else the frame description's."""
+    opened = []
+
+    def refuse(url: str, *, clock: Clock, baudrate: int) -> Transport:
+        opened.append((Path(url).name, baudrate))
+        if len(opened) == 2:
+            raise TransportError("enough seen")
+        return MemoryTransport(_Nothing(), clock, url)
+
+    monkeypatch.setattr("hil.bench.open_port", refuse)
+    for name in ("imu", "chamber"):
+        (tmp_path / name).touch()
+    with pytest.raises(TransportError, match="enough seen"):
+        build_bench(_real(str(tmp_path / "imu"), str(tmp_path / "chamber")))
+    assert opened == [("imu", 115200), ("chamber", 19200)]
+
+
+class _Nothing:
+    """A device that never says anything."""
+
+    def receive(self, data: bytes, now_s: float) -> None: ...
+
+    def transmit(self, now_s: float) -> bytes:
+        return b""
+
+    def next_transmission(self, now_s: float) -> float | None:
+        return None
+
+
+def test_the_simulated_chamber_cools_as_slowly_as_its_section_says() -> None:
+    """Heating and cooling each at their own rate: half an hour of ramp at 2 and 1 °C/min."""
+    bench = _bench(("{heating: 3 degC/min, cooling: 3 degC/min}", "{heating: 2 degC/min, cooling: 1 degC/min}"))
+    with build_bench(bench) as live:
+        live.devices.chamber.prepare()
+        for setpoint, moved in ((70.0, 20.0), (-40.0, -10.0)):
+            before = live.devices.chamber.read().temperature_degC
+            live.devices.chamber.set_temperature(setpoint)
+            live.devices.clock.sleep(600.0)
+            assert live.devices.chamber.read().temperature_degC - before == pytest.approx(moved, abs=1.5)
 
 
 def test_closing_twice_is_allowed() -> None:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from hil.bench import build_bench
+from hil.config import parse_bench
 from tests.hil.twin.quiet import NAMES, collect, quiet_bench
 
 _RESOLUTION = 0.001  # deg/hr, of the frame
@@ -54,6 +56,24 @@ def test_each_term_of_sensor_1_follows_its_own_orientations(name: str, tmp_path:
             rate_b = p["BB"] - p["GSB"] * f_a + p["GSA"] * f_b - p["MUA"] * f_s + b @ earth
             assert (means["rate_A1"], means["rate_B1"]) == pytest.approx((rate_a, rate_b), abs=_RESOLUTION)
             assert means["rate_A2"] == pytest.approx(_report(position, {}, gravity, earth)[0], abs=_RESOLUTION)
+
+
+def test_a_tilted_position_is_turned_the_right_way(tmp_path: Path) -> None:
+    """Bench axes into sensor axes, not the other way: the published positions are their own transposes, this is not."""
+    text = quiet_bench(tmp_path, {2: {"GSA": 100.0, "MUB": 30.0}}).text
+    document = yaml.safe_load(text)
+    for sensor in document["sensors"].values():
+        sensor["orientations"]["4"] = {"from": "3", "rotate": "40 deg", "about": 1}
+    bench = parse_bench(yaml.safe_dump(document), str(tmp_path / "bench.yaml"))
+    gravity, earth = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+    cos, sin = np.cos(np.deg2rad(40.0)), np.sin(np.deg2rad(40.0))
+    a, b, s = np.array([0.0, -sin, cos]), np.array([0.0, cos, sin]), np.array([1.0, 0.0, 0.0])
+    with build_bench(bench) as live:
+        means = collect(live, "4")
+    rate_a = 100.0 * (a @ gravity) + 30.0 * (s @ gravity) + a @ earth
+    rate_b = 100.0 * (b @ gravity) + b @ earth
+    assert (means["rate_A2"], means["rate_B2"]) == pytest.approx((rate_a, rate_b), abs=_RESOLUTION)
+    assert means["accel_A2"] == pytest.approx(a @ gravity, abs=1e-6)
 
 
 def test_accelerometers_show_gravity_along_their_axes(tmp_path: Path) -> None:
