@@ -91,7 +91,6 @@ class RestabilisationGate:
         if self._band_s is not None:
             self.window_restarts += 1
         self._left_s, self._band_s = time_s, None
-        self._air.clear()
 
     def _inside(self, time_s: float) -> None:
         """Begin, or go on with, a stay in the band."""

@@ -45,11 +45,6 @@ _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
     StepKind.COLLECT: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX),
     StepKind.SAFE_STATE: (),
 }
-# What doing a step of a kind puts out of effect.
-_UNDOES: Mapping[StepKind, tuple[StepKind, ...]] = {
-    StepKind.SETPOINT: (StepKind.RESTABILISE, StepKind.SAFE_STATE),
-    StepKind.SAFE_STATE: (StepKind.SETPOINT, StepKind.RESTABILISE),
-}
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
@@ -323,9 +318,11 @@ class Sequencer:
             self._restore(index)
 
     def _now_in_effect(self, step: Step, result: StepResult) -> bool:
-        """Note what the step put into, and out of, effect; end the night where soaks never settle."""
-        for kind in _UNDOES.get(step.kind, ()):
-            self._in_effect.pop(kind, None)
+        """Note what the step put into effect; end the night where soaks never settle.
+
+        What is in effect is compared by key, and a plan never comes back to a key it has left, so a new setpoint needs
+        no list of what it undoes.
+        """
         if step.kind is StepKind.RESTABILISE:
             self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
             if self._unsettled >= self._interlocks.unsettled_soaks:

@@ -273,8 +273,13 @@ class FakeBench:
 
     def run(self, fails: Callable[[int, str], None] = lambda call, when: None, **more: Any) -> SweepOutcome:
         self.journal = ListJournal(self.record, fails)
-        more = {"interlocks": self.interlocks, "polling": self.polling, "powered_on": BEGAN} | more
-        return Sequencer(self.plan, self.devices, self.journal, self.stop, began=BEGAN, **more).run()
+        more = {
+            "began": BEGAN,
+            "interlocks": self.interlocks,
+            "polling": self.polling,
+            "powered_on": BEGAN,
+        } | more
+        return Sequencer(self.plan, self.devices, self.journal, self.stop, **more).run()
 
     def reboot(self, after_s: float = 3600.0) -> None:
         """The power came back: the unit's position is not known, the stream begins anew."""

@@ -36,11 +36,11 @@ def test_a_slope_is_significant_as_often_as_it_should_be(rho):
 
 
 def test_white_noise_gets_sigma_over_root_n_with_little_added_scatter():
-    """On average within 2 % of sigma/sqrt(n); scatter of the error under 8 %, the best possible being 2 %."""
+    """On average within 2 % of sigma/sqrt(n); scatter of the error under 7 %, the best possible being 2 %."""
     average = average_series(TIME_S, 3.0 * np.random.default_rng(19).standard_normal((N, 3000)))
     assert average.se.mean() == pytest.approx(3.0 / np.sqrt(N), rel=0.02)
-    assert average.se.std() / average.se.mean() < 0.08
-    assert np.median(average.inflation) == pytest.approx(1.0, abs=0.01)
+    assert average.se.std() / average.se.mean() < 0.07
+    assert np.mean(np.abs(average.inflation - 1.0) < 0.01) > 0.97
 
 
 def test_a_slow_process_below_much_white_noise_is_not_missed():
@@ -52,6 +52,14 @@ def test_a_slow_process_below_much_white_noise_is_not_missed():
     assert np.sqrt(np.mean(average.se**2)) > 0.85 * average.mean.std()
     naive = values.std(axis=0) / np.sqrt(N)
     assert np.mean(np.abs(average.mean) < 1.96 * naive) < 0.75
+
+
+def test_a_wander_too_slow_for_an_autoregression_shows_in_the_batches():
+    """0.2 of rho 0.98 below white noise of 1: half of the error comes from it; most of that is recovered."""
+    rng = np.random.default_rng(25)
+    values = rng.standard_normal((N, 2000)) + 0.2 * _ar1(rng, N, 2000, 0.98)
+    average = average_series(TIME_S, values)
+    assert np.sqrt(np.mean(average.se**2)) > 0.7 * average.mean.std()
 
 
 def test_a_random_walk_gets_an_error_many_times_that_of_independent_samples():

@@ -55,13 +55,13 @@ def test_the_unit_may_be_warmer_than_the_air():
     assert _opens(lambda t: 20.0, lambda t: 28.0)[0] == 2700.0
 
 
-def test_a_slow_creep_of_the_air_within_its_band_keeps_the_gate_shut():
-    """0.06 °C/min is a slope, although every reading lies in the band for a while."""
-    opened, gate = _opens(
-        lambda t: 19.6 + 0.06 * (t % 720) / 60.0, settings=replace(SETTINGS, at_least_s=600.0), until_s=715.0
-    )
+@pytest.mark.parametrize("creep_degC_per_min", [0.06, -0.06])
+def test_a_slow_creep_of_the_air_within_its_band_keeps_the_gate_shut(creep_degC_per_min):
+    """0.06 °C/min up or down is a slope, although every reading lies in the band for a while."""
+    settings = replace(SETTINGS, at_least_s=600.0)
+    opened, gate = _opens(lambda t: 20.0 + creep_degC_per_min * (t - 360.0) / 60.0, settings=settings, until_s=715.0)
     assert opened is None
-    assert "slope" in gate.decision.waiting_for
+    assert gate.decision.waiting_for == ("slope",)
 
 
 def test_a_short_excursion_restarts_the_window_but_not_the_soak():

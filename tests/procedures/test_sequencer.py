@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from procedures.plan import StepKind
 from procedures.progress import Silent
 from procedures.sequencer import SweepState
 from procedures.verdict import Verdict, self_calibration_verdict
+
+BEGAN_EARLIER = datetime(1985, 10, 1, 15, 0, tzinfo=UTC)  # two hours before the fakes' clock begins
 
 
 def test_a_clean_sweep_does_every_step_once_in_order_and_ends_safe(bench):
@@ -48,9 +51,7 @@ def test_collects_hold_what_the_campaign_needs(bench):
 
 def test_a_collects_samples_and_raw_bytes_go_to_the_journal_in_campaign_time(bench):
     """The block's times lie within the collect; the raw bytes are all there."""
-    bench.clock.sleep(5000.0)
-    bench.imu.discard()
-    bench.run()
+    bench.run(began=BEGAN_EARLIER)
     key, _, result = next(end for end in bench.record.ends if end[0].endswith("collect"))
     times = result.samples.time_s
     start_s, duration_s = result.data["start_s"], result.data["duration_s"]

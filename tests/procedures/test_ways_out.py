@@ -226,3 +226,13 @@ def test_a_suspicion_of_which_nothing_more_is_heard_ends_the_hold_at_a_ceiling(b
     assert outcome.state is SweepState.FAILED
     assert "held-too-long: unit-limits" in outcome.reason
     assert bench.chamber.safe
+
+
+def test_a_stream_that_is_silent_from_the_start_is_lost_however_often_it_is_drained(bench):
+    """Ten drains a second, each too short to expect a frame: together they say that nothing comes."""
+    bench.polling = replace(bench.polling, read_interval_s=0.1)
+    bench.imu.silent = _at(0.0)
+    outcome = bench.run()
+    assert outcome.state is SweepState.FAILED
+    assert "stream-lost" in outcome.reason
+    assert bench.clock.now() < 120.0
