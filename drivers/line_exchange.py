@@ -30,15 +30,29 @@ class LineTiming:
 
 
 class LineExchange:
-    """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0"."""
+    """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
+
+    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own. `encoding` is that
+    of the text between them.
+    """
 
     def __init__(
-        self, transport: Transport, clock: Clock, *, device: str, terminator: bytes, timing: LineTiming | None = None
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        device: str,
+        terminator: bytes,
+        timing: LineTiming | None = None,
+        reply_terminator: bytes | None = None,
+        encoding: str = "ascii",
     ) -> None:
         self._transport = transport
         self._clock = clock
         self._device = device
         self._terminator = terminator
+        self._reply_terminator = terminator if reply_terminator is None else reply_terminator
+        self._encoding = encoding
         self._timing = timing or LineTiming()
         self._ready_at_s = clock.now()
 
@@ -80,6 +94,11 @@ class LineExchange:
         finally:
             self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
 
+    def tell(self, request: str) -> None:
+        """Send `request` once, to a controller that answers such requests with nothing: read back."""
+        self._send(request)
+        self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
+
     def _ask(self, request: str, parse: Callable[[str], Reply]) -> Reply:
         try:
             self._send(request)
@@ -90,21 +109,21 @@ class LineExchange:
     def _send(self, request: str) -> None:
         self._clock.sleep(self._ready_at_s - self._clock.now())
         self._transport.drain()
-        self._transport.write(request.encode("ascii") + self._terminator)
+        self._transport.write(request.encode(self._encoding) + self._terminator)
 
     def _receive(self, request: str, deadline_s: float) -> str:
         """Return the next line that is not the echo of the request (two-wire adapters hear themselves)."""
         while True:
             remaining_s = max(0.0, deadline_s - self._clock.now())
             try:
-                received = self._transport.read_until(self._terminator, remaining_s)
+                received = self._transport.read_until(self._reply_terminator, remaining_s)
             except DeviceTimeout as error:
                 raise DeviceTimeout(
                     f"{self._device} did not answer {request!r} in {self._timing.timeout_s:g} s; check its power, the "
                     f"cable, and the line settings and delimiter on its panel ({error})"
                 ) from error
             try:
-                line = received[: -len(self._terminator)].decode("ascii").strip()
+                line = received[: -len(self._reply_terminator)].decode(self._encoding).strip()
             except UnicodeDecodeError as error:
                 raise ProtocolError(
                     f"{self._device} answered {request!r} with {received!r}: no text; check baud rate and parity"

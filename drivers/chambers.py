@@ -1,0 +1,98 @@
+"""Every chamber driver by the name that a bench file gives it, and the line settings that its maker ships it with.
+
+    driver = CHAMBER_DRIVERS["watlow-f4"]
+    chamber = driver.build(transport, clock, ChamberOptions(limits=limits, safe=safe))
+
+The simulator of each is under the same name in `drivers.simulators.chambers`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.chamber import Chamber, ChamberLimits, SafeState
+from drivers.clock import Clock
+from drivers.controller import Controller
+from drivers.espec import EspecChamber
+from drivers.ezt570i import Ezt570i
+from drivers.supervised_chamber import SupervisedChamber
+from drivers.transport import Transport
+from drivers.watlow_f4 import WatlowF4
+
+
+@dataclass(frozen=True)
+class ChamberOptions:
+    """What a bench file says about its chamber. `address` and `terminator` are the driver's own where they are None.
+
+    `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
+    """
+
+    limits: ChamberLimits
+    safe: SafeState
+    expected_model: str | None = None
+    address: int | None = None
+    terminator: bytes | None = None
+    native_margin_degC: float = 5.0
+    celsius_confirmed: bool = False
+
+
+@dataclass(frozen=True)
+class SerialLine:
+    """Line settings as a controller leaves its factory."""
+
+    baud: int
+    data_bits: int = 8
+    parity: Literal["N", "E", "O"] = "N"
+
+
+@dataclass(frozen=True)
+class ChamberDriver:
+    """One driver: how a person calls its controllers, their line, and how it is put together."""
+
+    title: str
+    line: SerialLine
+    build: Callable[[Transport, Clock, ChamberOptions], Chamber]
+
+
+def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return EspecChamber(
+        transport,
+        clock,
+        limits=options.limits,
+        safe=options.safe,
+        expected_model=options.expected_model,
+        address=options.address,
+        terminator=options.terminator or b"\r\n",
+        native_margin_degC=options.native_margin_degC,
+        celsius_confirmed=options.celsius_confirmed,
+    )
+
+
+def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+    """Put what all drivers do over a controller."""
+    return SupervisedChamber(
+        controller,
+        clock,
+        limits=options.limits,
+        safe=options.safe,
+        expected_model=options.expected_model,
+        native_margin_degC=options.native_margin_degC,
+        celsius_confirmed=options.celsius_confirmed,
+    )
+
+
+def _watlow_f4(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(WatlowF4(transport, clock, address=options.address or 1), clock, options)
+
+
+def _ezt570i(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(Ezt570i(transport, clock, address=options.address or 1), clock, options)
+
+
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
+    "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec),
+    "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
+    "ezt-570i": ChamberDriver("Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _ezt570i),
+}

@@ -1,0 +1,71 @@
+"""Every simulated chamber controller, under the name of the driver that speaks to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.simulators import SimulatedDevice
+from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
+from drivers.simulators.ezt570i import SimulatedEzt570i
+from drivers.simulators.watlow_f4 import SimulatedWatlowF4
+
+
+@dataclass(frozen=True)
+class SimulatorOptions:
+    """What a bench file says about its simulated chamber; None for the driver's own address and terminator."""
+
+    address: int | None = None
+    terminator: bytes | None = None
+    faults: tuple[ChamberFault, ...] = ()
+    begins_s: float = 0.0
+
+
+class SimulatedChamberController(SimulatedDevice, Protocol):
+    """A simulated controller whose state tests and twins look at."""
+
+    mode: str
+    setpoint_degC: float
+    alarms: tuple[str, ...]
+
+
+Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
+
+_NOT_OF_AN_ESPEC = {ChamberFaultKind.FAHRENHEIT, ChamberFaultKind.PROGRAM}
+
+
+def espec_fault(fault: ChamberFault) -> EspecFault:
+    """Return the fault as the simulated ESPEC knows it; `ValueError` for one that it does not have."""
+    if fault.kind in _NOT_OF_AN_ESPEC:
+        raise ValueError(f"the simulated ESPEC has no fault {fault.kind.value}")
+    kind = FaultKind.GARBAGE if fault.kind is ChamberFaultKind.CORRUPTED else FaultKind(fault.kind.value)
+    text = f"{fault.reading:.1f}" if kind is FaultKind.SENSOR_BROKEN and fault.text is None else fault.text
+    return EspecFault(kind, fault.begins_s, fault.command, fault.times, fault.delay_s, text)
+
+
+def _espec(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedEspec(
+        plant,
+        address=options.address,
+        terminator=options.terminator or b"\r\n",
+        faults=[espec_fault(fault) for fault in options.faults],
+        begins_s=options.begins_s,
+    )
+
+
+def _watlow_f4(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedWatlowF4(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+
+
+def _ezt570i(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedEzt570i(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+
+
+CHAMBER_SIMULATORS: Mapping[str, Build] = {
+    "espec": _espec,
+    "watlow-f4": _watlow_f4,
+    "ezt-570i": _ezt570i,
+}

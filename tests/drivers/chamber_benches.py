@@ -1,0 +1,131 @@
+"""A chamber of any kind on the virtual clock: driver, wire that is watched, simulated controller, air."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drivers.chamber import Chamber, ChamberLimits, SafeState
+from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions
+from drivers.clock import VirtualClock
+from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatorOptions, espec_fault
+from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.espec import SimulatedEspec
+from drivers.simulators.memory import MemoryTransport
+
+LIMITS = ChamberLimits(-35.0, 65.0)
+HOLD = SafeState("hold", 25.0)
+
+
+def modbus_setpoints(registers: Sequence[int], scale: float = 10.0) -> Callable[[bytes], list[float]]:
+    """Return what finds the setpoints in what a host sent: function 6 to one of these registers, signed tenths."""
+
+    def find(sent: bytes) -> list[float]:
+        heads = [bytes((1, 6)) + struct.pack(">H", register) for register in registers]
+        places = [at for at in range(len(sent)) if sent[at : at + 4] in heads]
+        return [struct.unpack(">h", sent[at + 4 : at + 6])[0] / scale for at in places]
+
+    return find
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the tests know of a kind of chamber: where setpoints are in its bytes, how a set and a read are called."""
+
+    setpoints: Callable[[bytes], list[float]]
+    read: str
+    write: str
+    tells_unit: bool = False
+    native_limits: bool = True
+    knows_standby: bool = False
+    refuses: bool = True  # says no where it does not do what it is asked
+    drops_are_seen: bool = True
+
+
+def text_setpoints(pattern: bytes) -> Callable[[bytes], list[float]]:
+    """Return what finds the setpoints in what a host sent as text."""
+    import re
+
+    return lambda sent: [float(value) for value in re.findall(pattern, sent)]
+
+
+KINDS: dict[str, Kind] = {
+    "espec": Kind(text_setpoints(rb"TEMP,S([-0-9.]+)\r\n"), "TEMP?", "TEMP,S", knows_standby=True),
+    "watlow-f4": Kind(modbus_setpoints([300]), "read 100", "write 300", tells_unit=True),
+    "ezt-570i": Kind(modbus_setpoints([60]), "read 60", "write 60", refuses=False),
+}
+
+
+class Wire:
+    """A simulated device, with every byte that the host sends kept."""
+
+    def __init__(self, device: Any) -> None:
+        self.device = device
+        self.sent = b""
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Keep, and pass on."""
+        self.sent += data
+        self.device.receive(data, now_s)
+
+    def transmit(self, now_s: float) -> bytes:
+        """Pass on."""
+        return bytes(self.device.transmit(now_s))
+
+    def next_transmission(self, now_s: float) -> float | None:
+        """Pass on."""
+        at_s: float | None = self.device.next_transmission(now_s)
+        return at_s
+
+
+class ChamberBench:
+    """A chamber, its controller, its air, and the clock they share."""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        safe: SafeState = HOLD,
+        limits: ChamberLimits = LIMITS,
+        faults: Sequence[ChamberFault] = (),
+        mode: str = "OFF",
+        setpoint_degC: float | None = None,
+        **options: Any,
+    ) -> None:
+        self.kind = KINDS[name]
+        self.clock = VirtualClock()
+        self.plant = ChamberPlant()
+        self.device: Any = CHAMBER_SIMULATORS[name](self.plant, SimulatorOptions(faults=tuple(faults)))
+        self.device.mode = mode
+        if setpoint_degC is not None:
+            self.device.setpoint_degC = setpoint_degC
+        self.device._condition(0.0)
+        self.wire = Wire(self.device)
+        self.transport = MemoryTransport(self.wire, self.clock, "sim://chamber")
+        self.options = ChamberOptions(limits, safe, **options)
+        self.chamber: Chamber = CHAMBER_DRIVERS[name].build(self.transport, self.clock, self.options)
+
+    def rebuilt(self, **options: Any) -> Chamber:
+        """Return another driver on the same port, as after a restart of the program."""
+        name = next(name for name, kind in KINDS.items() if kind is self.kind)
+        return CHAMBER_DRIVERS[name].build(self.transport, self.clock, replace(self.options, **options))
+
+    def fault(self, kind: ChamberFaultKind, **details: Any) -> None:
+        """Let something go wrong from now on."""
+        fault = ChamberFault(kind, **({"begins_s": self.clock.now()} | details))
+        self.device.inject(espec_fault(fault) if isinstance(self.device, SimulatedEspec) else fault)
+
+    @property
+    def setpoints(self) -> list[float]:
+        """Every setpoint that went over the wire."""
+        return self.kind.setpoints(self.wire.sent)
+
+    def is_safe(self) -> bool:
+        """Tell whether the controller is where the bench file wants it left."""
+        safe = self.options.safe
+        if safe.action == "hold":
+            return bool(self.device.mode == "CONSTANT" and self.device.setpoint_degC == safe.temperature_degC)
+        return self.device.mode in (("STANDBY", "OFF") if safe.action == "standby" else ("OFF",))
