@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Effect
-from hil.effects.catalogue import effect_by_id
+from hil.effects.catalogue import VARIANCE_EFFECTS, effect_by_id
 from hil.effects.history import averaged_decay, joined, loop_side, play, setpoint_step
 from hil.effects.identifiability import flattened, orthonormal, project_out
 from hil.linear_forms import named_form
@@ -262,6 +262,72 @@ def test_faster_spin_is_a_shorter_period() -> None:
     base = rotor_base(conditions)
     gain = effect_by_id("spin").columns(conditions, base, {"nominal_us": 10000.0})[..., 0]
     assert np.allclose(gain, base.rates * (10000.0 / 9900.0 - 1.0))
+
+
+@pytest.mark.parametrize(
+    ("identifier", "columns", "shape", "expected"),
+    [
+        ("bias_T", {"temperature_degC": [25.0, 35.0, 15.0]}, {}, [0.0, 10.0, -10.0]),
+        (
+            "bias_grad",
+            {"case_degC": [30.0, 20.0, 25.0], "temperature_degC": [20.0, 30.0, 25.0]},
+            {},
+            [10.0, -10.0, 0.0],
+        ),
+        ("demod", {"case_degC": [25.0, 45.0, 5.0]}, {}, [0.0, 20.0, -20.0]),
+        ("supply", {"supply_V": [28.0, 28.28, 27.72]}, {"nominal_V": 28.0}, [0.0, 1.0, -1.0]),
+        ("vre", {"vibration_g": [0.0, 0.1, 0.2]}, {}, [0.0, 0.01, 0.04]),
+    ],
+)
+def test_drivers_count_in_the_units_of_their_coefficients(
+    identifier: str, columns: dict[str, list[float]], shape: dict[str, float], expected: list[float]
+) -> None:
+    """°C, %, g²: the first coefficient's column in channel A, and none of it in channel B."""
+    conditions = replace(one_run(), columns={name: np.array(values) for name, values in columns.items()})
+    found = effect_by_id(identifier).columns(conditions, None, shape)
+    assert found[:, 0, 0] == pytest.approx(expected)
+    assert not found[:, 1, 0].any()
+
+
+def test_ageing_counts_days_at_the_middle_of_the_collect() -> None:
+    """A collect of two hours that begins 23 hours into the campaign is one day old."""
+    late = replace(one_run(), start_s=np.full(3, 23 * 3600.0), duration_s=np.full(3, 7200.0))
+    assert effect_by_id("ageing").columns(late, None, {})[:, 0, 0] == pytest.approx(1.0)
+
+
+def test_a_jump_holds_from_its_run_on() -> None:
+    """Nothing before, the whole step in its run and after; it cannot be at the first run."""
+    conditions = campaign(temperatures=(0.0, 20.0), runs_each=2)
+    effect = effect_by_id("jump")
+    assert np.array_equal(effect.columns(conditions, None, {"from_run": 3.0})[:, 0, 0], np.repeat([0, 0, 1, 1], 3))
+    assert [shape["from_run"] for shape in effect.shape_grid(conditions)] == [2.0, 3.0, 4.0]
+
+
+def test_gas_convection_thins_out_with_heat() -> None:
+    """In proportion to the gas's density: one at 25 °C, and falling as 1/T."""
+    conditions = with_columns(
+        one_run(), time_since_index_s=np.full(3, 1e6), temperature_degC=np.array([25.0, 25.0, 75.0])
+    )
+    conditions = replace(conditions, f_g=np.tile([0.0, 0.0, 1.0], (3, 1)))
+    columns = effect_by_id("convection").columns(conditions, None, {"tau_min": 1.0})[:, 0, 2]
+    assert columns == pytest.approx([1.0, 1.0, 298.15 / 348.15])
+
+
+def test_retainer_noise_is_a_matter_of_the_cold_and_frost_of_zero() -> None:
+    """Hash: nothing above 5 °C, unit density at -25, a quarter of the variance at -10. Frost: 5 °C wide about 0 °C."""
+    conditions = with_columns(one_run(), temperature_degC=np.array([20.0, -25.0, -10.0]))
+    noise, frost = (next(v for v in VARIANCE_EFFECTS if v.id == name) for name in ("hash", "frost"))
+    assert np.diag(noise.covariance(conditions))[::2] == pytest.approx([0.0, 60.0, 15.0])
+    conditions = with_columns(one_run(), temperature_degC=np.array([0.0, 5.0, 30.0]))
+    assert np.diag(frost.covariance(conditions))[::2] == pytest.approx([1.0, np.exp(-1.0), 0.0], abs=1e-9)
+
+
+def test_random_walk_grows_with_time() -> None:
+    """The variance of a difference between two collects is the hours between them."""
+    conditions = campaign()
+    walk = next(v for v in VARIANCE_EFFECTS if v.id == "rrw").covariance(conditions)[::2, ::2]
+    difference = walk[50, 50] + walk[10, 10] - 2.0 * walk[50, 10]
+    assert difference == pytest.approx((conditions.start_s[50] - conditions.start_s[10]) / 3600.0)
 
 
 def test_triad_scale_error_has_a_value_per_channel() -> None:
