@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize, special
 
 from hil.campaign import Conditions, FloatArray, IntArray
 
@@ -201,10 +201,10 @@ def by_level(columns: FloatArray, level: IntArray) -> FloatArray:
 @lru_cache(maxsize=256)
 def required_noncentrality(degrees: int, alpha: float, probability: float = 0.9) -> float:
     """Return the non-centrality at which a χ² test with `degrees` at level `alpha` succeeds with `probability`."""
-    threshold = stats.chi2.isf(alpha, degrees)
+    threshold = special.chdtri(degrees, alpha)
 
     def shortfall(noncentrality: float) -> float:
-        return float(stats.ncx2.sf(threshold, degrees, noncentrality)) - probability
+        return 1.0 - float(special.chndtr(threshold, degrees, noncentrality)) - probability
 
     high = 10.0
     while shortfall(high) < 0.0:

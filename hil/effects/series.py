@@ -11,10 +11,10 @@ and widen their errors by the correlation that is left. A p-value is NaN where t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc, ndtr
 
 from hil.campaign import FloatArray, Sensor, Series
 from hil.effects.base import Parameter, SeriesEffect, SeriesFinding
@@ -59,7 +59,7 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     correlation = min(max(correlation + (1.0 + 4.0 * correlation) / len(rates), 0.0), 0.99)
     wider = (1.0 + correlation) / (1.0 - correlation)
     statistic = explained[index] / (power / freedom * wider)
-    p_value = float(stats.f.sf(statistic, 1, max(freedom / wider, 3.0))) * candidates.shape[1]
+    p_value = float(fdtrc(1, max(freedom / wider, 3.0), statistic)) * candidates.shape[1]
     return index, float(coefficients[index]), min(p_value, 1.0)
 
 
@@ -167,7 +167,7 @@ class Tone(_ChannelwiseTest):
             return 1.0, {}, "nothing changes"
         background, neighbours = _surroundings(power)
         # Under locally flat noise each ratio is F distributed with 2 and twice the neighbours' degrees of freedom.
-        p_values = stats.f.sf(power / background, 2, 2 * neighbours)
+        p_values = fdtrc(2, 2 * neighbours, power / background)
         index = int(np.argmin(p_values))
         amplitude = 2.0 / len(rates) * math.sqrt(max(float(power[index] - background[index]), 0.0))
         frequency = (index + 1) / (len(rates) * step)
@@ -231,7 +231,7 @@ class Saturation(_ChannelwiseTest):
         if count < 3 or spread == 0.0:
             return 1.0, count
         half = 0.5 * lattice_step(rates)
-        reach, beyond = stats.norm.sf((top - half - middle) / spread), stats.norm.sf((top + half - middle) / spread)
+        reach, beyond = ndtr((middle - top + half) / spread), ndtr((middle - top - half) / spread)
         stays = 1.0 - float(beyond / max(reach, 1e-300))
         return stays ** (count - 1), count
 
@@ -256,7 +256,17 @@ class Bursts(_ChannelwiseTest):
         variances = np.array([np.var(part) for part in parts])
         ratio = float(variances.max() / max(float(np.median(variances)), 1e-300))
         sentence = f"the noisiest part has {ratio:.3g} times the usual variance"
-        return float(stats.levene(*parts, center="median").pvalue), {"variance_ratio": ratio}, sentence
+        return equal_spread(parts), {"variance_ratio": ratio}, sentence
+
+
+def equal_spread(parts: Sequence[FloatArray]) -> float:
+    """Return the p-value of Levene's test about medians (Brown-Forsythe) that the parts have the same variance."""
+    distances = [np.abs(part - np.median(part)) for part in parts]
+    everything = np.concatenate(distances)
+    between = sum(len(part) * (part.mean() - everything.mean()) ** 2 for part in distances) / (len(parts) - 1)
+    freedom = len(everything) - len(parts)
+    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in distances) / freedom
+    return float(fdtrc(len(parts) - 1, freedom, between / within)) if within > 0.0 else 1.0
 
 
 def uniform(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.signal import lfilter
 
 from hil.campaign import FloatArray, Series
@@ -17,6 +18,7 @@ from hil.effects.series import (
     Saturation,
     SettlingInCollect,
     Tone,
+    equal_spread,
     lattice_step,
 )
 from tests.hil.effect_conditions import ROTOR
@@ -124,6 +126,13 @@ def test_bursts_are_a_change_of_noise_whatever_level_and_slope_do() -> None:
     assert found.estimates["variance_ratio"] > 4.0
     steady, _ = Bursts().test(series(rng, added=20.0 * (T > 30.0) + T), ROTOR)
     assert steady.p_value > 0.01
+
+
+def test_equality_of_spread_is_levenes_test() -> None:
+    """The p-value agrees with scipy's."""
+    rng = np.random.default_rng(10)
+    parts = [rng.standard_normal(50) * scale for scale in (1.0, 1.2, 0.9)]
+    assert equal_spread(parts) == pytest.approx(stats.levene(*parts, center="median").pvalue, rel=1e-9)
 
 
 @pytest.mark.parametrize("effect", SERIES_EFFECTS, ids=lambda effect: effect.id)
