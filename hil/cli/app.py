@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import data, device, night
+from hil.cli import data, device, model, night
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -20,7 +20,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (*night.COMMANDS, *data.COMMANDS, *device.COMMANDS):
+for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *device.COMMANDS):
     app.command()(with_status(command))
 
 

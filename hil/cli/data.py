@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from hil.campaign import Campaign
-from hil.cli.output import JsonFlag, print_json, results, warn
+from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
 from hil.solve import RunSolution
 
@@ -46,6 +46,8 @@ def solve(
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
+    for note in campaign.notes.splitlines():
+        messages().print(f"note: {note}")
     solutions = solve_campaign(campaign, model)
     if as_json:
         print_json(solution_document(campaign, solutions))
@@ -123,8 +125,10 @@ def export(
     """Write the night as a campaign folder: CSV that a spreadsheet reads."""
     from hil.export import export_campaign
 
-    export_campaign(folder, out)
-    results().print(f"campaign: {out}")
+    written = export_campaign(folder, out)
+    for note in written.notes:
+        messages().print(f"note: {note}")
+    results().print(f"campaign: {out}, {written.rows} rows")
 
 
 COMMANDS = (solve, report, export)

@@ -37,6 +37,11 @@ _FIGURES = (
     ("Figure 5's layout: MUB", "MUB", _PER_G, "MUB: what the contractor took for zero."),
 )
 
+_WANDER = (
+    "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
+    "standard errors (the scatter from run to run shows it)"
+)
+
 _NO_CONTRACTOR = (
     "The contractor's solution is made from the report's three orientations, which this sensor's collects are not."
 )
@@ -94,7 +99,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "runs": list(_runs(content, names)),
         "uncertainty_note": _UNCERTAINTY,
         "missing": list(night.missing) if night else [],
-        "warnings": list(campaign.warnings),
+        "warnings": [*campaign.warnings, *campaign.notes.splitlines()],
         "events": [
             {"when": when, "kind": kind, "message": message} for when, kind, message in (night.events if night else ())
         ],
@@ -241,7 +246,7 @@ def _assumed(content: ReportContent) -> list[str]:
     found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
     site = content.campaign.site
     told = [f"site: {', '.join(f'{name} {value:g}' for name, value in site.items())}"] if site else []
-    return list(dict.fromkeys(told + found))
+    return list(dict.fromkeys([*told, *found, _WANDER]))
 
 
 def _cannot_tell(content: ReportContent) -> list[str]:

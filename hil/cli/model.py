@@ -1,0 +1,111 @@
+"""Commands about what a model lacks: reconcile, visibility, effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from hil.cli.data import Source, read_source
+from hil.cli.output import JsonFlag, print_json, results, warn
+from hil.errors import InputError
+
+
+def reconcile(
+    campaign: Source,
+    model: Annotated[str, typer.Option(help="A model file, or the name of a built-in.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="The folder for the result.", show_default=False)],
+    as_json: JsonFlag = False,
+) -> None:
+    """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
+    from hil.reconcile import reconcile as search
+    from hil.reconcile import write_result
+
+    data = read_source(campaign)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; the result needs a folder")
+    result = search(data, model)
+    write_result(result, out)
+    document = result.document()
+    if as_json:
+        print_json(document)
+        return
+    warn(tuple(data.warnings))
+    for line in _reconciled(document):
+        results().print(line)
+    results().print(f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml")
+
+
+def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
+    """The result in a screenful."""
+    mark = "  SIMULATED" if document["simulated"] else ""
+    yield f"{document['campaign']}, model {document['model_before']}{mark}"
+    yield f"\nverdict: {document['verdict']}"
+    for each in document["disagreements"][:5]:
+        where = ", ".join(f"{name} {value}" for name, value in each["where"].items() if value not in (None, [], ""))
+        yield f"  {each['size_deg_per_hr']:+.2f} ± {each['se_deg_per_hr']:.2f} deg/hr  {where}"
+    for effect in document["effects"]:
+        yield f"\n{effect['id']}: {effect['title']}, probability {effect['probability']:.2f}"
+        yield f"  {effect['equation']}"
+        for parameter in effect["parameters"]:
+            se = "" if parameter["se"] is None else f" ± {parameter['se']:.3g}"
+            at = parameter.get("at") or ""
+            yield f"  {parameter['name']} = {parameter['value']:.4g}{se} {parameter['unit']} {at}"
+        for rival in effect["confusable_with"][:4]:
+            yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}"
+    gap = document["gap"]
+    if gap["before"] is not None:
+        after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
+        floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
+        yield f"\ngap, held out: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
+    if document["next_experiment"]:
+        yield f"measure next: {document['next_experiment']['why']}"
+    for note in document.get("notes", []):
+        yield f"note: {note}"
+
+
+def visibility(
+    source: Annotated[
+        str, typer.Argument(help="A sweep file (or its name), or a campaign folder.", show_default=False)
+    ],
+    bench: Annotated[str, typer.Option("--bench", help="For a sweep: the bench that would run it.")] = "simulated",
+    model: Annotated[str | None, typer.Option(help="A model file, or the name of a built-in.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Before a night is spent: say which effects these collects can see, at what size, and which look alike."""
+    from hil.config import load_bench, load_sweep
+    from hil.model import load_model
+    from hil.visibility_document import campaign_document, sweep_document
+    from hil.visibility_text import visibility_text
+
+    chosen = None if model is None else load_model(model)
+    if Path(source).is_dir():
+        document = campaign_document(read_source(Path(source)), chosen)
+    else:
+        document = sweep_document(load_sweep(source), load_bench(bench), chosen)
+    if as_json:
+        print_json(document)
+    else:
+        results().print(visibility_text(document))
+
+
+def effects(as_json: JsonFlag = False) -> None:
+    """List the catalogue: every effect that the twin can simulate and reconcile can name."""
+    from hil.effects.pages import effects_document
+
+    document = effects_document()
+    if as_json:
+        print_json(document)
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("id", "family", "what it is", "equation"):
+        table.add_column(heading, overflow="fold")
+    for effect in document["effects"]:
+        table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
+    results().print(table)
+
+
+COMMANDS = (reconcile, visibility, effects)
