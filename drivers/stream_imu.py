@@ -18,23 +18,34 @@ from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDe
 from drivers.frames.decoder import Decoded, StreamDecoder
 from drivers.frames.description import StreamDescription
 from drivers.frames.layout import FrameBatch
-from drivers.imu import ImuIdentity, SampleBlock, SensorChannels, StreamCounts
+from drivers.imu import FloatArray, ImuIdentity, SampleBlock, SensorChannels, StreamCounts
 from drivers.sample_clock import SampleClock
 from drivers.transport import Transport
 
+_CONFIRMED_LATE_S = 0.3  # between looks at a move that may end at any moment
+_DRAINED_S = 1.0  # between looks at a move that cannot end yet: the system holds so much of a stream for us
 _ASK_AGAIN = 3  # times that the identity is asked for within the time-out
 
 
 @dataclass(frozen=True)
 class IndexStatus:
-    """What the newest good frame says about the index; `code` is the position's number as the unit counts."""
+    """What the newest good frame says about the index; `code` is the position's number as the unit counts.
+
+    `since_s` is the time of the first of the frames that say the same place and movement without a break.
+    """
 
     time_s: float
+    since_s: float
     code: int
     moving: bool
     in_position: bool
     fault: bool
     rejected: bool
+
+    @property
+    def place(self) -> tuple[int, bool, bool]:
+        """Where it says that it is: code, moving, in position."""
+        return self.code, self.moving, self.in_position
 
 
 class StreamImu:
@@ -157,7 +168,7 @@ class StreamImu:
         counts, batch = decoded.counts, decoded[self._roles.frame]
         return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
-    def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
         """Decode, place the samples in time and remember what the newest one says about the index."""
         decoded = self._decoder.feed(raw, arrival_s)
         batch = decoded[self._roles.frame]
@@ -168,30 +179,34 @@ class StreamImu:
             lost = max(0, decoded.counts.lost + correction)
             decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))
         self._interrupted = False
-        self._index_status = self._status_in(batch, float(times_s[-1]))
+        self._index_status = self._status_in(batch, times_s)
         return decoded, times_s
 
-    def _status_in(self, batch: FrameBatch, time_s: float) -> IndexStatus | None:
+    def _status_in(self, batch: FrameBatch, times_s: FloatArray) -> IndexStatus | None:
         role = self._roles.index
         if role is None:
             return None
-        newest = FrameBatch(batch.layout, batch.rows[-1:], batch.starts[-1:], batch.sequence[-1:])
-        status = batch.layout.description.status
-        on = {
-            name
-            for field, bits in status.items()
-            for name, bit in bits.items()
-            if int(newest.wire(field)[0]) >> bit.bit & 1
-        }
-
-        return IndexStatus(
-            time_s=time_s,
-            code=int(newest.wire(role.position)[0]),
+        words = {field: batch.wire(field) for field in batch.layout.description.status}
+        bits = batch.layout.description.status
+        on = {name for field, of in bits.items() for name, bit in of.items() if int(words[field][-1]) >> bit.bit & 1}
+        codes = batch.wire(role.position)
+        same = codes == codes[-1]
+        for field, of in bits.items():
+            mask = sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position))
+            same &= (words[field] ^ words[field][-1]) & mask == 0
+        status = IndexStatus(
+            time_s=float(times_s[-1]),
+            since_s=float(times_s[0 if same.all() else len(same) - int(np.argmin(same[::-1]))]),
+            code=int(codes[-1]),
             moving=role.moving in on,
             in_position=role.in_position in on,
             fault=role.fault in on,
             rejected=role.rejected in on,
         )
+        before = self._index_status
+        if before is not None and same.all() and before.place == status.place:
+            return replace(status, since_s=before.since_s)
+        return status
 
     def _ask_identity(self) -> None:
         commands = self._description.commands
@@ -237,8 +252,12 @@ class IndexingPositioner:
     """A `drivers.positioner.Positioner` by the unit's own index, confirmed in its stream.
 
     `positions` maps a position's label to its number in the command and in the stream. Samples that arrive during a
-    move are thrown away: they are no part of any collect. A position counts as reached when every look at the stream
-    for `confirm_s` says so; the first `reaction_s` after the command say nothing: the unit may not have read it yet.
+    move are thrown away: they are no part of any collect. A position counts as reached when every frame of `confirm_s`
+    says so; the first `reaction_s` after the command say nothing: the unit may not have read it yet.
+
+    The stream is looked at every `poll_s` at first, then less often, at most `_CONFIRMED_LATE_S` apart, so that a move
+    is confirmed that soon. A move that was made before is known to take its time: until then the stream is only drained
+    now and then, and looked at again when it should have arrived.
     """
 
     def __init__(
@@ -258,6 +277,7 @@ class IndexingPositioner:
         self._poll_s = poll_s
         self._confirm_s = confirm_s
         self._reaction_s = reaction_s
+        self._usual_s: dict[tuple[int | None, int], float] = {}  # from command to arrival, by start and target
 
     def position(self) -> str | None:
         """Return the position that the newest frame confirms, or None: moving, not known, or not one of ours."""
@@ -279,13 +299,15 @@ class IndexingPositioner:
             raise CommandRefused(f"{self._imu.port}: there is no position {position!r}; the bench file gives {known}")
         code = self._codes[position]
         self._imu.discard()
+        start = self._imu.index_status
+        move = (None if start is None else start.code, code)
         self._imu.command_index(code)
         begins_s = self._clock.now()
         valid_s, tries = begins_s + self._reaction_s, 1
-        reached_s: float | None = None
         status = None
-        while self._clock.now() < begins_s + timeout_s:
-            self._clock.sleep(self._poll_s)
+        while (elapsed_s := self._clock.now() - begins_s) < timeout_s:
+            wait_s = self._until_next_look(elapsed_s, status, self._usual_s.get(move, 0.0))
+            self._clock.sleep(min(wait_s, max(timeout_s - elapsed_s, self._poll_s)))
             self._imu.read_block()
             newest = self._imu.index_status
             if newest is None or newest.time_s < valid_s:
@@ -296,15 +318,23 @@ class IndexingPositioner:
                 valid_s, tries = self._clock.now() + self._reaction_s, 2
                 continue
             self._refuse(status, position)
-            if status.in_position and not status.moving and status.code == code:
-                reached_s = status.time_s if reached_s is None else reached_s
+            if status.place == (code, False, True):
+                reached_s = max(status.since_s, valid_s)
                 if status.time_s - reached_s >= self._confirm_s:
+                    self._usual_s[move] = reached_s - begins_s
                     return
-            else:
-                reached_s = None
         raise DeviceTimeout(
             f"{self._imu.port}: position {position!r} was not confirmed within {timeout_s:g} s; {self._said(status)}"
         )
+
+    def _until_next_look(self, elapsed_s: float, status: IndexStatus | None, usual_s: float) -> float:
+        """Return how long to wait, `elapsed_s` after the command, before the stream is looked at again."""
+        if status is None or not status.moving:
+            return self._poll_s
+        arrives_s = usual_s + self._confirm_s - elapsed_s
+        if arrives_s > _CONFIRMED_LATE_S:
+            return min(arrives_s + self._poll_s, _DRAINED_S)
+        return min(max(self._poll_s, elapsed_s / 4.0), _CONFIRMED_LATE_S)
 
     def _refuse(self, status: IndexStatus, position: str) -> None:
         if status.rejected:

@@ -230,6 +230,46 @@ def test_a_move_returns_when_the_stream_confirms_it() -> None:
     assert (state.code, state.moving, state.in_position) == (2, False, True)
 
 
+def test_a_move_that_was_made_before_costs_few_looks_and_is_confirmed_as_promptly() -> None:
+    """Its time is known; one that takes shorter or longer than before is still noticed within the bound."""
+    bench = Bench()
+    looks = []
+    read_block = bench.imu.read_block
+    bench.imu.read_block = lambda: looks.append(bench.clock.now()) or read_block()  # type: ignore[method-assign,func-returns-value]
+
+    def move(position: str, move_s: float) -> float:
+        bench.device._index._move_s = move_s
+        begins_s = bench.clock.now()
+        looks.clear()
+        bench.positioner.move_to(position, timeout_s=60.0)
+        return bench.clock.now() - begins_s - move_s
+
+    assert 0.25 <= move("2", 10.0) <= 0.65
+    assert len(looks) > 30
+    move("1", 10.0)
+    assert 0.25 <= move("2", 10.0) <= 0.45
+    assert len(looks) < 18
+    for move_s in (4.0, 16.0):
+        move("1", 10.0)
+        assert 0.25 <= move("2", move_s) <= 1.35
+
+
+def test_a_place_that_was_reached_between_two_looks_counts_from_its_first_frame() -> None:
+    """The frames of one read tell when the unit arrived, and a break in between begins anew."""
+    bench = Bench()
+    bench.clock.sleep(5.0)
+    bench.imu.read_block()
+    bench.imu.command_index(2)
+    for _ in range(3):
+        bench.clock.sleep(7.0)
+        bench.imu.read_block()
+    state = bench.imu.index_status
+    assert state is not None
+    assert state.place == (2, False, True)
+    assert state.since_s == pytest.approx(15.0, abs=0.06)
+    assert state.time_s == pytest.approx(26.0, abs=0.06)
+
+
 def test_a_move_to_where_the_unit_is_waits_for_the_unit_not_for_its_old_status() -> None:
     """The frames before the command still say `in position`: they confirm nothing."""
     bench = Bench()
