@@ -32,7 +32,8 @@ def visibility_document(
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
-    `effects` has each effect once, as the sensor sees it that sees it best; `sensors` has the map of each.
+    `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it in one
+    sensor at least (each has its own MU); `sensors` has the map of each.
     """
     maps = {n: visibility(rows, model, noise, sigma=(sigmas or {}).get(n)) for n, rows in sensors.items()}
     best: dict[str, tuple[int, Sight]] = {}
@@ -48,7 +49,10 @@ def visibility_document(
         "model": {str(number): sights.form for number, sights in maps.items()},
         "false_alarm_rate": first.false_alarm_rate,
         "noise": vars(first.noise),
-        "effects": [{"sensor": number, **_effect_document(sight, maps[number])} for number, sight in best.values()],
+        "effects": [
+            {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
+            for number, sight in best.values()
+        ],
         "sensors": {
             str(number): {
                 "effects": [_effect_document(sight, sights) for sight in sights.effects],
@@ -69,6 +73,11 @@ def visibility_document(
             for one in changes
         ],
     }
+
+
+def _class_anywhere(sight: Sight, maps: Mapping[int, Sights]) -> list[str]:
+    own = [other for sights in maps.values() if (other := sights.sight(sight.effect.id)) is not None]
+    return sorted({member for other in own for member in other.members})
 
 
 def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:

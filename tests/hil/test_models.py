@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.curve import Constant, Polynomial, Table, TableRows
-from hil.effects.catalogue import effect_by_id
+from hil.effects.base import Effect
+from hil.effects.catalogue import EFFECTS, effect_by_id
 from hil.effects.history import joined
 from hil.equation import pickoff_rates, rotor_matrix
 from hil.errors import InputError
@@ -336,3 +337,33 @@ def test_the_example_of_the_reference_page_is_a_model(tmp_path: Path) -> None:
     path = tmp_path / "example.yaml"
     path.write_text(example, encoding="utf-8")
     assert np.all(np.isfinite(load_model(path).rates(campaign())))
+
+
+@pytest.mark.parametrize(
+    "effect", [one for one in EFFECTS if one.in_models and one.applies_to(ROTOR)], ids=lambda e: e.id
+)
+def test_every_effect_can_be_a_term_and_comes_out_the_same_in_pieces(effect: Effect, tmp_path: Path) -> None:
+    """Typical sizes in a model file: finite, not nothing, and collect by collect with its history as all at once."""
+    conditions = campaign(("1", "3", "2", "4"), temperatures=(10.0, 40.0, -20.0), runs_each=2, g=(0.99, 0.05, -0.02))
+    values = {p.name: {"unit": p.unit, "value": p.size} for p in effect.parameters_for(conditions)}
+    shape = dict(effect.shape_grid(conditions)[-1])
+    simulated = model(
+        tmp_path,
+        sensors={2: {**_sloping(), "GSB": {"unit": "deg/hr/g", "value": -25.0}}},
+        terms=[{"effect": effect.id, "parameters": values, "shape": shape}],
+    )
+    whole = simulated.rates(conditions)
+    added = whole - simulated.model_copy(update={"terms": ()}).rates(conditions)
+    assert np.all(np.isfinite(added))
+    assert np.abs(added).max() > 1e-4
+    rows = np.arange(len(conditions))
+    for first in (9, 16):
+        head, tail = _part(conditions, rows < first), _part(conditions, (rows >= first) & (rows < first + 1))
+        assert simulated.rates(tail, history=head) == pytest.approx(whole[first : first + 1])
+
+
+def _sloping() -> dict[str, object]:
+    """The terms of a sensor whose bias follows temperature, so that a lag shows."""
+    sensors = document()["sensors"]
+    assert isinstance(sensors, dict)
+    return {**sensors[2], "BA": {"unit": "deg/hr", "polynomial": [22.0, -0.2], "reference_degC": 25.0}}

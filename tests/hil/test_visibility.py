@@ -235,6 +235,10 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     """The screenful for the contractor's form on the published sweep, and for a campaign marked as simulated."""
     document = sweep_document(load_sweep("rd-gc-86-1"), load_bench("simulated"), built_in_model("collins-4"))
     text = visibility_text(document)
+    # Sensor 1 lies at right angles to sensor 2: its spin axis points up and down, so it tells MU from even terms.
+    maps = {number: {e["id"]: e["class"] for e in one["effects"]} for number, one in document["sensors"].items()}  # type: ignore[attr-defined]
+    assert "k2" in maps["2"]["MU_real"]
+    assert "k2" not in maps["1"]["MU_real"]
     alike = next(line for line in text.splitlines() if line.startswith("Look alike") and "MU_real" in line)
     assert "k2" in alike
     assert "  supply: needs supply_V" in text
