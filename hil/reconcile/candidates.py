@@ -9,19 +9,22 @@ catalogue would get the catalogue's nearest name.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Base, Effect, Parameter
 from hil.effects.drivers import driver_values
+from hil.effects.history import joined
 from hil.linear_forms import RATE
 from hil.reconcile.blocks import stations
 
-_TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias"})
+_TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
 _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
 """Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
+_REMEMBERS = frozenset({"hyst", "soak_insufficient"})
+_ROOM_DEGC = 20.0
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 """Exchanged labels are looked for among the outliers; the others are the temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
@@ -59,7 +62,7 @@ class Candidate:
         """Return the columns of the same effect, shape and form on other rows, shape (n, c, p)."""
         if self.effect is None:
             raise ValueError(f"{self.name} has no effect to be rebuilt from")
-        columns = np.nan_to_num(np.asarray(self.effect.columns(conditions, base, self.shape), dtype=np.float64))
+        columns = effect_columns(self.effect, conditions, base, self.shape)
         return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
 
 
@@ -71,7 +74,7 @@ def catalogue_candidates(
         if effect.id in _SEARCHED_ELSEWHERE or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         for shape in effect.shape_grid(conditions):
-            columns = np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
+            columns = effect_columns(effect, conditions, base, shape)
             if not np.any(columns):
                 continue
             plain = Candidate(
@@ -89,6 +92,28 @@ def catalogue_candidates(
                 yield plain
             if effect.id in _TEMPERATURE_FORMS:
                 yield from _over_temperature(plain, conditions)
+
+
+def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
+    """Return an effect's columns, zero where it is not asked about, shape (n, c, p).
+
+    What remembers temperature (hysteresis, the step before a plateau) is given the room that the unit came from: the
+    first plateau was reached from somewhere too.
+    """
+    if effect.id not in _REMEMBERS or not {"temperature_degC", "setpoint_degC"} & set(conditions.columns):
+        return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
+    rows = joined(_in_the_room(conditions), conditions)
+    return np.nan_to_num(np.asarray(effect.columns(rows, None, shape), dtype=np.float64))[1:]
+
+
+def _in_the_room(conditions: Conditions) -> Conditions:
+    """One row before the campaign: the same orientation at room temperature."""
+    row = conditions.rows(np.array([int(np.argmin(conditions.start_s))]))
+    columns = {name: np.full(1, np.nan) for name in row.columns}
+    for name in ("temperature_degC", "setpoint_degC"):
+        if name in columns:
+            columns[name] = np.full(1, _ROOM_DEGC)
+    return replace(row, run=row.run - 1, collect=row.collect - 1, start_s=row.start_s - 7200.0, columns=columns)
 
 
 def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Candidate]:

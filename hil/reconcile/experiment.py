@@ -99,7 +99,7 @@ def additions(sensor: SensorProblem) -> list[Addition]:
         out.append(Addition("the same positions at a heading 90 deg on", rows, 3.0, _described(rows)))
     if len(np.unique(conditions.run)) > 1:
         rows = _reversed(conditions)
-        out.append(Addition("the same runs in reverse order of temperature and time", rows, 4.0, _described(rows)))
+        out.append(Addition("the same runs in reverse order of temperature and time", rows, 2.5, _described(rows)))
     return out
 
 

@@ -14,6 +14,9 @@ from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.noise import covariances
 
 
+_UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own
+
+
 @dataclass(frozen=True)
 class Added:
     """A hypothesis that was added, and the units of it that the data touch."""
@@ -115,14 +118,14 @@ def refit(
         whitening = noise[b].whitening if np.all(keep[b]) else noise[b].take(keep[b]).whitening
         designs.append(whitening @ design[keep[b]])
         targets.append(whitening @ block.y[keep[b]])
-    solution, covariance = _least_squares(np.vstack(designs), np.concatenate(targets), typical)
     cut = sum(base_sizes)
+    solution, covariance = _least_squares(np.vstack(designs), np.concatenate(targets), typical, cut)
     predicted = [design @ solution for design in full]
     effect = [design[:, cut:] @ solution[cut:] for design in full]
     residual = [block.y - p for block, p in zip(blocks, predicted, strict=True)]
     starts = np.cumsum([0, *base_sizes])
     base_values = [solution[starts[b] : starts[b + 1]] for b in range(len(blocks))]
-    return Fit(solution[cut:], covariance[cut:, cut:], owner, base_values, predicted, residual, effect)
+    return Fit(solution[cut:], covariance, owner, base_values, predicted, residual, effect)
 
 
 def _typical(unit: Unit, column: int) -> float:
@@ -131,20 +134,39 @@ def _typical(unit: Unit, column: int) -> float:
     return float(largest) if unit.candidate.form in {"constant", "table"} and 0 < largest < np.inf else np.nan
 
 
-def _least_squares(design: FloatArray, target: FloatArray, typical: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares with the covariance for unit noise.
+def _least_squares(
+    design: FloatArray, target: FloatArray, typical: FloatArray, cut: int
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares with the covariance for unit noise; the first `cut` columns are the base.
 
-    Where the rows leave a combination open, the solution is the one with the smallest sizes in units of what is typical.
+    What of the added columns the base can imitate is the base's. Where the rows leave a combination of them open, the
+    solution is the one with the smallest sizes in units of what is typical. The covariance is of the added values.
     """
-    norm = np.linalg.norm(design, axis=0)
-    norm = np.where(norm > 0, norm, 1.0)
-    scale = np.where(np.isfinite(typical), 1.0 / np.where(np.isfinite(typical), typical, 1.0), norm)
-    left, singular, right = np.linalg.svd(design / scale, full_matrices=False)
-    usable = singular > 1e-6 * singular.max(initial=0.0)
-    inverse = np.where(usable, 1.0 / np.where(usable, singular, 1.0), 0.0)
-    solution = (right.T * inverse) @ (left.T @ target) / scale
-    covariance = (right.T * inverse**2) @ right / np.outer(scale, scale)
-    return solution, covariance
+    base, added = design[:, :cut], design[:, cut:]
+    left, singular, _ = np.linalg.svd(_unit(base), full_matrices=False)
+    span = left[:, singular > 1e-7 * singular.max(initial=0.0)]
+    rest = added - span @ (span.T @ added)
+    norm = np.linalg.norm(added, axis=0)
+    rest[:, np.linalg.norm(rest, axis=0) < _UNSEEN * norm] = 0.0
+    scale = np.where(
+        np.isfinite(typical[cut:]),
+        1.0 / np.where(np.isfinite(typical[cut:]), typical[cut:], 1.0),
+        np.where(norm > 0, norm, 1.0),
+    )
+    u, values, v = np.linalg.svd(rest / scale, full_matrices=False)
+    usable = values > 1e-4 * values.max(initial=0.0)
+    inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
+    effect = (v.T * inverse) @ (u.T @ target) / scale
+    covariance = (v.T * inverse**2) @ v / np.outer(scale, scale)
+    size = np.linalg.norm(base, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    basic = np.linalg.lstsq(base / size, target - added @ effect, rcond=1e-7)[0] / size if cut else np.zeros(0)
+    return np.concatenate([basic, effect]), covariance
+
+
+def _unit(columns: FloatArray) -> FloatArray:
+    norm = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(norm > 0, norm, 1.0))
 
 
 def without_rows(blocks: Sequence[Block], keep: Sequence[FloatArray]) -> list[Block]:

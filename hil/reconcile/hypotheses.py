@@ -8,7 +8,7 @@ other, and an effect of both is not split in two.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -19,9 +19,11 @@ from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, NoiseTable, _log_sum
 
-_ACTS = 1e-9
+_ACTS = 0.03  # a parameter that moves a block less than this, beside the block it moves most, does not tie the two
 _JOINT_POINTS = 3
 _SAME = 0.98
+_FEW = 2
+_Piece = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]
 _PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
 
 
@@ -72,8 +74,9 @@ def hypotheses(candidates: Sequence[Candidate], blocks: Sequence[Block]) -> list
 def _units(candidate: Candidate, blocks: Sequence[Block]) -> list[Unit]:
     own = [b for b, block in enumerate(blocks) if block.sensor == candidate.sensor]
     selected = {b: blocks[b].select(candidate.columns) for b in own}
-    scale = np.abs(candidate.columns).max(axis=(0, 1))
-    acts = {b: np.abs(selected[b]).max(axis=0) > _ACTS * np.maximum(scale, 1e-300) for b in own}
+    norms = {b: np.sqrt(np.mean(selected[b] ** 2, axis=0)) for b in own}
+    largest = np.max([norms[b] for b in own], axis=0)
+    acts = {b: (norms[b] > _ACTS * largest) & (largest > 0) for b in own}
     shared = np.sum([acts[b] for b in own], axis=0) > 1
     if np.any(shared):
         touched = tuple(b for b in own if np.any(acts[b]))
@@ -125,50 +128,45 @@ def _inclusion(units: FloatArray) -> FloatArray:
 
 
 class JointEvidence:
-    """Evidence for parameters shared by several blocks, at a few noise points of each block."""
+    """Evidence for parameters shared by several blocks, at the few noise points of each block that matter for them."""
 
     def __init__(self, blocks: Sequence[BlockEvidence], y: Sequence[FloatArray]) -> None:
         self.blocks = blocks
-        self._points, self._states = [], []
-        for block, values in zip(blocks, y, strict=True):
-            residual, rss, log_null = block.projection.log_null(values, block.prior)
-            order = np.argsort(-log_null.mean(axis=1))
-            quiet = np.argsort(rss.mean(axis=1) / np.maximum(block.projection.freedom, 1))[::-1]
-            points = list(dict.fromkeys([int(order[0]), int(quiet[0]), *order.tolist()]))[:_JOINT_POINTS]
-            self._points.append(points)
-            self._states.append((residual, rss, log_null))
+        self._states = [block.projection.log_null(values, block.prior) for block, values in zip(blocks, y, strict=True)]
 
     def log_factor(self, unit: Unit) -> FloatArray:
         """Return the log Bayes factor of one unit, shape (m,)."""
-        pieces = [self._piece(b, columns) for b, columns in zip(unit.blocks, unit.columns, strict=True)]
+        pieces = [self._pieces(b, columns) for b, columns in zip(unit.blocks, unit.columns, strict=True)]
         factors, weights = [], []
-        for combination in product(*(range(len(self._points[b])) for b in unit.blocks)):
-            chosen = [
-                (*pieces[i][k], *self._scale(b, self._points[b][k]))
-                for i, (b, k) in enumerate(zip(unit.blocks, combination, strict=True))
-            ]
-            factors.append(_joint_factor(chosen))
-            weights.append(
-                sum(self._states[b][2][self._points[b][k]] for b, k in zip(unit.blocks, combination, strict=True))
-            )
+        for combination in product(*(range(len(piece)) for piece in pieces)):
+            chosen = [piece[k] for piece, k in zip(pieces, combination, strict=True)]
+            factors.append(_joint_factor([c[0] for c in chosen]))
+            weights.append(np.sum([c[1] for c in chosen], axis=0))
         weight = np.array(weights)
         return _log_sum(weight + np.array(factors)) - _log_sum(weight)
 
-    def _piece(self, b: int, columns: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    def _pieces(self, b: int, columns: FloatArray) -> list[tuple[_Piece, FloatArray]]:
+        """Gram, score and scale at the block's best noise points, without and with the unit, and their log weights."""
         block = self.blocks[b]
-        out = []
-        for point in self._points[b]:
-            projected = block.projection.maker[point] @ columns
-            before = np.sum((block.noise.whitening[point] @ columns) ** 2, axis=0)
-            out.append((projected.T @ projected, projected.T @ self._states[b][0][point], before))
-        return out
+        residual, rss, log_null = self._states[b]
+        white = block.noise.whitening @ columns
+        projected = block.projection.beside(white)
+        gram = np.swapaxes(projected, 1, 2) @ projected
+        score = np.swapaxes(projected, 1, 2) @ residual
+        before = np.einsum("tnk,tnk->tk", white, white)
+        power = block.prior.a + 0.5 * block.projection.freedom
+        offset = block.prior.b + 0.5 * rss
+        ridge = gram + 1e-6 * before.max() * np.eye(gram.shape[1])
+        explained = np.einsum("tqm,tqm->tm", score, np.linalg.solve(ridge, score))
+        with_unit = log_null - power * np.log1p(-np.clip(0.5 * explained / offset, 0.0, 1.0 - 1e-9))
+        order_null, order_unit = np.argsort(-log_null.mean(axis=1)), np.argsort(-with_unit.mean(axis=1))
+        points = list(
+            dict.fromkeys([int(order_null[0]), int(order_unit[0]), int(order_unit[min(1, len(order_unit) - 1)])])
+        )
+        return [((gram[t], score[t], before[t], offset[t], power), log_null[t]) for t in points[:_JOINT_POINTS]]
 
-    def _scale(self, b: int, point: int) -> tuple[FloatArray, float]:
-        block = self.blocks[b]
-        return block.prior.b + 0.5 * self._states[b][1][point], block.prior.a + 0.5 * block.projection.freedom
 
-
-def _joint_factor(chosen: Sequence[tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]]) -> FloatArray:
+def _joint_factor(chosen: Sequence[_Piece]) -> FloatArray:
     """Log Bayes factor at fixed noise points; the scale of each block is re-estimated with the candidate in place."""
     draws = chosen[0][1].shape[1]
     offsets = [c[3] for c in chosen]
@@ -236,13 +234,12 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
     bases = [_span(block.base) for block in blocks]
     spans = [[_unit_spans(unit, bases) for unit in h.units] for h in found]
     visible = [any(np.any([s.shape[1] for s in unit]) for unit in h) for h in spans]
-    direction: dict[int, list[tuple[tuple[int, ...], FloatArray]]] = {}
+    known: dict[int, list[FloatArray]] = {}
     for place, (hypothesis, parts) in enumerate(zip(found, spans, strict=True)):
-        if visible[place] and hypothesis.tier == 1:
+        if visible[place] and hypothesis.tier == 1 and hypothesis.candidate.form != "table":
             for unit, part in zip(hypothesis.units, parts, strict=True):
-                if not unit.is_joint and part[0].shape[1] == 1:
-                    direction.setdefault(unit.blocks[0], []).append((unit.blocks, part[0][:, 0]))
-    known = {block: np.array([v for _, v in entries]) for block, entries in direction.items()}
+                if not unit.is_joint and 1 <= part[0].shape[1] <= _FEW:
+                    known.setdefault(unit.blocks[0], []).append(part[0])
     kept = []
     for place, (hypothesis, parts) in enumerate(zip(found, spans, strict=True)):
         if not visible[place]:
@@ -252,21 +249,30 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
         ):
             continue
         kept.append(hypothesis)
-    return share_prior(kept)
+    return share_prior(kept, found)
 
 
-def share_prior(found: Sequence[Hypothesis], catalogue_share: float = 0.8) -> list[Hypothesis]:
-    """Share the prior out: 80 to 20 between catalogue and second tier, names evenly within, shapes evenly within a name."""
+def share_prior(
+    found: Sequence[Hypothesis], asked: Sequence[Hypothesis], catalogue_share: float = 0.8
+) -> list[Hypothesis]:
+    """Share the prior out: 80 to 20 between catalogue and second tier, names evenly within, shapes within a name.
+
+    A name whose plain form is in the base already keeps only the share of the forms that are left (`asked` are all).
+    """
     names = {tier: len({h.name for h in found if h.tier == tier}) for tier in (1, 2)}
-    weights = np.array([_PLAIN if h.candidate.form == "constant" else 1.0 for h in found])
+    weights = [_form_weight(h) for h in found]
     totals: dict[str, float] = {}
-    for hypothesis, weight in zip(found, weights, strict=True):
-        totals[hypothesis.name] = totals.get(hypothesis.name, 0.0) + weight
+    for hypothesis in asked:
+        totals[hypothesis.name] = totals.get(hypothesis.name, 0.0) + _form_weight(hypothesis)
     share = {1: catalogue_share if names[2] else 1.0, 2: 1.0 - catalogue_share if names[1] else 1.0}
     return [
         replace(h, log_prior=float(np.log(share[h.tier] / names[h.tier] * w / totals[h.name])))
         for h, w in zip(found, weights, strict=True)
     ]
+
+
+def _form_weight(hypothesis: Hypothesis) -> float:
+    return _PLAIN if hypothesis.candidate.form == "constant" else 1.0
 
 
 def _span(columns: FloatArray) -> FloatArray:
@@ -288,10 +294,11 @@ def _unit_spans(unit: Unit, bases: Sequence[FloatArray]) -> list[FloatArray]:
     return out
 
 
-def _known(unit: Unit, part: Sequence[FloatArray], known: dict[int, FloatArray]) -> bool:
-    """Whether a one-column unit has the direction of a catalogue effect in the same block."""
-    if part[0].shape[1] == 0:
+def _known(unit: Unit, part: Sequence[FloatArray], known: Mapping[int, Sequence[FloatArray]]) -> bool:
+    """Whether a unit of few columns lies within a catalogue effect of few columns in the same block."""
+    own = part[0]
+    if own.shape[1] == 0:
         return True
-    if unit.is_joint or part[0].shape[1] != 1 or unit.blocks[0] not in known:
+    if unit.is_joint or own.shape[1] > 1:
         return False
-    return bool(np.max(np.abs(known[unit.blocks[0]] @ part[0][:, 0])) > _SAME)
+    return any(float(np.linalg.norm(span.T @ own[:, 0])) > _SAME for span in known.get(unit.blocks[0], []))

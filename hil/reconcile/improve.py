@@ -33,6 +33,8 @@ def described_parameters(
         candidate = unit.candidate
         number = unit.parameters[k]
         parameter = candidate.parameters[number]
+        if fit.covariance[place, place] <= 0.0:
+            continue  # the base can imitate it altogether: these collects give it no value
         power, at = _place(candidate, number)
         entry: dict[str, Any] = {
             "name": parameter.name,
@@ -116,8 +118,10 @@ def _terms(
     candidate: Candidate | None = None
     units: dict[int, Unit] = {}
     for place, (owner, u, k) in enumerate(fit.owner):
+        if owner != index:
+            continue
         unit = added.units[u]
-        if owner == index and unit.candidate.sensor == number:
+        if unit.candidate.sensor == number:
             candidate = unit.candidate
             column = unit.parameters[k]
             units[column] = unit

@@ -23,15 +23,18 @@ _DECADES = 0.3  # a size this many decades beyond the typical range is one stand
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD = 10.0
+_STANDARD = 3.0
 _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
+_OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
+"""Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
 _INCIDENTAL = frozenset(
     {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"}
 )
 """Names that imitate another only because of the order, the timing or the one heading of these collects. Improbable ones
 stay in the list of rivals but do not withhold the name."""
-_NEGLIGIBLE = 0.1
+_NEGLIGIBLE = 0.15
+_CLOSE = 4.0  # log evidence within which two names explain the data equally
 _SLIVER = 0.04
 
 
@@ -93,6 +96,8 @@ def certainty(scan: Scan) -> float:
 
 
 def _standing(name: str) -> float:
+    if name in _OUTSIDE_CAUSES:
+        return 1.0 / _STANDARD
     return _STANDARD if name in _STANDARD_TERMS else 1.0
 
 
@@ -102,24 +107,35 @@ def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
 
 
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
-    """Whether the rival has no more freedom than the leader: a broad effect that contains a narrow one is not the same."""
-    return _freedom(rival, blocks, noise) <= _freedom(leader, blocks, noise)
+    """Whether the rival explains as much with no more freedom: a broad effect that contains a narrow one is not the same."""
+    if leader.log_evidence - rival.log_evidence > _CLOSE:
+        return False
+    return _span(rival.added, blocks, noise).shape[1] <= _span(leader.added, blocks, noise).shape[1]
 
 
-def _freedom(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> int:
-    total = 0
-    for b, columns in enumerate(weighed.added.columns(len(blocks))):
-        if columns is not None:
-            total += _beside(columns, blocks[b], noise[b]).shape[1]
-    return total
+def _stacked(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
+    """Whitened columns of an effect beside the base, all blocks one under the other, relative to their own norms."""
+    parts, norms = [], []
+    for b, block in enumerate(blocks):
+        columns = np.hstack(
+            [
+                unit.columns[unit.blocks.index(b)]
+                if b in unit.blocks
+                else np.zeros((len(block.y), unit.columns[0].shape[1]))
+                for unit in added.units
+            ]
+        )
+        basis = _orthonormal(noise[b].whitening @ block.base)
+        white = noise[b].whitening @ columns
+        parts.append(white - basis @ (basis.T @ white))
+        norms.append(np.sum(white**2, axis=0))
+    size = np.sqrt(np.sum(norms, axis=0))
+    return np.asarray(np.vstack(parts) / np.where(size > 0, size, 1.0))
 
 
-def _beside(columns: FloatArray, block: Block, noise: BlockNoise) -> FloatArray:
-    """An orthonormal basis of what is left of whitened columns beside the base; slivers of a column do not count."""
-    basis = _orthonormal(noise.whitening @ block.base)
-    seen = noise.whitening @ columns
-    size = np.linalg.norm(seen, axis=0)
-    return _orthonormal((seen - basis @ (basis.T @ seen)) / np.where(size > 0, size, 1.0), _SLIVER)
+def _span(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
+    """An orthonormal basis of what an effect has beside the base; slivers of a column do not count."""
+    return _orthonormal(_stacked(added, blocks, noise), _SLIVER)
 
 
 def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
@@ -201,20 +217,15 @@ def plausibility(excess: float) -> float:
 
 def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """How much of the leader's fitted effect the rival's columns reproduce beside the base, 0 to 1."""
-    explained = total = 0.0
-    columns = rival.added.columns(len(blocks))
+    parts = []
     for b, block in enumerate(blocks):
-        whitening = noise[b].whitening
-        basis = _orthonormal(whitening @ block.base)
-        target = whitening @ leader.fit.effect[b]
-        target = target - basis @ (basis.T @ target)
-        total += float(target @ target)
-        other = columns[b]
-        if other is None:
-            continue
-        span = _beside(other, block, noise[b])
-        explained += float(np.sum((span.T @ target) ** 2))
-    return float(np.sqrt(explained / total)) if total > 0 else 0.0
+        basis = _orthonormal(noise[b].whitening @ block.base)
+        white = noise[b].whitening @ leader.fit.effect[b]
+        parts.append(white - basis @ (basis.T @ white))
+    target = np.concatenate(parts)
+    total = float(target @ target)
+    span = _span(rival.added, blocks, noise)
+    return float(np.sqrt(np.sum((span.T @ target) ** 2) / total)) if total > 0 else 0.0
 
 
 def _orthonormal(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:

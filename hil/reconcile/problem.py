@@ -19,7 +19,7 @@ from hil.errors import InputError
 from hil.linear_forms import LinearForm, named_form
 from hil.model import Model
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
-from hil.reconcile.candidates import Candidate, catalogue_candidates, second_tier
+from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 
 _RICH_ORDER = 5
 
@@ -141,7 +141,7 @@ def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArra
         if effect.missing(conditions):
             continue
         shape = {**{s.name: s.grid[0] for s in effect.shapes_for(conditions) if len(s.grid) == 1}, **term.shape}
-        columns = np.nan_to_num(effect.columns(conditions, base, shape))
+        columns = effect_columns(effect, conditions, base, shape)
         names = [parameter.name for parameter in effect.parameters_for(conditions)]
         given = [index for index, name in enumerate(names) if name in term.parameters]
         columns = columns[:, :, given]

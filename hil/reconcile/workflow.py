@@ -41,6 +41,7 @@ from hil.reconcile.where import disagreements
 _MOST_EFFECTS = 5
 _DRAWS = 300
 _LEAST_FREEDOM = 3
+_ROUNDS = 3
 _CERTAIN = 4.0  # log evidence above the threshold from which a disagreement that nothing mends is called certain
 
 
@@ -80,11 +81,11 @@ def reconcile(
     rng = np.random.default_rng(seed)
     clean, problem, search, faults = _prepare(campaign, chosen, effects)
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-    first, threshold, p_value = _detect(search, alpha, draws, rng)
-    steps = _find(search, first, threshold) if first is not None and first.statistic > threshold else []
+    first, threshold, stricter, p_value = _detect(search, alpha, draws, rng)
+    steps = _find(search, first, stricter) if first is not None and first.statistic > threshold else []
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
-    proof = _prove(search, steps, noise, threshold, first) if prove else None
+    proof = _prove(search, steps, noise, stricter, first) if prove else None
     reverted = bool(steps) and proof is not None and not _shrank(proof)
     notes = [*campaign.warnings, *problem.notes]
     if reverted:
@@ -94,6 +95,7 @@ def reconcile(
     final = refit(blocks, noise, [step.added for step in kept])
     certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
     found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
+    found = found or _channels_touched(blocks, noise, conditions, final, p_value)
     verdict = _verdict(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
     gap = _gap(proof, noise, blocks, reverted=reverted, rng=rng)
     results = [_described(i, step, final, conditions) for i, step in enumerate(kept)]
@@ -150,22 +152,28 @@ def _key(outlier: Mapping[str, Any], campaign: Campaign) -> tuple[int, int, str]
     return outlier["sensor"], int(conditions.run[outlier["row"]]), str(conditions.position[outlier["row"]])
 
 
-def _detect(search: Search, alpha: float, draws: int, rng: np.random.Generator) -> tuple[Scan | None, float, float]:
-    """Return the first scan, the statistic that noise alone exceeds with probability alpha, and the p-value."""
+def _detect(
+    search: Search, alpha: float, draws: int, rng: np.random.Generator
+) -> tuple[Scan | None, float, float, float]:
+    """Return the first scan, the statistic that noise alone exceeds with probability alpha and alpha/5, and the p-value."""
     freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
     if not search.hypotheses or freedom < _LEAST_FREEDOM:
-        return None, np.inf, 1.0
+        return None, np.inf, np.inf, 1.0
     scan = search.scan()
     null = null_statistics(scan, search.blocks, draws, rng)
     threshold = float(np.quantile(null, 1.0 - alpha))
-    return scan, threshold, float((1 + np.sum(null >= scan.statistic)) / (1 + draws))
+    stricter = max(float(np.quantile(null, 1.0 - alpha / 5.0)), threshold + 1.0)
+    return scan, threshold, stricter, float((1 + np.sum(null >= scan.statistic)) / (1 + draws))
 
 
 def _find(search: Search, first: Scan, threshold: float) -> list[Step]:
-    """Add what is found, one effect after the other, then look at each again beside all the others."""
+    """Add what is found, one effect after the other, then look at each again beside all the others.
+
+    `threshold` is for every effect after the first: the first has passed its own.
+    """
     steps: list[Step] = []
     scan, present = first, search
-    while len(steps) < _MOST_EFFECTS and scan.statistic > threshold:
+    while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold):
         steps.append(Step(scan, _name(scan, present)))
         present = search.with_base(_columns([s.added for s in steps], len(search.blocks)))
         if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
@@ -175,26 +183,25 @@ def _find(search: Search, first: Scan, threshold: float) -> list[Step]:
 
 
 def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
-    """Name each effect again with the others in the base: what was named first may have carried part of another."""
-    for _ in range(2):
+    """Name each effect again with the others in the base, and drop what the others made superfluous.
+
+    What was named first may have carried part of another.
+    """
+    for _ in range(_ROUNDS):
         names = [step.naming.leader.name for step in steps]
-        for place in range(len(steps)):
+        place = 0
+        while place < len(steps) and len(steps) > 1:
             others = [s.added for i, s in enumerate(steps) if i != place]
             present = search.with_base(_columns(others, len(search.blocks)))
             scan = present.scan()
             if scan.statistic > threshold:
                 steps[place] = Step(scan, _name(scan, present))
+                place += 1
+            else:
+                del steps[place]
         if [step.naming.leader.name for step in steps] == names:
             break
-    return _without_repeats(steps)
-
-
-def _without_repeats(steps: Sequence[Step]) -> list[Step]:
-    out: list[Step] = []
-    for step in steps:
-        if all(step.naming.leader.name != other.naming.leader.name for other in out):
-            out.append(step)
-    return out
+    return steps
 
 
 def _name(scan: Scan, present: Search) -> Naming:
@@ -231,7 +238,15 @@ def _prove(
     scans = [first, *(step.scan for step in steps[1:])]
     points = [_points(scans, b, block) for b, block in enumerate(search.blocks)]
     runs = [block.run for block in search.blocks]
-    arguments = (search.blocks, search.noise, noise, search.hypotheses, len(steps), threshold, points)
+    arguments = (
+        search.blocks,
+        search.noise,
+        noise,
+        search.hypotheses,
+        len(steps) + 2 if steps else 0,
+        threshold,
+        points,
+    )
     return (
         held_out(by_run(search.blocks, runs), *arguments),
         held_out(in_blocks(search.blocks, runs), *arguments),
@@ -292,6 +307,24 @@ def _verdict(steps: Sequence[Step], *, unresolved: bool, swapped: bool) -> str:
         if kind in kinds:
             return kind
     return "named"
+
+
+def _channels_touched(
+    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], fit: Fit, p_value: float
+) -> list[Disagreement]:
+    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
+    out = []
+    for b, block in enumerate(blocks):
+        effect = fit.effect[b]
+        if np.any(effect):
+            white = noise[b].whitening @ np.column_stack([effect, block.base])
+            basis, _ = np.linalg.qr(white[:, 1:])
+            score = float(np.linalg.norm(white[:, 0] - basis @ (basis.T @ white[:, 0])))
+            size = float(np.sqrt(np.mean(effect**2)))
+            channels = list(conditions[block.sensor].sensor.channels)
+            where = {"sensor": block.sensor, "channel": channels[int(block.channel[0])]}
+            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
+    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
 
 
 def _described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Conditions]) -> FoundEffect:
