@@ -1,0 +1,278 @@
+"""The text drivers' own bytes: one transcript per conversation, and nothing left over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from drivers.chamber import ChamberLimits, SafeState
+from drivers.clock import VirtualClock
+from drivers.controller import Controller
+from drivers.errors import CommandRefused, ProtocolError
+from drivers.julabo import Julabo
+from drivers.simserv import SimServ
+from drivers.simulators.memory import MemoryTransport
+from drivers.simulators.transcript import TranscriptDevice
+from drivers.supervised_chamber import SupervisedChamber
+from drivers.thermotron import Thermotron
+from drivers.voetsch_ascii import AsciiLayout, VoetschAscii
+
+LIMITS = ChamberLimits(-35.0, 65.0)
+
+
+def _chamber(
+    kind: Callable[..., Controller],
+    exchanges: Sequence[tuple[str, str | None]],
+    ends: tuple[str, str] = ("\r", "\r"),
+    **settings: Any,
+) -> tuple[SupervisedChamber, TranscriptDevice]:
+    clock = VirtualClock()
+    device = TranscriptDevice(
+        [
+            ((request + ends[0]).encode("latin-1"), b"" if reply is None else (reply + ends[1]).encode("latin-1"))
+            for request, reply in exchanges
+        ]
+    )
+    controller = kind(MemoryTransport(device, clock, "sim://chamber"), clock, **settings)
+    chamber = SupervisedChamber(
+        controller, clock, limits=LIMITS, safe=SafeState("off"), native_margin_degC=5.0, celsius_confirmed=True
+    )
+    return chamber, device
+
+
+def _ascii2(setpoint: str, bits: str) -> tuple[str, str]:
+    return ("$00I", f"{setpoint} 0023.0 0001.0 0023.0 0000.0 0023.0 0000.0 0023.0 0000.0 0023.0 {bits}")
+
+
+def test_ascii2_starts_and_keeps_what_is_not_its_own() -> None:
+    """The second value and dry air (bit 6) are written back as they were; start and temperature bit come last."""
+    chamber, device = _chamber(
+        VoetschAscii,
+        [
+            _ascii2("0085.0", "0000001000000000"),
+            _ascii2("0085.0", "0000001000000000"),
+            _ascii2("0085.0", "0000001000000000"),
+            ("$00E 0023.0 0001.0 0000.0 0000.0 0000.0 0000001000000000", "0"),
+            _ascii2("0023.0", "0000001000000000"),
+            ("$00E 0023.0 0001.0 0000.0 0000.0 0000.0 0101001000000000", "0"),
+            _ascii2("0023.0", "0101001000000000"),
+        ],
+        limits=LIMITS,
+    )
+    chamber.prepare()
+    device.finish()
+
+
+def test_ascii2_tells_its_error_and_does_not_acknowledge_it() -> None:
+    """Bit 2, then $00F; $00Q is never sent."""
+    chamber, device = _chamber(
+        VoetschAscii,
+        [_ascii2("0023.0", "0010000000000000"), ("$00F", "01 temperature limiter test space")],
+        limits=LIMITS,
+    )
+    assert chamber.read().alarms == ("error 01: temperature limiter test space",)
+    device.finish()
+
+
+def test_ascii2_stops_with_a_legal_setpoint() -> None:
+    """A stop writes everything: what somebody left at 85 °C goes out as the bench's limit."""
+    chamber, device = _chamber(
+        VoetschAscii,
+        [
+            _ascii2("0085.0", "0101000000000000"),
+            _ascii2("0085.0", "0101000000000000"),
+            ("$00P0000", "0"),
+            ("$00E 0065.0 0001.0 0000.0 0000.0 0000.0 0001000000000000", "0"),
+            _ascii2("0065.0", "0001000000000000"),
+        ],
+        limits=LIMITS,
+    )
+    chamber.safe_state()
+    device.finish()
+
+
+def test_ascii2_of_another_layout() -> None:
+    """Actual values first, three pairs, 32 bits, the start bit alone."""
+    layout = AsciiLayout(pairs=3, nominal_first=False, written=2, bits=32, start_bit=0, channel_bit=None, error_bit=2)
+    off, on = "0" * 32, "1" + "0" * 31
+    chamber, device = _chamber(
+        VoetschAscii,
+        [
+            *[("$01I", f"0022.5 0050.0 0001.0 0002.0 0003.0 0004.0 {off}")] * 3,
+            ("$01E 0022.5 0002.0 " + off, "0"),
+            ("$01I", f"0022.5 0022.5 0001.0 0002.0 0003.0 0004.0 {off}"),
+            ("$01E 0022.5 0002.0 " + on, "0"),
+            ("$01I", f"0022.5 0022.5 0001.0 0002.0 0003.0 0004.0 {on}"),
+        ],
+        limits=LIMITS,
+        address=1,
+        layout=layout,
+    )
+    chamber.prepare()
+    device.finish()
+
+
+def test_ascii2_with_an_unexpected_layout_is_refused() -> None:
+    """Eight bits where sixteen were expected."""
+    chamber, device = _chamber(VoetschAscii, [_ascii2("0023.0", "00000000")] * 3, limits=LIMITS)
+    with pytest.raises(ProtocolError, match="10 numbers and 16 bits were expected"):
+        chamber.identify()
+    device.finish()
+
+
+def test_ascii2_has_a_ramp() -> None:
+    """Ten numbers: up and down of each channel."""
+    gradient = "$00U 0002.5 0002.5 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0"
+    chamber, device = _chamber(VoetschAscii, [_ascii2("0023.0", "0101000000000000"), (gradient, "0")], limits=LIMITS)
+    assert chamber.set_ramp_rate(2.5) is True
+    device.finish()
+
+
+SIMSERV = ("\r", "\r\n")
+
+
+def _simserv(setpoint: str, status: str = "3", running: str = "1") -> list[tuple[str, str]]:
+    return [
+        ("11004¶1¶1", "1¶23.041"),
+        ("11002¶1¶1", f"1¶{setpoint}"),
+        ("10012¶1", f"1¶{status}"),
+        ("14003¶1¶1", f"1¶{running}"),
+    ]
+
+
+def test_simserv_sets_a_temperature() -> None:
+    """-21.5 °F: type, look, write, look again."""
+    chamber, device = _chamber(
+        SimServ,
+        [("99997¶1¶1", "1¶LabEvent"), *_simserv("20.0"), ("11001¶1¶1¶-29.7", "1"), *_simserv("-29.7")],
+        SIMSERV,
+    )
+    chamber.set_temperature((-21.5 - 32.0) / 1.8)
+    device.finish()
+
+
+def test_simserv_names_its_alarms() -> None:
+    """Only messages that are alarms and active; 17012, which would reset them, is never sent."""
+    chamber, device = _chamber(
+        SimServ,
+        [
+            *_simserv("20.0", status="9", running="0"),
+            ("17002¶1", "1¶3"),
+            ("17005¶1¶1", "1¶2"),
+            ("17005¶1¶2", "1¶1"),
+            ("17009¶1¶2", "1¶1"),
+            ("17007¶1¶2", "1¶Temperaturbegrenzer Prüfraum"),
+            ("17005¶1¶3", "1¶1"),
+            ("17009¶1¶3", "1¶0"),
+        ],
+        SIMSERV,
+    )
+    assert chamber.read().alarms == ("Temperaturbegrenzer Prüfraum",)
+    device.finish()
+
+
+def test_simserv_refusals_are_in_words() -> None:
+    """-12: whoever is logged in may not do this; sent once."""
+    chamber, device = _chamber(
+        SimServ,
+        [("99997¶1¶1", "1¶LabEvent"), *_simserv("20.0"), ("11001¶1¶1¶60", "-12")],
+        SIMSERV,
+    )
+    with pytest.raises(CommandRefused, match="may not do this"):
+        chamber.set_temperature(60.0)
+    device.finish()
+
+
+def test_simserv_has_a_ramp_no_faster_than_it_can() -> None:
+    """4 °C/min: up as asked, down as fast as it can; both read back."""
+    chamber, device = _chamber(
+        SimServ,
+        [
+            ("99997¶1¶1", "1¶LabEvent"),
+            ("11068¶1¶1¶4", "1"),
+            ("11066¶1¶1", "1¶4.0"),
+            ("11072¶1¶1¶3.5", "1"),
+            ("11070¶1¶1", "1¶3.5"),
+        ],
+        SIMSERV,
+    )
+    assert chamber.set_ramp_rate(4.0) is True
+    device.finish()
+
+
+def _thermotron(setpoint: str, mode: str = "16", alarms: str = "0") -> list[tuple[str, str]]:
+    return [("PVAR1?", "23.041"), ("SETP1?", setpoint), ("MODE?", mode), ("ALRM1?", alarms)]
+
+
+@pytest.mark.parametrize(("set_reply", "run_reply"), [("-29.700", None), ("0", "0"), (None, None)])
+def test_thermotron_sets_a_temperature(set_reply: str | None, run_reply: str | None) -> None:
+    """RUNM lets it take effect, however operations are answered."""
+    chamber, device = _chamber(
+        Thermotron,
+        [
+            ("IDEN?", "THERMOTRON 8800"),
+            *_thermotron("22.000"),
+            ("SETP1,-29.700", set_reply),
+            ("RUNM", run_reply),
+            *_thermotron("-29.700"),
+        ],
+    )
+    chamber.set_temperature((-21.5 - 32.0) / 1.8)
+    device.finish()
+
+
+def test_thermotron_refusals_are_not_guessed_at() -> None:
+    """Any code but 0 is a refusal."""
+    chamber, device = _chamber(
+        Thermotron, [("IDEN?", "THERMOTRON 8800"), *_thermotron("22.000"), ("SETP1,60.000", "5")]
+    )
+    with pytest.raises(CommandRefused, match="with code 5; look at its panel"):
+        chamber.set_temperature(60.0)
+    device.finish()
+
+
+def test_thermotron_alarm_bits_have_names() -> None:
+    """Bits 1 and 5."""
+    chamber, device = _chamber(Thermotron, _thermotron("22.000", mode="2", alarms="34"))
+    reading = chamber.read()
+    assert (reading.alarms, reading.mode) == (("high deviation", "high process"), "OFF")
+    device.finish()
+
+
+def _julabo(setpoint: str, high: str, low: str, status: str = "03 REMOTE START") -> list[tuple[str, str]]:
+    return [
+        ("IN_PV_00", "23.04"),
+        ("IN_SP_00", setpoint),
+        ("IN_SP_03", high),
+        ("IN_SP_04", low),
+        ("IN_MODE_05", "1"),
+        ("STATUS", status),
+    ]
+
+
+def test_julabo_sets_its_temperature_and_its_warning_limits() -> None:
+    """The high limit is widened before, the low one tightened after; nothing is answered, everything read back."""
+    chamber, device = _chamber(
+        Julabo,
+        [
+            ("VERSION", "JULABO CRYOCOMPACT CF31 VERSION 5.0"),
+            *_julabo("20.0", "60.00", "-50.00"),
+            ("OUT_SP_03 70.0", None),
+            ("OUT_SP_00 62.5", None),
+            ("OUT_SP_04 -40.0", None),
+            *_julabo("62.5", "70.00", "-40.00"),
+        ],
+        ("\r", "\n"),
+    )
+    chamber.set_temperature(62.5)
+    device.finish()
+
+
+def test_julabo_alarms_and_complaints_about_commands_are_told_apart() -> None:
+    """-01 is an alarm; -10 was about the last command."""
+    for status, alarms in (("-01 LOW LEVEL ALARM", ("-01 LOW LEVEL ALARM",)), ("-10 VALUE TOO SMALL", ())):
+        chamber, device = _chamber(Julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
+        assert chamber.read().alarms == alarms
+        device.finish()
