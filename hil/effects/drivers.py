@@ -59,7 +59,8 @@ def _part(part: str, conditions: Conditions, reference: float | None) -> FloatAr
         return (conditions.position == label.group(1)).astype(np.float64)
     if step := _ABOVE.match(part):
         values, edge = _column(step.group(1), conditions), float(step.group(3))
-        return (values > edge if step.group(2) == ">" else values <= edge).astype(np.float64)
+        beyond = values > edge if step.group(2) == ">" else values <= edge
+        return np.asarray(beyond, dtype=np.float64)
     if inside := _INSIDE.match(part):
         values = _column(inside.group(1), conditions)
         return ((values >= float(inside.group(2))) & (values <= float(inside.group(3)))).astype(np.float64)

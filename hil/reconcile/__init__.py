@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
+from hil.reconcile.fleet import Screen, UnitFinding
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival, write_result
 from hil.reconcile.workflow import reconcile
 
-__all__ = ["Disagreement", "FoundEffect", "Gap", "Reconciliation", "Rival", "reconcile", "write_result"]
+__all__ = [
+    "Disagreement",
+    "FoundEffect",
+    "Gap",
+    "Reconciliation",
+    "Rival",
+    "Screen",
+    "UnitFinding",
+    "reconcile",
+    "write_result",
+]

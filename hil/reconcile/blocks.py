@@ -7,12 +7,15 @@ block. Blocks share no base parameter, so that each has its own noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
+
+BoolArray = NDArray[np.bool_]
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
 _STATION_WIDTH_DEGC = 4.0  # temperatures closer than this belong to one setpoint
@@ -41,7 +44,7 @@ class Block:
     station: IntArray
     f_random: FloatArray
 
-    def take(self, keep: FloatArray) -> Block:
+    def take(self, keep: BoolArray) -> Block:
         """Return the block with only the rows where `keep` is true; base columns that vanish are dropped."""
         changed = {
             name: getattr(self, name)[keep]
@@ -92,9 +95,7 @@ def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatAr
     return np.array(kept).T if kept else np.zeros((columns.shape[0], 0))
 
 
-def sensor_blocks(
-    number: int, collects: Collects, known: FloatArray, base: FloatArray, *, known_terms: bool = False
-) -> list[Block]:
+def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:
     """Split one sensor's collects into blocks.
 
     `known` (n, c) is what the model takes as given (earth rate, valued terms), `base` (n, c, p) its fitted columns.
@@ -105,7 +106,7 @@ def sensor_blocks(
     channels = list(range(rates.shape[1]))
     groups = _coupled_channels(base, np.isfinite(rates)) if base.shape[2] else [[channel] for channel in channels]
     rates = rates - _small_couplings(base, rates, groups)
-    return [_block(number, collects, conditions, rates, base, group, known_terms) for group in groups]
+    return [_block(number, collects, conditions, rates, base, group) for group in groups]
 
 
 def _coupled_channels(base: FloatArray, measured: FloatArray) -> list[list[int]]:
@@ -168,7 +169,6 @@ def _block(
     rates: FloatArray,
     base: FloatArray,
     group: Sequence[int],
-    known_terms: bool,  # noqa: ARG001 (kept for symmetry with the caller)
 ) -> Block:
     own = [k for k in range(base.shape[2]) if _acts_on(base, k, group)]
     rows, channel = [], []
@@ -243,19 +243,3 @@ def _station_scatter(block: Block, f_g: FloatArray) -> FloatArray:
         for number in numbers
     }
     return np.array([ratio[number] for number in block.station.tolist()])
-
-
-def subset_conditions(conditions: Conditions, keep: FloatArray) -> Conditions:
-    """Return the conditions of the rows where `keep` is true."""
-    columns: Mapping[str, FloatArray] = {name: values[keep] for name, values in conditions.columns.items()}
-    return replace(
-        conditions,
-        collect=conditions.collect[keep],
-        run=conditions.run[keep],
-        position=conditions.position[keep],
-        start_s=conditions.start_s[keep],
-        duration_s=conditions.duration_s[keep],
-        f_g=conditions.f_g[keep],
-        w_deg_per_hr=conditions.w_deg_per_hr[keep],
-        columns=columns,
-    )

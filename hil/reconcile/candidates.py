@@ -26,7 +26,7 @@ _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity"
 _REMEMBERS = frozenset({"hyst", "soak_insufficient"})
 _ROOM_DEGC = 20.0
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
-"""Exchanged labels are looked for among the outliers; the others are the temperature forms of MU_real and g_sensitivity."""
+"""Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
 
 
@@ -56,7 +56,7 @@ class Candidate:
     @property
     def size(self) -> int:
         """Number of columns."""
-        return self.columns.shape[2]
+        return int(self.columns.shape[2])
 
     def rebuilt(self, conditions: Conditions, base: Base) -> FloatArray:
         """Return the columns of the same effect, shape and form on other rows, shape (n, c, p)."""

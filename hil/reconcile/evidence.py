@@ -104,11 +104,17 @@ class BlockEvidence:
     """Evidence for many candidates in one block, at the noise points that matter for its data."""
 
     def __init__(
-        self, block: Block, noise: NoiseTable, columns: Sequence[FloatArray], rich: Sequence[FloatArray] = ()
+        self,
+        block: Block,
+        noise: NoiseTable,
+        columns: Sequence[FloatArray],
+        rich: Sequence[FloatArray] = (),
+        *,
+        keep_all: bool = False,
     ) -> None:
         self.block = block
         self.prior = ScalePrior.of(block)
-        self.points = relevant_points(block, noise, rich)
+        self.points = np.arange(len(noise.grid)) if keep_all else relevant_points(block, noise, rich)
         self.noise = noise.take(self.points)
         self.projection = Projection.of(self.noise, block.base)
         self.sizes = np.array([c.shape[1] for c in columns], dtype=np.int64)
@@ -122,7 +128,7 @@ class BlockEvidence:
     ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Members of one size: projected columns (t, N, j·q), inverse Gram (t, j, q, q), rank (t, j), kept (j,)."""
         members = np.flatnonzero(self.sizes == size)
-        stacked = np.concatenate([columns[j] for j in members], axis=1)
+        stacked = np.concatenate([columns[int(j)] for j in members], axis=1)
         white = self.noise.whitening @ stacked
         before = np.sqrt(np.einsum("tnk,tnk->tk", white, white))
         scaled = self.projection.beside(white)

@@ -151,7 +151,7 @@ def _candidate(weighed: Weighed, number: int) -> Candidate | None:
 
 
 def _index_zero(conditions: Conditions) -> tuple[FloatArray, FloatArray] | None:
-    """f and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
+    """F and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
     labels = np.unique(conditions.position)
     label = (
         "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.blocks import Block, independent_columns
+from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
 from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.noise import covariances
-
 
 _UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own
 
@@ -48,7 +47,7 @@ class BlockNoise:
     covariance: FloatArray
     whitening: FloatArray
 
-    def take(self, keep: FloatArray) -> BlockNoise:
+    def take(self, keep: BoolArray) -> BlockNoise:
         """Return the noise of the rows where `keep` is true."""
         return BlockNoise.of(self.covariance[np.ix_(keep, keep)])
 
@@ -89,7 +88,7 @@ def refit(
     blocks: Sequence[Block],
     noise: Sequence[BlockNoise],
     added: Sequence[Added],
-    rows: Sequence[FloatArray] | None = None,
+    rows: Sequence[BoolArray] | None = None,
 ) -> Fit:
     """Fit the base of every block and all added effects together, on the rows where `rows[b]` is true (all, if None).
 
@@ -169,7 +168,7 @@ def _unit(columns: FloatArray) -> FloatArray:
     return np.asarray(columns / np.where(norm > 0, norm, 1.0))
 
 
-def without_rows(blocks: Sequence[Block], keep: Sequence[FloatArray]) -> list[Block]:
+def without_rows(blocks: Sequence[Block], keep: Sequence[BoolArray]) -> list[Block]:
     """Return the blocks with only some rows; base columns that the rest cannot support are dropped."""
     out = []
     for block, rows in zip(blocks, keep, strict=True):

@@ -206,8 +206,13 @@ def build_evidence(
     blocks: Sequence[Block],
     tables: Sequence[NoiseTable],
     rich: Sequence[Sequence[FloatArray]],
+    *,
+    keep_all: bool = False,
 ) -> Evidence:
-    """Lay out the columns of all units block by block and compute their evidence tables."""
+    """Lay out the columns of all units block by block and compute their evidence tables.
+
+    `keep_all` keeps every noise point of the tables, whatever these data say (a layout that many units share).
+    """
     columns: list[list[FloatArray]] = [[] for _ in blocks]
     places: list[tuple[int, ...]] = []
     for hypothesis in found:
@@ -220,7 +225,7 @@ def build_evidence(
                 columns[unit.blocks[0]].append(unit.columns[0])
         places.append(tuple(here))
     evidence = [
-        BlockEvidence(block, table, cols, extra)
+        BlockEvidence(block, table, cols, extra, keep_all=keep_all)
         for block, table, cols, extra in zip(blocks, tables, columns, rich, strict=True)
     ]
     return Evidence(evidence, found, places)

@@ -9,11 +9,11 @@ import numpy as np
 
 from hil.campaign import Conditions
 from hil.curve import Constant, Polynomial, Table, TableRows
+from hil.effects.drivers import driver_reference
 from hil.effects.empirical import empirical
 from hil.linear_forms import RATE, LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
 from hil.reconcile.candidates import Candidate
-from hil.effects.drivers import driver_reference
 from hil.reconcile.fit import Added, Fit
 from hil.reconcile.hypotheses import Unit
 from hil.reconcile.problem import SensorProblem

@@ -110,7 +110,7 @@ def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: 
     """Whether the rival explains as much with no more freedom: a broad effect that contains a narrow one is not the same."""
     if leader.log_evidence - rival.log_evidence > _CLOSE:
         return False
-    return _span(rival.added, blocks, noise).shape[1] <= _span(leader.added, blocks, noise).shape[1]
+    return bool(_span(rival.added, blocks, noise).shape[1] <= _span(leader.added, blocks, noise).shape[1])
 
 
 def _stacked(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:

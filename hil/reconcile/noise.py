@@ -60,7 +60,8 @@ def noise_grid(block: Block) -> NoiseGrid:
     many_runs = runs >= 4 and rows_per_run > 1.5
     run_bias = _RUN_BIAS if many_runs else (0.0,)
     run_sensitivity = _RUN_SENSITIVITY if many_runs else (0.0,)
-    levelling = _LEVELLING if np.ptp(block.sigma) > 1e-6 * np.mean(block.sigma) else (1.0,)
+    unequal = float(np.ptp(block.sigma)) > 1e-6 * float(np.mean(block.sigma))
+    levelling = (_LEVELLING if block.sigma_stated else _LEVELLING[::2]) if unequal else (1.0,)
     points, priors = [], []
     for bias, rho, sensitivity, drift, phi, level in product(
         run_bias, _RUN_CORRELATION, run_sensitivity, _COLLECT_DRIFT, _COLLECT_CORRELATION, levelling
@@ -78,7 +79,8 @@ def noise_grid(block: Block) -> NoiseGrid:
     columns = np.array(points, dtype=np.float64).T
     log_prior = np.array(priors)
     log_prior -= np.logaddexp.reduce(log_prior)
-    return NoiseGrid(*columns, log_prior)
+    bias_, rho_, sensitivity_, drift_, phi_, level_ = columns
+    return NoiseGrid(bias_, rho_, sensitivity_, drift_, phi_, level_, log_prior)
 
 
 def covariances(block: Block, grid: NoiseGrid) -> FloatArray:
@@ -109,5 +111,6 @@ def whiteners(block: Block, grid: NoiseGrid) -> tuple[FloatArray, FloatArray]:
 
 
 def _powers(base: FloatArray, exponent: FloatArray) -> FloatArray:
-    """base ** exponent over the grid, shape (t, N, N); 0 ** 0 is 1."""
-    return np.asarray(base[:, None, None] ** exponent[None])
+    """Base ** exponent over the grid, shape (t, N, N); 0 ** 0 is 1. The grid has few different values."""
+    values, place = np.unique(base, return_inverse=True)
+    return np.asarray((values[:, None, None] ** exponent[None])[place])

@@ -24,6 +24,9 @@ from hil.reconcile.fit import BlockNoise, estimate_noise
 _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
 _LEAST_SCORE = 4.5
+_LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
+_LEAST_RUNS = 4
+_MOST_EXCHANGES = 3
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ def find_outliers(
 
 def _of_block(block: Block, table: NoiseTable) -> list[dict[str, Any]]:
     kept = np.ones(len(block.y), dtype=bool)
-    found = []
+    found: list[dict[str, Any]] = []
     limit = max(float(stats.norm.isf(_LEVEL / 2 / len(block.y))), _LEAST_SCORE)
     for _ in range(max(1, int(_SHARE * len(block.y)))):
         rows = np.flatnonzero(kept)
@@ -105,48 +108,76 @@ def studentised(block: Block, noise: BlockNoise) -> tuple[FloatArray, FloatArray
     return normal, size
 
 
-def exchanges(
-    campaign: Campaign, blocks: Sequence[Block], tables: Sequence[NoiseTable], outliers: Sequence[Mapping[str, Any]]
-) -> list[Exchange]:
-    """Return the pairs of labels in one run that were exchanged: both rates, put in each other's place, fit well."""
-    found = []
-    suspects = {(o["sensor"], int(campaign.sensors[o["sensor"]].conditions.run[o["row"]])) for o in outliers}
-    for sensor, run in sorted(suspects):
-        collects = campaign.sensors[sensor]
-        rows = np.flatnonzero(collects.conditions.run == run)
-        own = [b for b, block in enumerate(blocks) if block.sensor == sensor]
-        noise = {b: estimate_noise(blocks[b], tables[b]) for b in own}
-        before = sum(_misfit(blocks[b], noise[b], blocks[b].y) for b in own)
-        best: tuple[float, Exchange] | None = None
-        for i, j in combinations(rows.tolist(), 2):
-            after = sum(_misfit(blocks[b], noise[b], _exchanged(blocks[b], i, j, collects)) for b in own)
-            pair = (str(collects.conditions.position[i]), str(collects.conditions.position[j]))
-            if pair[0] != pair[1] and (best is None or before - after > best[0]):
-                best = (before - after, Exchange(sensor, run, pair, before - after))
-        needed = 30.0
-        if best is not None and best[0] > needed:
-            found.append(best[1])
+def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[NoiseTable]) -> list[Exchange]:
+    """Return the pairs of labels in one run that were exchanged: with the rates in each other's place all fits well.
+
+    Every run and pair is tried under the noise estimated as the data stand, which an exchange itself inflates: what is
+    compared is the likelihood with the scale of each block refitted.
+    """
+    found: list[Exchange] = []
+    noise = [estimate_noise(block, table) for block, table in zip(blocks, tables, strict=True)]
+    projectors = [_projector(block, n) for block, n in zip(blocks, noise, strict=True)]
+    y = [block.y for block in blocks]
+    while len(found) < _MOST_EXCHANGES:
+        before = _log_likelihood(blocks, projectors, y)
+        best: tuple[float, Exchange, list[FloatArray]] | None = None
+        for sensor, run, i, j in _pairs(campaign):
+            labels = campaign.sensors[sensor].conditions.position
+            moved = [
+                _exchanged(block, values, i, j, campaign.sensors[sensor]) if block.sensor == sensor else values
+                for block, values in zip(blocks, y, strict=True)
+            ]
+            gain = _log_likelihood(blocks, projectors, moved) - before
+            if best is None or gain > best[0]:
+                best = (gain, Exchange(sensor, run, (str(labels[i]), str(labels[j])), gain), moved)
+        if best is None or best[0] < _LEAST_GAIN:
+            break
+        found.append(best[1])
+        y = best[2]
     return found
 
 
-def _misfit(block: Block, noise: BlockNoise, y: FloatArray) -> float:
-    white = noise.whitening @ y
+def _pairs(campaign: Campaign) -> list[tuple[int, int, int, int]]:
+    """Sensor, run and the rows of every two collects of one run at different positions."""
+    out = []
+    for sensor, collects in campaign.sensors.items():
+        runs = np.unique(collects.conditions.run)
+        if len(runs) < _LEAST_RUNS:
+            continue
+        for run in runs.tolist():
+            rows = np.flatnonzero(collects.conditions.run == run).tolist()
+            labels = collects.conditions.position
+            out += [(sensor, run, i, j) for i, j in combinations(rows, 2) if labels[i] != labels[j]]
+    return out
+
+
+def _projector(block: Block, noise: BlockNoise) -> FloatArray:
+    """The matrix P with y'Py the weighted sum of squares that the base leaves."""
     base = noise.whitening @ block.base
     q, _ = np.linalg.qr(base)
-    rest = white - q @ (q.T @ white)
-    return float(rest @ rest)
+    maker = noise.whitening - q @ (q.T @ noise.whitening)
+    return np.asarray(maker.T @ maker)
 
 
-def _exchanged(block: Block, i: int, j: int, collects: Collects) -> FloatArray:
-    """The block's rates with those of collects i and j in each other's place (earth rate taken off where it belongs)."""
-    y = block.y.copy()
+def _log_likelihood(blocks: Sequence[Block], projectors: Sequence[FloatArray], y: Sequence[FloatArray]) -> float:
+    """Log likelihood of all blocks with the scale of each refitted."""
+    total = 0.0
+    for block, projector, values in zip(blocks, projectors, y, strict=True):
+        freedom = max(len(values) - block.base.shape[1], 1)
+        total -= 0.5 * freedom * float(np.log(max(float(values @ projector @ values), 1e-12)))
+    return total
+
+
+def _exchanged(block: Block, values: FloatArray, i: int, j: int, collects: Collects) -> FloatArray:
+    """Rates with those of collects i and j in each other's place, the earth rate taken off where it belongs."""
+    y = values.copy()
     w = collects.conditions.w_channels_deg_per_hr
     for channel in np.unique(block.channel):
         a = np.flatnonzero((block.rows == i) & (block.channel == channel))
         b = np.flatnonzero((block.rows == j) & (block.channel == channel))
         if len(a) and len(b):
             step = w[i, channel] - w[j, channel]
-            y[a], y[b] = block.y[b] - step, block.y[a] + step
+            y[a], y[b] = values[b] - step, values[a] + step
     return y
 
 

@@ -160,7 +160,7 @@ def rich_columns(block: Block, conditions: Conditions) -> list[FloatArray]:
     target = np.hstack(targets)
     out = []
     numbers = np.unique(block.station)
-    if 1 < len(numbers):
+    if len(numbers) > 1:
         steps = (block.station[:, None] == numbers).astype(np.float64)
         out.append(independent_columns((target[:, :, None] * steps[:, None, :]).reshape(len(block.y), -1), 1e-6))
     else:

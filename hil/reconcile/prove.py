@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent_columns
+from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import BlockEvidence, NoiseTable
 from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit, without_rows
 from hil.reconcile.hypotheses import Evidence, Hypothesis, Unit, build_evidence
@@ -61,7 +61,7 @@ class HeldOut:
         return float((1 + np.sum(signs @ gain >= gain.sum())) / (1 + _FLIPS))
 
 
-def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[list[FloatArray]]:
+def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[list[BoolArray]]:
     """Return the folds: for each, the rows held out in every block. One fold per run, or per collect where runs are few."""
     several = len(np.unique(np.concatenate(place_of_run))) >= 4
     labels = list(place_of_run) if several else [block.order for block in blocks]
@@ -69,7 +69,7 @@ def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[li
     return [[label == value for label in labels] for value in values]
 
 
-def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: int = 6) -> list[list[FloatArray]]:
+def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: int = 6) -> list[list[BoolArray]]:
     """Return folds of neighbouring runs (or collects), `count` of them."""
     folds = by_run(blocks, place_of_run)
     cut = np.array_split(np.arange(len(folds)), min(count, len(folds)))
@@ -77,7 +77,7 @@ def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: 
 
 
 def held_out(
-    folds: Sequence[Sequence[FloatArray]],
+    folds: Sequence[Sequence[BoolArray]],
     blocks: Sequence[Block],
     tables: Sequence[NoiseTable],
     noise: Sequence[BlockNoise],
@@ -113,7 +113,7 @@ def held_out(
     return HeldOut(sums[0, used], sums[1, used], sums[2, used], sums[3, used], rows[used], before, after, sums[4, used])
 
 
-def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: FloatArray) -> float:
+def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: BoolArray) -> float:
     """Sum of squares that noise alone leaves on held-out rows when everything is refitted on the others."""
     extra = [columns for effect in added if (columns := effect.columns(count)[b]) is not None]
     design = independent_columns(np.hstack([block.base, *extra]), 1e-6)
@@ -127,7 +127,7 @@ def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, c
 
 
 def _select(
-    keep: Sequence[FloatArray],
+    keep: Sequence[BoolArray],
     blocks: Sequence[Block],
     tables: Sequence[NoiseTable],
     hypotheses: Sequence[Hypothesis],
@@ -172,7 +172,7 @@ def _table(block: Block, grid: NoiseGrid, points: IntArray) -> NoiseTable:
     return NoiseTable.on(block, grid.take(points[:_KEPT_POINTS]))
 
 
-def _less(unit: Unit, keep: Sequence[FloatArray]) -> Unit:
+def _less(unit: Unit, keep: Sequence[BoolArray]) -> Unit:
     return replace(unit, columns=tuple(c[keep[b]] for b, c in zip(unit.blocks, unit.columns, strict=True)))
 
 

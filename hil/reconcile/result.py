@@ -123,6 +123,7 @@ class Reconciliation:
     input_model: Model
     outliers: Sequence[Mapping[str, Any]] = ()
     within_collects: Sequence[Mapping[str, Any]] = ()
+    as_it_stands: Mapping[str, Any] | None = None
     notes: Sequence[str] = ()
     simulated: bool = False
     picture: Mapping[str, Any] = field(default_factory=dict)
@@ -143,6 +144,7 @@ class Reconciliation:
             "false_alarm_rate": self.false_alarm_rate,
             "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
             "outliers": [dict(outlier) for outlier in self.outliers],
+            "as_it_stands": dict(self.as_it_stands) if self.as_it_stands else None,
             "within_collects": [dict(finding) for finding in self.within_collects],
             "notes": list(self.notes),
         }
@@ -151,7 +153,7 @@ class Reconciliation:
 
 def write_result(result: Reconciliation, out_dir: Path) -> None:
     """Write reconciliation.json, model.yaml and reconciliation.html into `out_dir`, which is made if need be."""
-    from hil.reconcile.page import page  # noqa: PLC0415 (matplotlib is slow to load, and a screening never needs it)
+    from hil.reconcile.page import page
 
     out_dir.mkdir(parents=True, exist_ok=True)
     text = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)

@@ -4,7 +4,7 @@
     result.verdict                       # "named", "ambiguous", "empirical", "unresolved" or "none"
     write_result(result, Path("out"))    # reconciliation.json, model.yaml, reconciliation.html
 
-The order is that of the questions: which rows can be believed; is anything missing, with a stated rate of false alarms;
+The order is that of the questions: which rows can be believed; is anything missing, at a stated rate of false alarms;
 what is it called, with a stated probability; what does the model become; does it predict what it has not seen; where was
 the disagreement; what should be measured next.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.effects.base import Effect
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
+from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.reconcile.blocks import Block
@@ -31,12 +31,13 @@ from hil.reconcile.fit import Added, BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import described_parameters, improved
 from hil.reconcile.naming import Naming, Weighed, certainty, weigh
-from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
+from hil.reconcile.outliers import Exchange, exchanges, find_outliers, left_out, mended
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
 from hil.reconcile.search import Scan, Search, null_statistics
 from hil.reconcile.where import disagreements
+from hil.reconcile.within import within_collects
 
 _MOST_EFFECTS = 5
 _DRAWS = 300
@@ -70,8 +71,8 @@ def reconcile(
 ) -> Reconciliation:
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
-    `alpha` is the false-alarm rate of the whole search on data without a missing effect; `draws` the simulated data sets
-    behind it; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does
+    `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the simulated data
+    sets behind it; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does
     not fit the campaign. Source: reference algorithm of the discrepancy workflow, steps 0 to 10.
     """
     if not 0.0 < alpha < 0.5:
@@ -120,36 +121,52 @@ def reconcile(
         model_after=after,
         input_model=chosen,
         outliers=[_outlier(o, clean) for o in faults["outliers"]],
+        within_collects=within_collects(campaign, SERIES_EFFECTS, alpha),
+        as_it_stands=_as_it_stands(chosen, campaign),
         notes=notes,
         simulated=campaign.simulated,
         picture=_picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
     )
 
 
+def _as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
+    """How far the rates are from a model with values, before anything is fitted; None for a built-in."""
+    squares, rows, worst = 0.0, 0, 0.0
+    for collects in campaign.sensors.values():
+        if not model.has_values(collects.conditions.sensor):
+            return None
+        error = collects.rates_deg_per_hr - model.rates(collects.conditions)
+        error = error[np.isfinite(error)]
+        squares, rows = squares + float(error @ error), rows + len(error)
+        worst = max(worst, float(np.abs(error).max(initial=0.0)))
+    return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
+
+
 def _prepare(
     campaign: Campaign, model: Model, effects: Sequence[Effect]
 ) -> tuple[Campaign, Problem, Search, dict[str, Any]]:
     """Pose the problem; mend exchanged labels, leave outliers out, and pose it again where that changed anything."""
-    problem = pose(campaign, model, effects)
-    tables = [NoiseTable.of(block) for block in problem.blocks]
-    rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
+    problem, tables, rich = _posed(campaign, model, effects)
+    swapped = exchanges(campaign, problem.blocks, tables)
+    clean = mended(campaign, swapped)
+    if swapped:
+        problem, tables, rich = _posed(clean, model, effects)
     outliers = find_outliers(problem.blocks, tables, rich)
-    swapped = exchanges(campaign, problem.blocks, tables, outliers) if outliers else []
-    clean = campaign
     if outliers:
-        mended_rows = {(e.sensor, e.run, p) for e in swapped for p in e.positions}
-        outliers = [o for o in outliers if _key(o, campaign) not in mended_rows]
-        clean = left_out(mended(campaign, swapped), outliers)
-        problem = pose(clean, model, effects)
-        tables = [NoiseTable.of(block) for block in problem.blocks]
-        rich = [rich_columns(b, clean.sensors[b.sensor].conditions) for b in problem.blocks]
+        clean = left_out(clean, outliers)
+        problem, tables, rich = _posed(clean, model, effects)
     search = Search(problem.blocks, tables, rich, hypotheses(problem.candidates, problem.blocks))
     return clean, problem, search, {"outliers": outliers, "exchanges": swapped}
 
 
-def _key(outlier: Mapping[str, Any], campaign: Campaign) -> tuple[int, int, str]:
-    conditions = campaign.sensors[outlier["sensor"]].conditions
-    return outlier["sensor"], int(conditions.run[outlier["row"]]), str(conditions.position[outlier["row"]])
+def _posed(
+    campaign: Campaign, model: Model, effects: Sequence[Effect]
+) -> tuple[Problem, list[NoiseTable], list[list[FloatArray]]]:
+    """Pose the problem, with the noise tables of its blocks and rich models of their means."""
+    problem = pose(campaign, model, effects)
+    tables = [NoiseTable.of(block) for block in problem.blocks]
+    rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
+    return problem, tables, rich
 
 
 def _detect(
@@ -363,7 +380,7 @@ def _physics(effect: Effect | None) -> str:
     return f"{text} {effect.signature}".strip()
 
 
-def _swap_findings(found: Sequence[Any]) -> list[FoundEffect]:
+def _swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
     return [
         FoundEffect(
             id="swap",
@@ -372,26 +389,38 @@ def _swap_findings(found: Sequence[Any]) -> list[FoundEffect]:
             parameters=[
                 {"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}
             ],
-            probability=float(1.0 / (1.0 + np.exp(-0.5 * e.gain + 10.0))),
+            probability=float(1.0 / (1.0 + np.exp(6.0 - e.gain))),
             confusable_with=[],
             kind="named",
             shape={"run": float(e.run)},
             sensors=(e.sensor,),
-            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest of the campaign.",
+            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest.",
             experiment="Look at the accelerometers of that run: they show which way it stood.",
         )
         for e in found
     ]
 
 
-def _exchange_places(found: Sequence[Any], campaign: Campaign) -> list[Disagreement]:
+def _exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
     out = []
     for e in found:
         channel = next(iter(campaign.sensors[e.sensor].conditions.sensor.channels))
         for position in e.positions:
             where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
-            out.append(Disagreement(where, float(np.sqrt(e.gain)), 1.0, float(np.exp(-0.5 * e.gain))))
+            out.append(Disagreement(where, _move(e, position, campaign), 0.0, float(np.exp(-e.gain))))
     return out
+
+
+def _move(exchange: Exchange, position: str, campaign: Campaign) -> float:
+    """By how much the first channel's rate at a position moves when the exchange is undone, deg/hr."""
+    collects = campaign.sensors[exchange.sensor]
+    conditions = collects.conditions
+    rates = {
+        label: collects.rates_deg_per_hr[(conditions.run == exchange.run) & (conditions.position == label), 0][0]
+        for label in exchange.positions
+    }
+    other = next(label for label in exchange.positions if label != position)
+    return float(np.nan_to_num(rates[position] - rates[other]))
 
 
 def _outlier(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
