@@ -17,9 +17,14 @@ from drivers.clock import Clock
 from drivers.controller import Controller
 from drivers.espec import EspecChamber
 from drivers.ezt570i import Ezt570i
+from drivers.julabo import Julabo
+from drivers.simserv import SimServ
 from drivers.supervised_chamber import SupervisedChamber
+from drivers.thermotron import Thermotron
 from drivers.transport import Transport
+from drivers.voetsch_ascii import VoetschAscii
 from drivers.watlow_f4 import WatlowF4
+from drivers.watlow_f4t import WatlowF4t
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,7 @@ class ChamberOptions:
     """What a bench file says about its chamber. `address` and `terminator` are the driver's own where they are None.
 
     `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
+    `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     """
 
     limits: ChamberLimits
@@ -36,6 +42,7 @@ class ChamberOptions:
     terminator: bytes | None = None
     native_margin_degC: float = 5.0
     celsius_confirmed: bool = False
+    ramp_port: Transport | None = None
 
 
 @dataclass(frozen=True)
@@ -91,8 +98,41 @@ def _ezt570i(transport: Transport, clock: Clock, options: ChamberOptions) -> Cha
     return supervised(Ezt570i(transport, clock, address=options.address or 1), clock, options)
 
 
+def _voetsch_ascii(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    controller = VoetschAscii(
+        transport,
+        clock,
+        limits=options.limits,
+        address=options.address or 0,
+        terminator=options.terminator or b"\r",
+    )
+    return supervised(controller, clock, options)
+
+
+def _simserv(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(SimServ(transport, clock), clock, options)
+
+
+def _thermotron(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(Thermotron(transport, clock, terminator=options.terminator or b"\r"), clock, options)
+
+
+def _julabo(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(Julabo(transport, clock), clock, options)
+
+
+def _watlow_f4t(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    controller = WatlowF4t(transport, clock, address=options.address or 1, scpi=options.ramp_port)
+    return supervised(controller, clock, options)
+
+
 CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec),
     "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
     "ezt-570i": ChamberDriver("Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _ezt570i),
+    "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _voetsch_ascii),
+    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _simserv),
+    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _thermotron),
+    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _julabo),
+    "watlow-f4t": ChamberDriver("Watlow F4T, Modbus TCP", SerialLine(38400), _watlow_f4t),
 }

@@ -60,6 +60,10 @@ class Controller(Protocol):
     def can_stop(self) -> bool:
         """Whether conditioning can be stopped over the line."""
 
+    @property
+    def sees_programs(self) -> bool:
+        """Whether a program that runs shows as mode RUN; where not, the safe state ends one in any case."""
+
     def identify(self) -> ControllerIdentity:
         """Ask who is there; raise `WrongDevice` where it is no such controller."""
 

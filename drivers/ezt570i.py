@@ -47,6 +47,7 @@ class Ezt570i:
     """A `Controller` of loop 1 of an EZT-570i."""
 
     native_limits: Literal["none", "setpoint", "alarm"] = "setpoint"
+    sees_programs = True
     resolution_degC = 0.1
     can_stop = True
 

@@ -9,6 +9,7 @@ whether it was carried out, so its sender must read back.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -21,12 +22,17 @@ Reply = TypeVar("Reply")
 
 @dataclass(frozen=True)
 class LineTiming:
-    """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read."""
+    """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read.
+
+    `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
+    answer the line is listened to for so long, so that a late reply is not taken for the next one's.
+    """
 
     timeout_s: float = 2.0
     pause_after_query_s: float = 0.3
     pause_after_command_s: float = 0.5
     attempts: int = 3
+    late_s: float = 0.0
 
 
 class LineExchange:
@@ -55,6 +61,7 @@ class LineExchange:
         self._encoding = encoding
         self._timing = timing or LineTiming()
         self._ready_at_s = clock.now()
+        self._unanswered = False
 
     def query(self, request: str, parse: Callable[[str], Reply]) -> Reply:
         """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
@@ -108,6 +115,10 @@ class LineExchange:
 
     def _send(self, request: str) -> None:
         self._clock.sleep(self._ready_at_s - self._clock.now())
+        if self._unanswered and self._timing.late_s > 0.0:
+            with suppress(DeviceTimeout):
+                self._transport.read_until(self._reply_terminator, self._timing.late_s)
+        self._unanswered = False
         self._transport.drain()
         self._transport.write(request.encode(self._encoding) + self._terminator)
 
@@ -118,6 +129,7 @@ class LineExchange:
             try:
                 received = self._transport.read_until(self._reply_terminator, remaining_s)
             except DeviceTimeout as error:
+                self._unanswered = True
                 raise DeviceTimeout(
                     f"{self._device} did not answer {request!r} in {self._timing.timeout_s:g} s; check its power, the "
                     f"cable, and the line settings and delimiter on its panel ({error})"

@@ -316,7 +316,7 @@ class SupervisedChamber:
             return [lambda: controller.stop(off=False)] if controller.can_stop else []
         actions: list[Callable[[], None]] = []
         mode = None if state is None else state.mode
-        if mode is None or mode == "RUN":
+        if mode is None or mode == "RUN" or not controller.sees_programs:
             actions.append(controller.end_program)
         if self._safe.action != "hold":
             return [*actions, lambda: controller.stop(off=self._safe.action == "off")]

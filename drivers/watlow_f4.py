@@ -45,6 +45,7 @@ class WatlowF4:
     """
 
     native_limits: Literal["none", "setpoint", "alarm"] = "setpoint"
+    sees_programs = True
 
     def __init__(
         self,

@@ -11,7 +11,12 @@ from drivers.simulators.chamber_plant import ChamberPlant
 from drivers.simulators.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
 from drivers.simulators.ezt570i import SimulatedEzt570i
+from drivers.simulators.julabo import SimulatedJulabo
+from drivers.simulators.simserv import SimulatedSimServ
+from drivers.simulators.thermotron import SimulatedThermotron
+from drivers.simulators.voetsch_ascii import SimulatedVoetschAscii
 from drivers.simulators.watlow_f4 import SimulatedWatlowF4
+from drivers.simulators.watlow_f4t import SimulatedWatlowF4t
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,41 @@ def _ezt570i(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamber
     return SimulatedEzt570i(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
 
 
+def _voetsch_ascii(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedVoetschAscii(
+        plant,
+        address=options.address or 0,
+        terminator=options.terminator or b"\r",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _simserv(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedSimServ(plant, faults=options.faults, begins_s=options.begins_s)
+
+
+def _thermotron(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedThermotron(
+        plant, terminator=options.terminator or b"\r", faults=options.faults, begins_s=options.begins_s
+    )
+
+
+def _julabo(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedJulabo(plant, faults=options.faults, begins_s=options.begins_s)
+
+
+def _watlow_f4t(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedWatlowF4t(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+
+
 CHAMBER_SIMULATORS: Mapping[str, Build] = {
     "espec": _espec,
     "watlow-f4": _watlow_f4,
     "ezt-570i": _ezt570i,
+    "voetsch-ascii2": _voetsch_ascii,
+    "simserv": _simserv,
+    "thermotron": _thermotron,
+    "julabo": _julabo,
+    "watlow-f4t": _watlow_f4t,
 }

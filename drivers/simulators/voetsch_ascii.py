@@ -23,7 +23,7 @@ _START, _ERROR, _TEMPER = 1, 2, 3
 _NUMBER = r"-?\d{3,4}\.\d"
 _WRITE = re.compile(rf"((?:{_NUMBER} ){{{_PAIRS}}})([01]{{{_BITS - 1},{_BITS}}})")
 _GRADIENT = re.compile(rf"{_NUMBER}(?: {_NUMBER}){{{2 * _PAIRS - 1}}}")
-_TEXTS = {"01": "temperature limiter test space", "02": "software test spec.protection.."}
+_TEXTS = {"01": "software test spec.protection.."}  # as the manual prints it
 
 
 class SimulatedVoetschAscii(SimulatedLines):

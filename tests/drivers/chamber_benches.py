@@ -31,6 +31,13 @@ def modbus_setpoints(registers: Sequence[int], scale: float = 10.0) -> Callable[
     return find
 
 
+def float_setpoints(sent: bytes) -> list[float]:
+    """Return the setpoints in what a host sent: function 16 to 2782, two registers, low word first."""
+    head = bytes((1, 16)) + struct.pack(">HHB", 2782, 2, 4)
+    places = [at + len(head) for at in range(len(sent)) if sent[at : at + len(head)] == head]
+    return [round(struct.unpack(">f", sent[at + 2 : at + 4] + sent[at : at + 2])[0], 4) for at in places]
+
+
 @dataclass(frozen=True)
 class Kind:
     """What the tests know of a kind of chamber: where setpoints are in its bytes, how a set and a read are called."""
@@ -42,7 +49,8 @@ class Kind:
     native_limits: bool = True
     knows_standby: bool = False
     refuses: bool = True  # says no where it does not do what it is asked
-    drops_are_seen: bool = True
+    sees_programs: bool = True
+    has_programs: bool = True
 
 
 def text_setpoints(pattern: bytes) -> Callable[[bytes], list[float]]:
@@ -56,6 +64,25 @@ KINDS: dict[str, Kind] = {
     "espec": Kind(text_setpoints(rb"TEMP,S([-0-9.]+)\r\n"), "TEMP?", "TEMP,S", knows_standby=True),
     "watlow-f4": Kind(modbus_setpoints([300]), "read 100", "write 300", tells_unit=True),
     "ezt-570i": Kind(modbus_setpoints([60]), "read 60", "write 60", refuses=False),
+    "voetsch-ascii2": Kind(
+        text_setpoints(rb"\$00E ([-0-9.]+) "),
+        "$00I",
+        "$00E",
+        native_limits=False,
+        refuses=False,
+        sees_programs=False,
+    ),
+    "simserv": Kind(text_setpoints(rb"11001\xb61\xb61\xb6([-0-9.]+)\r"), "11004", "11001", native_limits=False),
+    "thermotron": Kind(text_setpoints(rb"SETP1,([-0-9.]+)\r"), "PVAR1?", "SETP1,", native_limits=False),
+    "julabo": Kind(
+        text_setpoints(rb"OUT_SP_00 ([-0-9.]+)\r"),
+        "IN_PV_00",
+        "OUT_SP_00",
+        refuses=False,
+        sees_programs=False,
+        has_programs=False,
+    ),
+    "watlow-f4t": Kind(float_setpoints, "read 2820", "write 2782", tells_unit=True),
 }
 
 
