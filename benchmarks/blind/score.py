@@ -23,8 +23,9 @@ from scipy.stats import beta
 from benchmarks.blind.cases import CATALOGUE, OUTSIDE, Noise, make_case, write_case
 from benchmarks.blind.night import Design
 
-FOUR = Design(positions=("1", "2", "3", "4"))
-HEADINGS = Design(positions=("1", "2", "3", "4"), headings_deg=(30.0, 120.0, 210.0))
+UP_AND_DOWN = (-29.7, -6.8, 23.4, 48.9, 60.0, 37.8, 6.3, -14.4)
+FOUR = Design(temperatures_degC=UP_AND_DOWN, positions=("1", "2", "3", "4"))
+HEADINGS = Design(temperatures_degC=UP_AND_DOWN, positions=("1", "2", "3", "4"), headings_deg=(30.0, 120.0, 210.0))
 CONFIDENT = 0.8
 PLAIN = Noise()
 
@@ -133,7 +134,7 @@ def report_jobs(cases: int) -> list[Job]:
 def hard_jobs(cases: int) -> list[Job]:
     """Few runs, many missing rows."""
     eight = Design(temperatures_degC=(-20.0, 0.0, 20.0, 60.0), runs_per_temperature=2, positions=("1", "2", "3", "4"))
-    holes = Design(positions=("1", "2", "3", "4"), missing=0.3)
+    holes = Design(temperatures_degC=UP_AND_DOWN, positions=("1", "2", "3", "4"), missing=0.3)
     return [
         job
         for i in range(cases)
