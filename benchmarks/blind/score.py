@@ -46,7 +46,6 @@ class Job:
 def reconcile_job(job: Job) -> dict[str, Any]:
     """Make the case, write it, read it, reconcile it; return the document."""
     from hil.campaign_reader import read_campaign
-
     from hil.reconcile import reconcile
 
     case = make_case(job.seed, job.hidden, job.d, model=job.model, design=job.design, noise=job.noise)
