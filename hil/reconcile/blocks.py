@@ -28,8 +28,8 @@ class Block:
 
     `rows` (N,) index the sensor's collects and `channel` (N,) its channels; `y` (N,) is the measured rate less what the
     model takes as known, deg/hr; `base` (N, p) the base columns that act here; `sigma` (N,) the stated white noise
-    (ones where nothing is stated); `run` (N,) the place of the row's run in the order of runs; `order` (N,) the place of
-    the collect; `f_random` (N, k) the accelerations whose sensitivity may change from run to run.
+    (ones where nothing is stated); `run` (N,) the place of the row's run in the order of runs; `order` (N,) the place
+    of the collect; `f_random` (N, k) the accelerations whose sensitivity may change from run to run.
     """
 
     sensor: int

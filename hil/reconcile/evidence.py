@@ -8,7 +8,8 @@ from N(0, g s² (Z'Z)^-1) and the scale s² integrated out,
 
 averaged over g (how large effects are, in units of the noise) and over the noise grid, each point with its restricted
 likelihood. A candidate that noise could imitate does not win by being tested at a noise level of its own choosing.
-Everything is an array over (noise, candidates, data sets), so that a thousand simulated nights cost as much as one loop.
+Everything is an array over (noise, candidates, data sets), so that a thousand simulated nights cost as much as one
+loop.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _MOST_POINTS = 36
 
 @dataclass(frozen=True)
 class NoiseTable:
-    """A block's noise models: whitening matrices W (t, N, N) and half log determinants (t,), the same for every step."""
+    """A block's noise models: whitening matrices W (t, N, N) and half log determinants (t,), made once."""
 
     grid: NoiseGrid
     whitening: FloatArray
@@ -55,7 +56,7 @@ class NoiseTable:
 
 @dataclass(frozen=True)
 class Projection:
-    """Rows whitened with the base projected out: maker M (t, N, N), the base's span (t, N, p), log weight per noise point (t,)."""
+    """Rows whitened with the base projected out: maker M (t, N, N), the base's span (t, N, p), log weights (t,)."""
 
     maker: FloatArray
     basis: FloatArray

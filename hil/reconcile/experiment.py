@@ -1,9 +1,9 @@
 """What to measure next: the collects that separate the surviving names most, with the power of doing so.
 
 For every feasible addition to the campaign (another index position, another heading, the present positions again, the
-temperatures in reverse order) the surviving names are worked out on the enlarged design. What the leader would add, less
-what the rival together with a refitted base can imitate, in units of the noise, is the non-centrality of telling them
-apart.
+temperatures in reverse order) the surviving names are worked out on the enlarged design. What the leader would add,
+less what the rival together with a refitted base can imitate, in units of the noise, is the non-centrality of telling
+them apart.
 """
 
 from __future__ import annotations
@@ -60,8 +60,7 @@ def next_experiment(
     power = float(stats.ncx2.sf(stats.chi2.isf(0.01, 1), 1, noncentrality))
     if noncentrality < 1.0:
         return {
-            "why": f"none of the stationary collects that were tried separates {leader.name} from {rival.name}; "
-            f"{(leader.added.hypothesis.candidate.effect.experiment if leader.added.hypothesis.candidate.effect else '')}",
+            "why": f"no stationary collect that was tried separates {leader.name} from {rival.name}; {_remedy(leader)}",
             "collects": [],
             "expected_difference_deg_per_hr": difference,
             "power": power,
@@ -77,6 +76,12 @@ def next_experiment(
         "power": power,
         "impossible": False,
     }
+
+
+def _remedy(weighed: Weighed) -> str:
+    """What the catalogue says separates a name from its rivals."""
+    effect = weighed.added.hypothesis.candidate.effect
+    return effect.experiment if effect is not None else "vary the driver alone"
 
 
 def additions(sensor: SensorProblem) -> list[Addition]:
@@ -106,7 +111,7 @@ def additions(sensor: SensorProblem) -> list[Addition]:
 def separation(
     leader: Weighed, rival: Weighed, sensor: SensorProblem, addition: Addition, sigma: float
 ) -> tuple[float, float] | None:
-    """Return the non-centrality and the largest difference in deg/hr after an addition; None where columns are lacking."""
+    """Return non-centrality and largest difference in deg/hr after an addition; None where columns are lacking."""
     before = sensor.collects.conditions
     both = joined(before, addition.rows)
     base = base_at(sensor.form, both, sensor.values)
@@ -151,7 +156,7 @@ def _candidate(weighed: Weighed, number: int) -> Candidate | None:
 
 
 def _index_zero(conditions: Conditions) -> tuple[FloatArray, FloatArray] | None:
-    """F and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
+    """Return f and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
     labels = np.unique(conditions.position)
     label = (
         "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))

@@ -1,11 +1,13 @@
-"""Screen many units that were measured in the same way: is anything missing, in which of them, and in all of them?
+"""Screen many units that were measured in the same way.
+
+Is anything missing, in which of them, in all of them?
 
     screen = Screen.of(campaign, "matrix-6", alpha=0.05)      # tables of the layout and of the null, once
     findings = screen.units(campaigns)                        # milliseconds per unit
     shared = screen.shared(campaigns)                         # one effect in the whole fleet
 
-Units whose layout differs (a missing row, another order) need a screen of their own. Discoveries over units are held to a
-false discovery rate; what a screening finds is worth a full `reconcile`, nothing more.
+Units whose layout differs (a missing row, another order) need a screen of their own. Discoveries over units are held
+to a false discovery rate; what a screening finds is worth a full `reconcile`, nothing more.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class Screen:
-    """Tables of one layout: blocks, evidence on a fixed noise grid, and the statistic without a missing effect, sorted."""
+    """Tables of one layout: blocks, evidence on a fixed noise grid, and the null statistics, sorted."""
 
     model: Model
     blocks: Sequence[Block]

@@ -1,9 +1,9 @@
 """Candidates of all sensors together: which parts of the data each one touches, and what all parts say jointly.
 
 A hypothesis is a candidate (name, shape, form) on every sensor where it can exist. Its columns fall into units: one per
-block where its parameters are the block's own, one per sensor where a parameter acts on several blocks (a scale factor, a
-phase). A unit may be touched or not, with even odds, so that an effect of one channel alone is not asked to pay for the
-other, and an effect of both is not split in two.
+block where its parameters are the block's own, one per sensor where a parameter acts on several blocks (a scale
+factor, a phase). A unit may be touched or not, with even odds, so that an effect of one channel alone is not asked to
+pay for the other, and an effect of both is not split in two.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Evidence:
         self._places = places
 
     def log_factors(self, y: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
-        """Return log Bayes factors (h, m) and, per hypothesis, those of its units (u, m), for data sets `y[block]` (N, m)."""
+        """Return log Bayes factors (h, m), and those of each one's units (u, m), for data sets `y[block]` (N, m)."""
         per_block = [block.log_factors(values) for block, values in zip(self.blocks, y, strict=True)]
         joint = (
             JointEvidence(self.blocks, y) if any(unit.is_joint for h in self.hypotheses for unit in h.units) else None
@@ -239,6 +239,7 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
     bases = [_span(block.base) for block in blocks]
     spans = [[_unit_spans(unit, bases) for unit in h.units] for h in found]
     visible = [any(np.any([s.shape[1] for s in unit]) for unit in h) for h in spans]
+    found = _irregular_apart(found, visible)
     known: dict[int, list[FloatArray]] = {}
     for place, (hypothesis, parts) in enumerate(zip(found, spans, strict=True)):
         if visible[place] and hypothesis.tier == 1 and hypothesis.candidate.form != "table":
@@ -255,6 +256,20 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
             continue
         kept.append(hypothesis)
     return share_prior(kept, found)
+
+
+def _irregular_apart(found: Sequence[Hypothesis], visible: Sequence[bool]) -> list[Hypothesis]:
+    """Take the name from values per setpoint of a term whose smooth dependence on temperature the base already has.
+
+    What is left is irregular: certain perhaps, but no effect of the catalogue, so it belongs to the second tier.
+    """
+    smooth = {h.name for h, seen_ in zip(found, visible, strict=True) if seen_ and h.candidate.form != "table"}
+    out = []
+    for hypothesis in found:
+        irregular = hypothesis.tier == 1 and hypothesis.candidate.form == "table" and hypothesis.name not in smooth
+        apart = replace(hypothesis, tier=2, name=f"{hypothesis.name} × setpoint by setpoint")
+        out.append(apart if irregular else hypothesis)
+    return out
 
 
 def share_prior(

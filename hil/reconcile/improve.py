@@ -11,7 +11,7 @@ from hil.campaign import Conditions
 from hil.curve import Constant, Polynomial, Table, TableRows
 from hil.effects.drivers import driver_reference
 from hil.effects.empirical import empirical
-from hil.linear_forms import RATE, LinearForm, matrix_6_form, triad_12_form
+from hil.linear_forms import LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.fit import Added, Fit
@@ -232,8 +232,3 @@ def _parameter_of(candidate: Candidate, channel: int, conditions: Conditions) ->
 def _base_parameter(candidate: Candidate, unit: Unit, column: int, conditions: Mapping[int, Conditions]) -> str:  # noqa: ARG001
     rows = conditions[candidate.sensor]
     return _parameter_of(candidate, _channel_and_power(candidate, column, rows)[0], rows)
-
-
-def empirical_unit(unit: str) -> str:
-    """Return the unit of an empirical amplitude."""
-    return unit or RATE

@@ -31,8 +31,9 @@ _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", 
 _INCIDENTAL = frozenset(
     {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"}
 )
-"""Names that imitate another only because of the order, the timing or the one heading of these collects. Improbable ones
-stay in the list of rivals but do not withhold the name."""
+"""Names that imitate another only because of the order, the timing or the one heading of these collects.
+
+Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _SLIVER = 0.04
@@ -63,7 +64,7 @@ class Naming:
 
 
 def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60) -> Naming:
-    """Name what a scan found: combine evidence with the plausibility of the fitted sizes, and look for the same columns."""
+    """Name what a scan found: evidence times the plausibility of the fitted sizes, then look for the same columns."""
     names = list(scan.shares)
     first_tier = [n for n in names if scan.best(n)[0].tier == 1][:limit]
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
@@ -102,12 +103,12 @@ def _standing(name: str) -> float:
 
 
 def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
-    """Whether a rival with the same columns is improbable and the same only because of how these collects were taken."""
+    """Whether a rival is improbable, and the same only because of how these collects were taken."""
     return rival.name in _INCIDENTAL and leader.name not in _INCIDENTAL and rival.probability < _NEGLIGIBLE
 
 
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
-    """Whether the rival explains as much with no more freedom: a broad effect that contains a narrow one is not the same."""
+    """Whether the rival explains as much with no more freedom: a broad effect around a narrow one is not the same."""
     if leader.log_evidence - rival.log_evidence > _CLOSE:
         return False
     return bool(_span(rival.added, blocks, noise).shape[1] <= _span(leader.added, blocks, noise).shape[1])
@@ -139,7 +140,7 @@ def _span(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) ->
 
 
 def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
-    """The most probable name; of the tier that holds more than half, so that many split names do not lose to one odd one."""
+    """The most probable name of the tier that holds more than half: split names do not lose to one odd one."""
     catalogue = [w for w in ranked if w.tier == 1]
     total = sum(w.probability for w in catalogue)
     if catalogue and total >= 0.5:
@@ -164,8 +165,9 @@ def _fitted(name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[Bloc
 def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """How many times the fitted sizes exceed their typical ranges (1 where they do not).
 
-    The sizes are those of the most plausible combination that reproduces the fitted effect beside the base to within the
-    noise. A parameter whose only typical value is one (a sign that is wrong or right) is implausible at any other.
+    The sizes are those of the most plausible combination that reproduces the fitted effect beside the base to within
+    the noise. A parameter whose only typical value is one (a sign that is wrong or right) is implausible at any
+    other.
     """
     seen, target, typical, switch = [], [], [], []
     for b, block in enumerate(blocks):

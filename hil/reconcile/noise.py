@@ -1,4 +1,4 @@
-"""What the rates do by themselves: white noise, run-to-run changes and slow correlation, on a grid that is never fitted by hand.
+"""What the rates do by themselves: white noise, run-to-run changes and slow correlation, on a grid.
 
 The covariance of a block of rows is, up to one unknown scale s²,
 
@@ -20,9 +20,9 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block
 
-_RUN_BIAS = (0.0, 0.5, 1.0, 1.6, 2.5, 4.0, 7.0, 14.0)
+_RUN_BIAS = (0.0, 0.7, 1.4, 2.5, 4.5, 9.0)
 _RUN_CORRELATION = (0.0, 0.6, 0.97)
-_RUN_SENSITIVITY = (0.0, 1.2, 3.5)
+_RUN_SENSITIVITY = (0.0, 0.7, 1.4, 2.8, 5.6)
 _COLLECT_DRIFT = (0.0, 0.8, 2.0)
 _COLLECT_CORRELATION = (0.6, 0.95)
 _LEVELLING = (0.1, 0.4, 1.0)
@@ -71,7 +71,7 @@ def noise_grid(block: Block) -> NoiseGrid:
         if many_runs and drift > 1:  # with runs, slow correlation is the run term's
             continue
         prior = -np.log1p((bias / 3.0) ** 2) - (np.log(3.0) if bias > 0 else 0.0)
-        prior += {0.0: 0.0, 1.2: -1.2, 3.5: -1.8}[sensitivity]
+        prior += -1.5 if sensitivity > 0 else 0.0
         prior += {0.0: 0.0, 0.8: -1.7, 2.0: -2.2}[drift]
         prior += _LEVELLING_PRIOR.get(level, 0.0) if len(levelling) > 1 else 0.0
         points.append((bias, rho, sensitivity, drift, phi, level))

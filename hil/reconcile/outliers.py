@@ -1,9 +1,9 @@
 """Rows that no model of the unit could explain: glitches, and labels that were exchanged.
 
 Each row, and each collect of all channels together, is judged by its prediction from all other rows under the estimated
-noise (externally studentised). What stands out is reported and left out of the search, at most a tenth of the rows. Where
-two positions of one run stand out and exchanging their labels mends both, the labels were exchanged: that is a finding
-of its own, and it is mended, not left out.
+noise (externally studentised). What stands out is reported and left out of the search, at most a tenth of the rows.
+Where two positions of one run stand out and exchanging their labels mends both, the labels were exchanged: that is a
+finding of its own, and it is mended, not left out.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 A built-in model has no values: its six (or four, or two) parameters are one set for the whole campaign, constant with
 temperature, because that is what its form says; `matrix-6-thermal` says that they are quadratics. So on an
 eight-temperature campaign a bias that follows temperature is a disagreement with `matrix-6`, and none with
-`matrix-6-thermal`. Terms that a model already has are refitted with the base: what the model knows cannot be found again.
+`matrix-6-thermal`. Terms that a model already has are refitted with the base: what the model knows cannot be found
+again.
 """
 
 from __future__ import annotations
@@ -62,14 +63,10 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
         known = collects.conditions.w_channels_deg_per_hr
-        blocks += [_with_values(block, sensor) for block in sensor_blocks(number, collects, known, columns)]
+        blocks += sensor_blocks(number, collects, known, columns)
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base, catalogue))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
-
-
-def _with_values(block: Block, sensor: SensorProblem) -> Block:  # noqa: ARG001 (blocks are fitted, whatever the values)
-    return block
 
 
 def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
@@ -83,7 +80,7 @@ def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
         if model.form == "constant":
             raise
         return named_form("constant", conditions), [
-            f"sensor {conditions.sensor.number} is not of the kind that {model.form} describes; it was compared with a constant bias"
+            f"sensor {conditions.sensor.number}: {model.form} does not describe its kind; compared with a constant bias"
         ]
 
 

@@ -62,7 +62,7 @@ class HeldOut:
 
 
 def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[list[BoolArray]]:
-    """Return the folds: for each, the rows held out in every block. One fold per run, or per collect where runs are few."""
+    """Return the rows held out in every block, fold by fold: one per run, or per collect where runs are few."""
     several = len(np.unique(np.concatenate(place_of_run))) >= 4
     labels = list(place_of_run) if several else [block.order for block in blocks]
     values = np.unique(np.concatenate(labels))

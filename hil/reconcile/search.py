@@ -39,7 +39,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class Search:
-    """The campaign's layout for the search: blocks as the base has them now, and their noise tables (never recomputed)."""
+    """The campaign's layout for the search: blocks as the base has them now, and their noise tables, made once."""
 
     blocks: Sequence[Block]
     noise: Sequence[NoiseTable]
@@ -71,13 +71,3 @@ def null_statistics(scan: Scan, blocks: Sequence[Block], draws: int, rng: np.ran
     factors, _ = scan.evidence.log_factors(y)
     prior = np.array([h.log_prior for h in scan.hypotheses])
     return np.sort(_log_sum(factors + prior[:, None]))
-
-
-def added_columns(hypothesis: Hypothesis, units: FloatArray, blocks: Sequence[Block]) -> list[FloatArray | None]:
-    """Return the columns that a hypothesis adds to each block: of the units that the data touch (at least the strongest)."""
-    out: list[FloatArray | None] = [None] * len(blocks)
-    for place, unit in enumerate(hypothesis.units):
-        if units[place] > 0 or place == int(np.argmax(units)):
-            for block, columns in zip(unit.blocks, unit.columns, strict=True):
-                out[block] = columns if out[block] is None else np.hstack([out[block], columns])  # type: ignore[list-item]
-    return out

@@ -108,7 +108,7 @@ def _largest_by_chance(
     alpha: float,
     rng: np.random.Generator,
 ) -> tuple[float, float]:
-    """Return the score that the largest of all cells exceeds with probability alpha, and the effective number of tests."""
+    """Return the score that the largest cell exceeds with probability alpha, and the effective number of tests."""
     largest = np.zeros(_DRAWS)
     for b, r in enumerate(residual):
         here = [columns[i] / np.linalg.norm(columns[i]) for i in usable if cells[i].block == b]
@@ -127,7 +127,7 @@ def _next_cell(
     residual: Sequence[FloatArray],
     directions: Sequence[Sequence[FloatArray]],
 ) -> tuple[int | None, float]:
-    """The cell with the largest score; among nearly equal ones the broadest, and the one that needs the smallest offset."""
+    """The cell with the largest score; of nearly equal ones the broadest, and the one with the smallest offset."""
     best, best_rank, best_score = None, -np.inf, 0.0
     for i in usable:
         b = cells[i].block

@@ -1,7 +1,7 @@
 """What shows inside the collects: tones, settling, ramps, lattices, saturation, bursts, where the campaign has series.
 
-Each test of the catalogue is asked of every collect and channel; the p-values of one effect are combined by the smallest,
-corrected for how many were asked, and all effects share the search's rate of false alarms.
+Each test of the catalogue is asked of every collect and channel; the p-values of one effect are combined by the
+smallest, corrected for how many were asked, and all effects share the search's rate of false alarms.
 """
 
 from __future__ import annotations

@@ -5,21 +5,19 @@
     write_result(result, Path("out"))    # reconciliation.json, model.yaml, reconciliation.html
 
 The order is that of the questions: which rows can be believed; is anything missing, at a stated rate of false alarms;
-what is it called, with a stated probability; what does the model become; does it predict what it has not seen; where was
-the disagreement; what should be measured next.
+what is it called, with a stated probability; what does the model become; does it predict what it has not seen; where
+was the disagreement; what should be measured next.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from drivers.clock import SystemClock
-from hil.campaign import Campaign, Conditions, FloatArray, IntArray
+from hil.campaign import Campaign, FloatArray, IntArray
 from hil.effects.base import Effect
 from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
@@ -27,14 +25,27 @@ from hil.model import Model, load_model
 from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import NoiseTable
 from hil.reconcile.experiment import next_experiment
+from hil.reconcile.findings import (
+    Step,
+    as_it_stands,
+    channels_touched,
+    described,
+    exchange_places,
+    gap_of,
+    origin,
+    outlier_found,
+    picture,
+    swap_findings,
+    verdict_of,
+)
 from hil.reconcile.fit import Added, BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
-from hil.reconcile.improve import described_parameters, improved
-from hil.reconcile.naming import Naming, Weighed, certainty, weigh
-from hil.reconcile.outliers import Exchange, exchanges, find_outliers, left_out, mended
+from hil.reconcile.improve import improved
+from hil.reconcile.naming import Naming, weigh
+from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
-from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
+from hil.reconcile.result import Reconciliation
 from hil.reconcile.search import Scan, Search, null_statistics
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import within_collects
@@ -44,19 +55,6 @@ _DRAWS = 300
 _LEAST_FREEDOM = 3
 _ROUNDS = 3
 _CERTAIN = 4.0  # log evidence above the threshold from which a disagreement that nothing mends is called certain
-
-
-@dataclass(frozen=True)
-class Step:
-    """One effect that the search found, in the order found."""
-
-    scan: Scan
-    naming: Naming
-
-    @property
-    def added(self) -> Added:
-        """What joined the base."""
-        return self.naming.leader.added
 
 
 def reconcile(
@@ -72,8 +70,8 @@ def reconcile(
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
     `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the simulated data
-    sets behind it; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does
-    not fit the campaign. Source: reference algorithm of the discrepancy workflow, steps 0 to 10.
+    sets behind it; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the
+    model does not fit the campaign. Source: reference algorithm of the discrepancy workflow, steps 0 to 10.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -96,15 +94,15 @@ def reconcile(
     final = refit(blocks, noise, [step.added for step in kept])
     certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
     found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
-    found = found or _channels_touched(blocks, noise, conditions, final, p_value)
-    verdict = _verdict(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
-    gap = _gap(proof, noise, blocks, reverted=reverted, rng=rng)
-    results = [_described(i, step, final, conditions) for i, step in enumerate(kept)]
-    results = [*_swap_findings(faults["exchanges"]), *results]
+    found = found or channels_touched(blocks, noise, conditions, final, p_value)
+    verdict = verdict_of(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
+    gap = gap_of(proof, noise, blocks, reverted=reverted, rng=rng)
+    results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
+    results = [*swap_findings(faults["exchanges"]), *results]
     experiment = _next(kept, problem, noise, blocks)
     after = chosen
     if kept:
-        record = [_record(campaign, step, gap) for step in kept]
+        record = [origin(campaign, step, gap) for step in kept]
         after = improved(
             chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record
         )
@@ -112,7 +110,7 @@ def reconcile(
         campaign=campaign.title,
         model_before=chosen.title,
         verdict=verdict,
-        disagreements=[*_exchange_places(faults["exchanges"], campaign), *found],
+        disagreements=[*exchange_places(faults["exchanges"], campaign), *found],
         effects=results,
         gap=gap,
         false_alarm_rate=alpha,
@@ -120,26 +118,13 @@ def reconcile(
         next_experiment=experiment,
         model_after=after,
         input_model=chosen,
-        outliers=[_outlier(o, clean) for o in faults["outliers"]],
+        outliers=[outlier_found(o, clean) for o in faults["outliers"]],
         within_collects=within_collects(campaign, SERIES_EFFECTS, alpha),
-        as_it_stands=_as_it_stands(chosen, campaign),
+        as_it_stands=as_it_stands(chosen, campaign),
         notes=notes,
         simulated=campaign.simulated,
-        picture=_picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
+        picture=picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
     )
-
-
-def _as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
-    """How far the rates are from a model with values, before anything is fitted; None for a built-in."""
-    squares, rows, worst = 0.0, 0, 0.0
-    for collects in campaign.sensors.values():
-        if not model.has_values(collects.conditions.sensor):
-            return None
-        error = collects.rates_deg_per_hr - model.rates(collects.conditions)
-        error = error[np.isfinite(error)]
-        squares, rows = squares + float(error @ error), rows + len(error)
-        worst = max(worst, float(np.abs(error).max(initial=0.0)))
-    return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
 
 
 def _prepare(
@@ -172,7 +157,7 @@ def _posed(
 def _detect(
     search: Search, alpha: float, draws: int, rng: np.random.Generator
 ) -> tuple[Scan | None, float, float, float]:
-    """Return the first scan, the statistic that noise alone exceeds with probability alpha and alpha/5, and the p-value."""
+    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/5, and the p-value."""
     freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
     if not search.hypotheses or freedom < _LEAST_FREEDOM:
         return None, np.inf, np.inf, 1.0
@@ -284,159 +269,6 @@ def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:
     return after < before
 
 
-def _gap(
-    proof: tuple[HeldOut, HeldOut] | None,
-    noise: Sequence[BlockNoise],
-    blocks: Sequence[Block],
-    *,
-    reverted: bool,
-    rng: np.random.Generator,
-) -> Gap:
-    if proof is None:
-        rows = sum(len(block.y) for block in blocks)
-        floor = float(np.sqrt(sum(np.trace(n.covariance) for n in noise) / max(rows, 1)))
-        return Gap(np.nan, np.nan, floor, "too few rows to hold any out", np.nan, np.nan, 1.0)
-    runs, contiguous = proof
-    floor = runs.floor
-    before, after = runs.rms
-    scaled_before, scaled_after = runs.standardised
-    folds = len(runs.rows)
-    kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
-    return Gap(
-        before=before,
-        after=before if reverted else after,
-        noise_floor=floor,
-        held_out=f"leave-one-{kind}-out, {folds} folds, selection repeated in every fold",
-        standardised_before=scaled_before,
-        standardised_after=scaled_before if reverted else scaled_after,
-        improved_p_value=runs.improvement_p_value(rng),
-        blocks={"before": contiguous.rms[0], "after": contiguous.rms[0] if reverted else contiguous.rms[1]},
-    )
-
-
-def _verdict(steps: Sequence[Step], *, unresolved: bool, swapped: bool) -> str:
-    kinds = {step.naming.kind for step in steps}
-    if unresolved:
-        return "unresolved"
-    if not kinds:
-        return "named" if swapped else "none"
-    for kind in ("ambiguous", "empirical"):
-        if kind in kinds:
-            return kind
-    return "named"
-
-
-def _channels_touched(
-    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], fit: Fit, p_value: float
-) -> list[Disagreement]:
-    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
-    out = []
-    for b, block in enumerate(blocks):
-        effect = fit.effect[b]
-        if np.any(effect):
-            white = noise[b].whitening @ np.column_stack([effect, block.base])
-            basis, _ = np.linalg.qr(white[:, 1:])
-            score = float(np.linalg.norm(white[:, 0] - basis @ (basis.T @ white[:, 0])))
-            size = float(np.sqrt(np.mean(effect**2)))
-            channels = list(conditions[block.sensor].sensor.channels)
-            where = {"sensor": block.sensor, "channel": channels[int(block.channel[0])]}
-            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
-    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
-
-
-def _described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Conditions]) -> FoundEffect:
-    leader = step.naming.leader
-    candidate = leader.added.hypothesis.candidate
-    effect = candidate.effect
-    return FoundEffect(
-        id=leader.name if leader.tier == 1 else f"empirical: {leader.name}",
-        title=candidate.title,
-        equation=candidate.equation,
-        parameters=described_parameters(index, step.added, fit, conditions),
-        probability=_stated(step, leader),
-        confusable_with=[_rival(step, rival) for rival in step.naming.rivals],
-        kind=step.naming.kind,
-        shape=candidate.shape,
-        sensors=sorted({unit.candidate.sensor for unit in step.added.units}),
-        physics=_physics(effect),
-        experiment=effect.experiment if effect is not None else "Vary the driver alone.",
-    )
-
-
-def _stated(step: Step, weighed: Weighed) -> float:
-    """The probability of a name, that nothing is missing at all included among the alternatives."""
-    return weighed.probability * certainty(step.scan)
-
-
-def _rival(step: Step, rival: Weighed) -> Rival:
-    name = rival.name if rival.tier == 1 else f"empirical: {rival.name}"
-    return Rival(name, _stated(step, rival), rival.overlap, rival.title)
-
-
-def _physics(effect: Effect | None) -> str:
-    if effect is None:
-        return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
-    text = " ".join((type(effect).__doc__ or "").split())
-    return f"{text} {effect.signature}".strip()
-
-
-def _swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
-    return [
-        FoundEffect(
-            id="swap",
-            title="Mislabelled collect",
-            equation=f"run {e.run}: collects at positions {e.positions[0]} and {e.positions[1]} exchanged",
-            parameters=[
-                {"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}
-            ],
-            probability=float(1.0 / (1.0 + np.exp(6.0 - e.gain))),
-            confusable_with=[],
-            kind="named",
-            shape={"run": float(e.run)},
-            sensors=(e.sensor,),
-            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest.",
-            experiment="Look at the accelerometers of that run: they show which way it stood.",
-        )
-        for e in found
-    ]
-
-
-def _exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
-    out = []
-    for e in found:
-        channel = next(iter(campaign.sensors[e.sensor].conditions.sensor.channels))
-        for position in e.positions:
-            where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
-            out.append(Disagreement(where, _move(e, position, campaign), 0.0, float(np.exp(-e.gain))))
-    return out
-
-
-def _move(exchange: Exchange, position: str, campaign: Campaign) -> float:
-    """By how much the first channel's rate at a position moves when the exchange is undone, deg/hr."""
-    collects = campaign.sensors[exchange.sensor]
-    conditions = collects.conditions
-    rates = {
-        label: collects.rates_deg_per_hr[(conditions.run == exchange.run) & (conditions.position == label), 0][0]
-        for label in exchange.positions
-    }
-    other = next(label for label in exchange.positions if label != position)
-    return float(np.nan_to_num(rates[position] - rates[other]))
-
-
-def _outlier(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
-    conditions = campaign.sensors[outlier["sensor"]].conditions
-    row = outlier["row"]
-    return {
-        "sensor": outlier["sensor"],
-        "channel": list(conditions.sensor.channels)[outlier["channel"]],
-        "collect": int(conditions.collect[row]),
-        "run": int(conditions.run[row]),
-        "position": str(conditions.position[row]),
-        "size_deg_per_hr": outlier["size_deg_per_hr"],
-        "score": outlier["score"],
-    }
-
-
 def _next(
     steps: Sequence[Step], problem: Problem, noise: Sequence[BlockNoise], blocks: Sequence[Block]
 ) -> dict[str, Any] | None:
@@ -457,26 +289,6 @@ def _next(
     return None
 
 
-def _record(campaign: Campaign, step: Step, gap: Gap) -> dict[str, Any]:
-    leader = step.naming.leader
-    return {
-        "campaign": campaign.title,
-        "simulated": campaign.simulated,
-        "date": SystemClock().utc().astimezone(UTC).date().isoformat(),
-        "verdict": step.naming.kind,
-        "name": leader.name,
-        "probability": round(_stated(step, leader), 4),
-        "rivals": {rival.name: round(_stated(step, rival), 4) for rival in step.naming.rivals},
-        "gap_before_deg_per_hr": _number(gap.before),
-        "gap_after_deg_per_hr": _number(gap.after),
-        "noise_floor_deg_per_hr": _number(gap.noise_floor),
-    }
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 4) if np.isfinite(value) else None
-
-
 def _base_values(problem: Problem, steps: Sequence[Step], fit: Fit) -> dict[int, FloatArray]:
     """Refit the base parameters of every sensor to what the added effects leave."""
     out = {}
@@ -492,29 +304,3 @@ def _base_values(problem: Problem, steps: Sequence[Step], fit: Fit) -> dict[int,
         values = np.linalg.lstsq(design[measured] / scale, target[measured], rcond=1e-6)[0] / scale
         out[number] = values[: len(sensor.form.names)]
     return out
-
-
-def _picture(
-    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], after: Fit, before: Fit
-) -> dict[str, Any]:
-    """Standardised residuals by row, before and after, for the page."""
-    rows = []
-    for b, block in enumerate(blocks):
-        known = conditions[block.sensor]
-        sigma = np.sqrt(np.diag(noise[b].covariance))
-        temperature = known.columns.get("temperature_degC")
-        for i, row in enumerate(block.rows):
-            rows.append(
-                {
-                    "sensor": block.sensor,
-                    "channel": list(known.sensor.channels)[block.channel[i]],
-                    "run": int(known.run[row]),
-                    "position": str(known.position[row]),
-                    "temperature_degC": None if temperature is None else float(temperature[row]),
-                    "before": float(before.residual[b][i] / sigma[i]),
-                    "after": float(after.residual[b][i] / sigma[i]),
-                    "before_deg_per_hr": float(before.residual[b][i]),
-                    "after_deg_per_hr": float(after.residual[b][i]),
-                }
-            )
-    return {"rows": rows}

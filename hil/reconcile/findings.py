@@ -1,0 +1,255 @@
+"""The findings of a search in the words and numbers of the result: verdict, effects, gap, places, origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC
+from typing import Any
+
+import numpy as np
+
+from drivers.clock import SystemClock
+from hil.campaign import Campaign, Conditions
+from hil.effects.base import Effect
+from hil.model import Model
+from hil.reconcile.blocks import Block
+from hil.reconcile.fit import Added, BlockNoise, Fit
+from hil.reconcile.improve import described_parameters
+from hil.reconcile.naming import Naming, Weighed, certainty
+from hil.reconcile.outliers import Exchange
+from hil.reconcile.prove import HeldOut
+from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival
+from hil.reconcile.search import Scan
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that the search found, in the order found."""
+
+    scan: Scan
+    naming: Naming
+
+    @property
+    def added(self) -> Added:
+        """What joined the base."""
+        return self.naming.leader.added
+
+
+def gap_of(
+    proof: tuple[HeldOut, HeldOut] | None,
+    noise: Sequence[BlockNoise],
+    blocks: Sequence[Block],
+    *,
+    reverted: bool,
+    rng: np.random.Generator,
+) -> Gap:
+    """Return the held-out gap; as it was before where what was found was taken back."""
+    if proof is None:
+        rows = sum(len(block.y) for block in blocks)
+        floor = float(np.sqrt(sum(np.trace(n.covariance) for n in noise) / max(rows, 1)))
+        return Gap(np.nan, np.nan, floor, "too few rows to hold any out", np.nan, np.nan, 1.0)
+    runs, contiguous = proof
+    floor = runs.floor
+    before, after = runs.rms
+    scaled_before, scaled_after = runs.standardised
+    folds = len(runs.rows)
+    kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
+    return Gap(
+        before=before,
+        after=before if reverted else after,
+        noise_floor=floor,
+        held_out=f"leave-one-{kind}-out, {folds} folds, selection repeated in every fold",
+        standardised_before=scaled_before,
+        standardised_after=scaled_before if reverted else scaled_after,
+        improved_p_value=runs.improvement_p_value(rng),
+        blocks={"before": contiguous.rms[0], "after": contiguous.rms[0] if reverted else contiguous.rms[1]},
+    )
+
+
+def verdict_of(steps: Sequence[Step], *, unresolved: bool, swapped: bool) -> str:
+    """Return the verdict of all steps together: the least certain kind among them."""
+    kinds = {step.naming.kind for step in steps}
+    if unresolved:
+        return "unresolved"
+    if not kinds:
+        return "named" if swapped else "none"
+    for kind in ("ambiguous", "empirical"):
+        if kind in kinds:
+            return kind
+    return "named"
+
+
+def channels_touched(
+    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], fit: Fit, p_value: float
+) -> list[Disagreement]:
+    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
+    out = []
+    for b, block in enumerate(blocks):
+        effect = fit.effect[b]
+        if np.any(effect):
+            white = noise[b].whitening @ np.column_stack([effect, block.base])
+            basis, _ = np.linalg.qr(white[:, 1:])
+            score = float(np.linalg.norm(white[:, 0] - basis @ (basis.T @ white[:, 0])))
+            size = float(np.sqrt(np.mean(effect**2)))
+            channels = list(conditions[block.sensor].sensor.channels)
+            where = {"sensor": block.sensor, "channel": channels[int(block.channel[0])]}
+            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
+    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
+
+
+def described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Conditions]) -> FoundEffect:
+    """Return one found effect for the result."""
+    leader = step.naming.leader
+    candidate = leader.added.hypothesis.candidate
+    effect = candidate.effect
+    return FoundEffect(
+        id=leader.name if leader.tier == 1 else f"empirical: {leader.name}",
+        title=candidate.title,
+        equation=candidate.equation,
+        parameters=described_parameters(index, step.added, fit, conditions),
+        probability=_stated(step, leader),
+        confusable_with=[_rival(step, rival) for rival in step.naming.rivals],
+        kind=step.naming.kind,
+        shape=candidate.shape,
+        sensors=sorted({unit.candidate.sensor for unit in step.added.units}),
+        physics=_physics(effect),
+        experiment=effect.experiment if effect is not None else "Vary the driver alone.",
+    )
+
+
+def _stated(step: Step, weighed: Weighed) -> float:
+    """The probability of a name, that nothing is missing at all included among the alternatives."""
+    return weighed.probability * certainty(step.scan)
+
+
+def _rival(step: Step, rival: Weighed) -> Rival:
+    name = rival.name if rival.tier == 1 else f"empirical: {rival.name}"
+    return Rival(name, _stated(step, rival), rival.overlap, rival.title)
+
+
+def _physics(effect: Effect | None) -> str:
+    if effect is None:
+        return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
+    text = " ".join((type(effect).__doc__ or "").split())
+    return f"{text} {effect.signature}".strip()
+
+
+def swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
+    """Return exchanged labels as found effects: each is certain and already mended."""
+    return [
+        FoundEffect(
+            id="swap",
+            title="Mislabelled collect",
+            equation=f"run {e.run}: collects at positions {e.positions[0]} and {e.positions[1]} exchanged",
+            parameters=[
+                {"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}
+            ],
+            probability=float(1.0 / (1.0 + np.exp(6.0 - e.gain))),
+            confusable_with=[],
+            kind="named",
+            shape={"run": float(e.run)},
+            sensors=(e.sensor,),
+            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest.",
+            experiment="Look at the accelerometers of that run: they show which way it stood.",
+        )
+        for e in found
+    ]
+
+
+def exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
+    """Return where exchanged labels showed, with what the first channel moves when they are put right."""
+    out = []
+    for e in found:
+        channel = next(iter(campaign.sensors[e.sensor].conditions.sensor.channels))
+        for position in e.positions:
+            where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
+            out.append(Disagreement(where, _move(e, position, campaign), 0.0, float(np.exp(-e.gain))))
+    return out
+
+
+def _move(exchange: Exchange, position: str, campaign: Campaign) -> float:
+    """By how much the first channel's rate at a position moves when the exchange is undone, deg/hr."""
+    collects = campaign.sensors[exchange.sensor]
+    conditions = collects.conditions
+    rates = {
+        label: collects.rates_deg_per_hr[(conditions.run == exchange.run) & (conditions.position == label), 0][0]
+        for label in exchange.positions
+    }
+    other = next(label for label in exchange.positions if label != position)
+    return float(np.nan_to_num(rates[position] - rates[other]))
+
+
+def outlier_found(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
+    """Return one row that was left out, by the campaign's own names."""
+    conditions = campaign.sensors[outlier["sensor"]].conditions
+    row = outlier["row"]
+    return {
+        "sensor": outlier["sensor"],
+        "channel": list(conditions.sensor.channels)[outlier["channel"]],
+        "collect": int(conditions.collect[row]),
+        "run": int(conditions.run[row]),
+        "position": str(conditions.position[row]),
+        "size_deg_per_hr": outlier["size_deg_per_hr"],
+        "score": outlier["score"],
+    }
+
+
+def origin(campaign: Campaign, step: Step, gap: Gap) -> dict[str, Any]:
+    """Return where a term came from, for the model file."""
+    leader = step.naming.leader
+    return {
+        "campaign": campaign.title,
+        "simulated": campaign.simulated,
+        "date": SystemClock().utc().astimezone(UTC).date().isoformat(),
+        "verdict": step.naming.kind,
+        "name": leader.name,
+        "probability": round(_stated(step, leader), 4),
+        "rivals": {rival.name: round(_stated(step, rival), 4) for rival in step.naming.rivals},
+        "gap_before_deg_per_hr": _number(gap.before),
+        "gap_after_deg_per_hr": _number(gap.after),
+        "noise_floor_deg_per_hr": _number(gap.noise_floor),
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+def picture(
+    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], after: Fit, before: Fit
+) -> dict[str, Any]:
+    """Standardised residuals by row, before and after, for the page."""
+    rows = []
+    for b, block in enumerate(blocks):
+        known = conditions[block.sensor]
+        sigma = np.sqrt(np.diag(noise[b].covariance))
+        temperature = known.columns.get("temperature_degC")
+        for i, row in enumerate(block.rows):
+            rows.append(
+                {
+                    "sensor": block.sensor,
+                    "channel": list(known.sensor.channels)[block.channel[i]],
+                    "run": int(known.run[row]),
+                    "position": str(known.position[row]),
+                    "temperature_degC": None if temperature is None else float(temperature[row]),
+                    "before": float(before.residual[b][i] / sigma[i]),
+                    "after": float(after.residual[b][i] / sigma[i]),
+                    "before_deg_per_hr": float(before.residual[b][i]),
+                    "after_deg_per_hr": float(after.residual[b][i]),
+                }
+            )
+    return {"rows": rows}
+
+
+def as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
+    """How far the rates are from a model with values, before anything is fitted; None for a built-in."""
+    squares, rows, worst = 0.0, 0, 0.0
+    for collects in campaign.sensors.values():
+        if not model.has_values(collects.conditions.sensor):
+            return None
+        error = collects.rates_deg_per_hr - model.rates(collects.conditions)
+        error = error[np.isfinite(error)]
+        squares, rows = squares + float(error @ error), rows + len(error)
+        worst = max(worst, float(np.abs(error).max(initial=0.0)))
+    return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
