@@ -22,6 +22,7 @@ app = typer.Typer(
 
 for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *device.COMMANDS):
     app.command()(with_status(command))
+app.command("import")(with_status(data.import_table))
 
 
 def main() -> None:

@@ -131,4 +131,20 @@ def export(
     results().print(f"campaign: {out}, {written.rows} rows")
 
 
+def import_table(
+    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.", show_default=False)],
+    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
+) -> None:
+    """Make a campaign folder from a published table of parameters, as printed, flags kept."""
+    from hil.campaign_writer import write_campaign
+    from hil.published_table import read_published_table
+
+    campaign = read_published_table(table)
+    write_campaign(campaign, out)
+    for note in campaign.notes.splitlines():
+        messages().print(f"note: {note}")
+    warn(tuple(campaign.warnings))
+    results().print(f"campaign: {out}")
+
+
 COMMANDS = (solve, report, export)

@@ -24,8 +24,8 @@ def results() -> Console:
 
 
 def messages() -> Console:
-    """Standard error."""
-    return Console(stderr=True, highlight=False, markup=False)
+    """Standard error; one line stays one line where it is not a terminal."""
+    return Console(stderr=True, highlight=False, markup=False, soft_wrap=not sys.stderr.isatty())
 
 
 def print_json(document: Mapping[str, Any]) -> None:

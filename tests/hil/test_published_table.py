@@ -1,0 +1,71 @@
+"""A published table becomes the collects that it must have come from, digits and doubts kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.campaign_reader import read_campaign
+from hil.campaign_writer import write_campaign
+from hil.errors import InputError
+from hil.published_table import read_published_table
+from hil.solve import solve_campaign
+
+HEADER = "temperature_C,parameter,mean_printed,sigma_printed,n_stated,flag\n"
+ROWS = [
+    "20.0,BA2_matrix,10.0,1.2,3,ok",
+    "20.0,BA2_collins,14.0,3.0,3,inconsistent",
+    "20.0,BB2_matrix,-5.0,1.0,3,ok",
+    "20.0,BB2_collins,-7.0,2.0,3,ok",
+]
+
+
+def table(folder: Path, rows: list[str]) -> Path:
+    """Write a table."""
+    path = folder / "table.csv"
+    path.write_text(HEADER + "\n".join(rows) + "\n")
+    return path
+
+
+def test_the_matrix_solution_of_the_rebuilt_collects_is_the_printed_one(tmp_path: Path) -> None:
+    """B is the mean of Collects 1 and 2, MUB and -MUA are what Collect 3 has more; the errors are the printed ones."""
+    solution = solve_campaign(read_published_table(table(tmp_path, ROWS)))[0].parameters
+    assert solution["BA"].value == pytest.approx(10.0)
+    assert solution["BB"].value == pytest.approx(-5.0)
+    assert solution["MUB"].value == pytest.approx(4.0)
+    assert solution["MUA"].value == pytest.approx(2.0)
+    assert solution["BA"].se == pytest.approx(1.2 / np.sqrt(3))
+
+
+def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
+    """A doubtful cell is a warning with its name, never a correction."""
+    campaign = read_published_table(table(tmp_path, ROWS))
+    assert campaign.warnings == ("table.csv: BA2_collins at 20 °C is flagged inconsistent; kept as printed",)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (ROWS[:-1], "BB2_collins"),
+        ([*ROWS[:-1], "20.0,BB2_collins,x,2.0,3,ok"], "row 5, column mean_printed"),
+        ([*ROWS[:-1], "20.0,BB2_collins,1.0,0.0,3,ok"], "row 5"),
+        ([], "no rows"),
+    ],
+)
+def test_a_table_that_lacks_something_is_refused(tmp_path: Path, rows: list[str], words: str) -> None:
+    """One sentence with file and row."""
+    with pytest.raises(InputError, match=words):
+        read_published_table(table(tmp_path, rows))
+
+
+def test_table_1_closes_where_its_identities_do(reference: Path, tmp_path: Path) -> None:
+    """The rebuilt MUB at 43.3 °F is the printed one to 0.03; the rebuilt MUA at 120 °F is +0.14, printed as -0.45."""
+    written = write_campaign(read_published_table(reference / "table1.csv"), tmp_path / "campaign")
+    solutions = solve_campaign(read_campaign(written))
+    assert len(solutions) == 8
+    mub = solutions[3].parameters["MUB"].value
+    mua = solutions[6].parameters["MUA"].value
+    assert mub == pytest.approx(4.6833 - 23.05, abs=1e-4)
+    assert mua == pytest.approx(34.7000 - 34.5567, abs=1e-4)
