@@ -18,6 +18,7 @@ from drivers.controller import Controller
 from drivers.espec import EspecChamber
 from drivers.ezt570i import Ezt570i
 from drivers.julabo import Julabo
+from drivers.modbus_exchange import Framing
 from drivers.simserv import SimServ
 from drivers.supervised_chamber import SupervisedChamber
 from drivers.thermotron import Thermotron
@@ -33,6 +34,7 @@ class ChamberOptions:
 
     `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
+    `framing` is that of Modbus, the driver's own where it is None.
     """
 
     limits: ChamberLimits
@@ -43,6 +45,7 @@ class ChamberOptions:
     native_margin_degC: float = 5.0
     celsius_confirmed: bool = False
     ramp_port: Transport | None = None
+    framing: Framing | None = None
 
 
 @dataclass(frozen=True)
@@ -91,11 +94,15 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
 
 
 def _watlow_f4(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(WatlowF4(transport, clock, address=options.address or 1), clock, options)
+    return supervised(
+        WatlowF4(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
+    )
 
 
 def _ezt570i(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(Ezt570i(transport, clock, address=options.address or 1), clock, options)
+    return supervised(
+        Ezt570i(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
+    )
 
 
 def _voetsch_ascii(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
@@ -122,7 +129,9 @@ def _julabo(transport: Transport, clock: Clock, options: ChamberOptions) -> Cham
 
 
 def _watlow_f4t(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    controller = WatlowF4t(transport, clock, address=options.address or 1, scpi=options.ramp_port)
+    controller = WatlowF4t(
+        transport, clock, address=options.address or 1, framing=options.framing or "tcp", scpi=options.ramp_port
+    )
     return supervised(controller, clock, options)
 
 

@@ -19,9 +19,9 @@ from types import TracebackType
 from typing import Self
 
 from drivers.chamber import Chamber, ChamberLimits
+from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions, SerialLine
 from drivers.clock import Clock, SystemClock, VirtualClock
 from drivers.errors import DeviceError
-from drivers.espec import EspecChamber
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.imu import ImuIdentity
 from drivers.operator import AskOperator, OperatorPositioner
@@ -95,17 +95,22 @@ def build_bench(
     def simulators() -> SimulatedBench:
         return simulate_devices(bench, description, begins_s=clock.now(), first_run=first_run, session=session)
 
-    def transport(url: str, baud: int, device: Callable[[], SimulatedDevice]) -> Transport:
+    def transport(url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         if url.startswith(SIMULATED_SCHEME):
             return MemoryTransport(device(), clock, url)
-        return open_port(url, clock=clock, baudrate=baud)
+        if line.data_bits == 8 and line.parity == "N":
+            return open_port(url, clock=clock, baudrate=line.baud)
+        return open_port(url, clock=clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity)
 
     with ExitStack() as opened:
         baud = bench.imu.baud or description.baudrate
-        imu_port = transport(bench.imu.port, baud, lambda: simulators().imu)
+        imu_port = transport(bench.imu.port, SerialLine(baud), lambda: simulators().imu)
         opened.callback(imu_port.close)
-        chamber_port = transport(bench.chamber.port, bench.chamber.baud, lambda: simulators().chamber)
+        chamber_port = transport(bench.chamber.port, bench.chamber.line, lambda: simulators().chamber)
         opened.callback(chamber_port.close)
+        ramp_port = None if bench.chamber.ramp_port is None else open_port(bench.chamber.ramp_port, clock=clock)
+        if ramp_port is not None:
+            opened.callback(ramp_port.close)
         imu = StreamImu(
             imu_port,
             description,
@@ -113,7 +118,9 @@ def build_bench(
             sample_rate_hz=bench.imu.rate,
             expected=ImuIdentity(bench.unit.model, bench.unit.serial),
         )
-        devices = BenchDevices(clock, imu, _chamber(bench, chamber_port, clock), _positioner(bench, imu, clock, ask))
+        devices = BenchDevices(
+            clock, imu, _chamber(bench, chamber_port, ramp_port, clock), _positioner(bench, imu, clock, ask)
+        )
         opened.pop_all()
     in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
     return LiveBench(bench, description, devices, simulators() if in_process else None)
@@ -143,11 +150,9 @@ def _clock(bench: Bench, start_utc: datetime | None) -> Clock:
     return VirtualClock() if start_utc is None else VirtualClock(start_utc)
 
 
-def _chamber(bench: Bench, port: Transport, clock: Clock) -> Chamber:
+def _chamber(bench: Bench, port: Transport, ramp_port: Transport | None, clock: Clock) -> Chamber:
     section = bench.chamber
-    return EspecChamber(
-        port,
-        clock,
+    options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,
         expected_model=section.model or None,
@@ -155,7 +160,13 @@ def _chamber(bench: Bench, port: Transport, clock: Clock) -> Chamber:
         terminator=section.terminator_bytes,
         native_margin_degC=section.native_margin,
         celsius_confirmed=section.celsius_confirmed,
+        ramp_port=ramp_port,
+        framing=section.framing,
     )
+    try:
+        return CHAMBER_DRIVERS[section.driver].build(port, clock, options)
+    except ValueError as error:
+        raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
 def _positioner(bench: Bench, imu: StreamImu, clock: Clock, ask: AskOperator | None) -> Positioner:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chamber_plant import ChamberPlant
@@ -21,10 +21,11 @@ from drivers.simulators.watlow_f4t import SimulatedWatlowF4t
 
 @dataclass(frozen=True)
 class SimulatorOptions:
-    """What a bench file says about its simulated chamber; None for the driver's own address and terminator."""
+    """What a bench file says about its simulated chamber; None for the driver's own."""
 
     address: int | None = None
     terminator: bytes | None = None
+    framing: Literal["rtu", "tcp"] | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
 
@@ -62,11 +63,23 @@ def _espec(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberCo
 
 
 def _watlow_f4(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedWatlowF4(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+    return SimulatedWatlowF4(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "rtu",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
 
 
 def _ezt570i(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedEzt570i(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+    return SimulatedEzt570i(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "rtu",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
 
 
 def _voetsch_ascii(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
@@ -94,7 +107,13 @@ def _julabo(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberC
 
 
 def _watlow_f4t(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedWatlowF4t(plant, address=options.address or 1, faults=options.faults, begins_s=options.begins_s)
+    return SimulatedWatlowF4t(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "tcp",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
 
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = {

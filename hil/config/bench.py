@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, PrivateAttr, model_validator
 
 from drivers.chamber import SafeState
+from drivers.chambers import CHAMBER_DRIVERS, SerialLine
 from hil.campaign import Sensor
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.orientation import build_orientations
@@ -69,6 +70,22 @@ def _off_is_a_word(value: object) -> object:
 
 ImuPort = Annotated[str, BeforeValidator(lambda value: _port(value, "imu"))]
 ChamberPort = Annotated[str, BeforeValidator(lambda value: _port(value, "chamber"))]
+
+
+_PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
+
+
+def _chamber_driver(value: str) -> str:
+    if value not in CHAMBER_DRIVERS:
+        raise ValueError(f"{value!r} is not a chamber driver; there are {', '.join(sorted(CHAMBER_DRIVERS))}")
+    return value
+
+
+def _real_port(value: object) -> str:
+    text = _port(value, "chamber")
+    if text.startswith(SIMULATED_SCHEME):
+        raise ValueError("this port is not simulated; leave it out")
+    return text
 
 
 def _settings(kind: type) -> BeforeValidator:
@@ -190,13 +207,19 @@ class ChamberSection(Section):
 
     `model` is how the controller's answer to who it is must begin. The controller's own limits are set `native_margin`
     beyond the bench's. `celsius_confirmed` says that a person has seen °C on its panel, which the protocol cannot tell.
+    Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
+    given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
     """
 
-    driver: Literal["espec"]
+    driver: Annotated[str, AfterValidator(_chamber_driver)]
     port: ChamberPort
-    baud: PositiveInt = 19200
-    address: PositiveInt | None = None
-    terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
+    baud: PositiveInt | None = None
+    data_bits: Literal[7, 8] | None = None
+    parity: Literal["none", "even", "odd"] | None = None
+    address: NonNegativeInt | None = None
+    terminator: Literal["CR", "LF", "CR LF"] | None = None
+    framing: Literal["rtu", "tcp"] | None = None
+    ramp_port: Annotated[str, BeforeValidator(_real_port)] | None = None
     model: str = ""
     celsius_confirmed: bool = False
     limits: LimitsSection
@@ -204,9 +227,16 @@ class ChamberSection(Section):
     safe_state: Annotated[SafeState, BeforeValidator(_safe_state)]
 
     @property
-    def terminator_bytes(self) -> bytes:
-        """What ends a line."""
-        return {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+    def line(self) -> SerialLine:
+        """The serial line: the maker's settings, and what the file says instead."""
+        shipped = CHAMBER_DRIVERS[self.driver].line
+        parity = shipped.parity if self.parity is None else _PARITIES[self.parity]
+        return SerialLine(self.baud or shipped.baud, self.data_bits or shipped.data_bits, parity)
+
+    @property
+    def terminator_bytes(self) -> bytes | None:
+        """What ends a line, None for the driver's own."""
+        return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
 
     @model_validator(mode="after")
     def _safe_is_within_limits(self) -> ChamberSection:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, NonNegativeInt
 
-from drivers.simulators.espec import EspecFault
+from drivers.simulators.controller import ChamberFault
 from drivers.simulators.faults import FaultWindow
 from hil.config.files import Section
 from hil.config.settings import to_settings
@@ -99,4 +99,4 @@ class SimulationSection(Section):
     index_time: PositiveSeconds = 5.0
     chamber: SimulatedChamberSection = SimulatedChamberSection()
     imu_faults: Annotated[tuple[FaultWindow, ...], _faults(FaultWindow)] = ()
-    chamber_faults: Annotated[tuple[EspecFault, ...], _faults(EspecFault)] = ()
+    chamber_faults: Annotated[tuple[ChamberFault, ...], _faults(ChamberFault)] = ()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
-from drivers.simulators.espec import SimulatedEspec
+from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatedChamberController, SimulatorOptions
 from drivers.simulators.mfs import IndexSettings, SimulatedImu
 from hil.config.bench import Bench
 from hil.errors import InputError
@@ -20,7 +20,7 @@ class SimulatedBench:
     """Both devices and what they share. Tests ask `unit` for the truth and inject faults into the devices."""
 
     imu: SimulatedImu
-    chamber: SimulatedEspec
+    chamber: SimulatedChamberController
     unit: SimulatedUnit
     plant: LoggedPlant
 
@@ -75,11 +75,15 @@ def simulate_devices(
         starts_s=begins_s,
         seed=settings.seed,
     )
-    chamber = SimulatedEspec(
-        plant,
+    options = SimulatorOptions(
         address=bench.chamber.address,
         terminator=bench.chamber.terminator_bytes,
+        framing=bench.chamber.framing,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
+    try:
+        chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
+    except ValueError as error:
+        raise InputError(f"{bench.source or bench.name}: simulation.chamber_faults: {error}") from error
     return SimulatedBench(imu, chamber, unit, plant)

@@ -1,0 +1,138 @@
+"""A bench file may name any chamber: it is assembled, simulated and served, and the published sweep runs on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import hil.bench
+from drivers.chambers import CHAMBER_DRIVERS
+from drivers.clock import Clock
+from drivers.transport import Transport
+from hil.bench import build_bench
+from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
+from hil.errors import InputError
+from hil.export import campaign_of_night
+from hil.night import start_night
+from hil.simulate import client_bench, served
+from hil.solve import Estimate, solve_campaign
+
+_SHIPPED = load_bench("simulated")
+
+
+def bench_with(driver: str, **chamber: Any) -> Bench:
+    """The simulated bench with another chamber; a key given as None is taken out."""
+    document = yaml.safe_load(_SHIPPED.text)
+    section = document["chamber"] | {"driver": driver, "model": None} | chamber
+    document["chamber"] = {key: value for key, value in section.items() if value is not None}
+    return parse_bench(yaml.safe_dump(document), "my-bench.yaml")
+
+
+@pytest.mark.parametrize("driver", CHAMBER_DRIVERS)
+def test_any_chamber_can_be_simulated_in_process(driver: str) -> None:
+    """Prepared, set and read through its production driver."""
+    with build_bench(bench_with(driver)) as live:
+        chamber = live.devices.chamber
+        chamber.prepare()
+        chamber.set_temperature(45.0)
+        assert chamber.read().setpoint_degC == pytest.approx(45.0)
+        assert live.simulators is not None
+        assert live.simulators.plant.commanded_degC == pytest.approx(45.0)
+
+
+@pytest.mark.parametrize("driver", ["watlow-f4", "simserv"])
+def test_any_chamber_can_be_served_to_any_client(driver: str) -> None:
+    """`hil simulate` on a terminal and on a TCP port, and the production driver as the client, in real time."""
+    bench = bench_with(driver)
+    with ExitStack() as opened:
+        simulation = opened.enter_context(served(bench, tcp=driver == "simserv"))
+        live = opened.enter_context(build_bench(client_bench(bench, simulation.ports)))
+        assert live.devices.chamber.identify().unit == "degC"
+        assert live.devices.chamber.read().temperature_degC == pytest.approx(23.0, abs=0.2)
+
+
+def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Baud, data bits and parity."""
+    asked: list[Mapping[str, Any]] = []
+
+    def refuse(url: str, *, clock: Clock, **settings: Any) -> Transport:
+        asked.append(settings)
+        raise InputError("not now")
+
+    monkeypatch.setattr(hil.bench, "open_port", refuse)
+    port = tmp_path / "chamber"
+    port.touch()
+    document = yaml.safe_load(bench_with("ezt-570i").text) | {"clock": "system"}
+    for more in ({}, {"baud": 19200, "parity": "none"}, {"data_bits": 7, "parity": "odd"}):
+        document["chamber"] = document["chamber"] | {"port": str(port)} | more
+        with pytest.raises(InputError, match="not now"):
+            build_bench(parse_bench(yaml.safe_dump(document), "b.yaml"))
+    assert asked == [
+        {"baudrate": 9600, "bytesize": 8, "parity": "E"},
+        {"baudrate": 19200},
+        {"baudrate": 19200, "bytesize": 7, "parity": "O"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("chamber", "message"),
+    [
+        ({"driver": "easy"}, r"chamber\.driver: 'easy' is not a chamber driver; there are .*, watlow-f4"),
+        ({"parity": "mark"}, r"chamber\.parity"),
+        ({"framing": "ascii"}, r"chamber\.framing"),
+        ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: this port is not simulated"),
+    ],
+)
+def test_a_wrong_chamber_is_one_sentence(chamber: dict[str, Any], message: str) -> None:
+    """File, key, what is allowed."""
+    driver = chamber.pop("driver", "watlow-f4t")
+    with pytest.raises(InputError, match=message):
+        bench_with(driver, **chamber)
+
+
+def test_a_fault_that_the_simulated_chamber_cannot_have_is_one_sentence() -> None:
+    """The simulated ESPEC has no °F."""
+    text = _SHIPPED.text.replace("simulation:\n", "simulation:\n  chamber_faults: [{kind: fahrenheit}]\n")
+    with pytest.raises(InputError, match=r"simulation\.chamber_faults: the simulated ESPEC has no fault fahrenheit"):
+        build_bench(parse_bench(text, "my-bench.yaml"))
+
+
+@cache
+def _solved(driver: str, folder: Path) -> Mapping[tuple[int, int, str], Estimate]:
+    document = yaml.safe_load(Path(load_sweep("rd-gc-86-1").source).read_text(encoding="utf-8"))
+    sweep = parse_sweep(yaml.safe_dump(document | {"self_calibrations_per_temperature": 1}), "sweep.yaml")
+    night = folder / driver
+    assert start_night(night, sweep, bench_with(driver)).state == "complete"
+    return {
+        (solution.sensor, solution.run or 0, name): estimate
+        for solution in solve_campaign(campaign_of_night(night))
+        for name, estimate in solution.parameters.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def nights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the nights of this module are kept."""
+    return tmp_path_factory.mktemp("nights")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("driver", [name for name in CHAMBER_DRIVERS if name != "espec"])
+def test_the_published_sweep_gives_the_same_parameters_on_every_chamber(driver: str, nights: Path) -> None:
+    """All eight temperatures and three positions. Only when samples fall differs between two chambers: noise."""
+    reference, found = _solved("espec", nights), _solved(driver, nights)
+    assert found.keys() == reference.keys()
+    assert len(found) == 8 * 2 * 6
+    for key, estimate in found.items():
+        other = reference[key]
+        assert estimate.value is not None
+        assert other.value is not None
+        assert estimate.se is not None
+        assert other.se is not None
+        assert abs(estimate.value - other.value) < 5.0 * (estimate.se**2 + other.se**2) ** 0.5, key
