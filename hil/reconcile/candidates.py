@@ -52,6 +52,8 @@ class Candidate:
     effect: Effect | None = None
     driver: str = ""
     target: str = ""
+    sensor_axes: tuple[str, ...] = ()
+    kept: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
@@ -63,6 +65,7 @@ class Candidate:
         if self.effect is None:
             raise ValueError(f"{self.name} has no effect to be rebuilt from")
         columns = effect_columns(self.effect, conditions, base, self.shape)
+        columns = columns[:, :, list(self.kept)] if self.kept else columns
         return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
 
 
@@ -87,6 +90,7 @@ def catalogue_candidates(
                 title=effect.title,
                 equation=effect.equation,
                 effect=effect,
+                sensor_axes=conditions.sensor.axes,
             )
             if effect.id != "bias":
                 yield plain
@@ -121,6 +125,7 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         return
+    plain = _apart_from_bias(plain)
     numbers = stations(temperature, len(conditions))
     centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
     if len(centres) < 2:
@@ -131,6 +136,20 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
             yield _replaced(plain, in_form(plain.columns, conditions, form, reference, ()), form, reference, ())
     if len(centres) > 3:
         yield _replaced(plain, in_form(plain.columns, conditions, "table", None, centres), "table", None, centres)
+
+
+def _apart_from_bias(plain: Candidate) -> Candidate:
+    """Leave out of a g-squared effect what, following temperature, would be a bias: kAA with kSS is one.
+
+    What is left is the square along the last axis, the spin axis of a rotor.
+    """
+    if plain.name != "k2" or plain.effect is None:
+        return plain
+    axis = plain.sensor_axes[-1]
+    kept = [k for k, parameter in enumerate(plain.parameters) if parameter.name.startswith(f"k{axis}{axis}")]
+    return replace(
+        plain, columns=plain.columns[:, :, kept], parameters=tuple(plain.parameters[k] for k in kept), kept=tuple(kept)
+    )
 
 
 def in_form(

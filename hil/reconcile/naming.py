@@ -37,6 +37,9 @@ Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _SLIVER = 0.04
+_LARGE = 3.0
+_TYPICAL = 1.5
+_MENTIONED = 0.01
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,12 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
     )
     leader, kind = _lead(ranked)
+    leader = _more_plausible(leader, ranked, blocks, noise)
     rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
     if leader.tier == 1:
         same = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_narrow(leader, w, blocks, noise)]
+        stronger = [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > leader.probability]
+        same += [w for w in stronger if w not in same]
         possible = [
             w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
         ]
@@ -89,6 +95,19 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     else:
         shown = [w for w in rivals if w.probability > 0.01]
     return Naming(kind, leader, shown[:8])
+
+
+def _more_plausible(
+    leader: Weighed, ranked: Sequence[Weighed], blocks: Sequence[Block], noise: Sequence[BlockNoise]
+) -> Weighed:
+    """Give the lead to a name that reproduces an implausibly large leader at a size that is typical."""
+    if leader.tier != 1 or leader.excess < _LARGE:
+        return leader
+    for rival in ranked:
+        small = rival.tier == 1 and rival.excess < _TYPICAL and rival.probability > _MENTIONED
+        if small and rival.name != leader.name and _overlap(leader, rival, blocks, noise) > SAME:
+            return rival
+    return leader
 
 
 def certainty(scan: Scan) -> float:

@@ -46,7 +46,7 @@ from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
 from hil.reconcile.result import Reconciliation
-from hil.reconcile.search import Scan, Search, null_statistics
+from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import within_collects
 
@@ -80,7 +80,7 @@ def reconcile(
     rng = np.random.default_rng(seed)
     clean, problem, search, faults = _prepare(campaign, chosen, effects)
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-    first, threshold, stricter, p_value = _detect(search, alpha, draws, rng)
+    first, threshold, stricter, chance = _detect(search, alpha, draws, rng)
     steps = _find(search, first, stricter) if first is not None and first.statistic > threshold else []
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
@@ -94,7 +94,7 @@ def reconcile(
     final = refit(blocks, noise, [step.added for step in kept])
     certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
     found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
-    found = found or channels_touched(blocks, noise, conditions, final, p_value)
+    found = found or channels_touched(blocks, noise, conditions, final, chance)
     verdict = verdict_of(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
     gap = gap_of(proof, noise, blocks, reverted=reverted, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
@@ -114,7 +114,7 @@ def reconcile(
         effects=results,
         gap=gap,
         false_alarm_rate=alpha,
-        p_value=p_value,
+        p_value=chance,
         next_experiment=experiment,
         model_after=after,
         input_model=chosen,
@@ -163,9 +163,8 @@ def _detect(
         return None, np.inf, np.inf, 1.0
     scan = search.scan()
     null = null_statistics(scan, search.blocks, draws, rng)
-    threshold = float(np.quantile(null, 1.0 - alpha))
-    stricter = max(float(np.quantile(null, 1.0 - alpha / 5.0)), threshold + 1.0)
-    return scan, threshold, stricter, float((1 + np.sum(null >= scan.statistic)) / (1 + draws))
+    threshold = level(null, alpha)
+    return scan, threshold, max(level(null, alpha / 5.0), threshold + 1.0), p_value(null, scan.statistic)
 
 
 def _find(search: Search, first: Scan, threshold: float) -> list[Step]:
@@ -245,7 +244,7 @@ def _prove(
         search.noise,
         noise,
         search.hypotheses,
-        len(steps) + 2 if steps else 0,
+        len(steps),
         threshold,
         points,
     )
