@@ -13,13 +13,15 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
-from hil.reconcile.evidence import BlockEvidence, NoiseTable
+from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
 from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit, without_rows
 from hil.reconcile.hypotheses import Evidence, Hypothesis, Unit, build_evidence
 from hil.reconcile.noise import NoiseGrid
 
 _FLIPS = 2000
-_KEPT_POINTS = 4
+_ENOUGH_FOLDS = 6
+_MOSTLY = 0.6
+_KEPT_POINTS = 3
 _MORE = 2  # a fold may need another effect or two where it sees one in pieces
 
 
@@ -52,6 +54,34 @@ class HeldOut:
         """Standardised mean squares before and after (1 is noise)."""
         total = max(int(self.rows.sum()), 1)
         return float(self.scaled_before.sum() / total), float(self.scaled_after.sum() / total)
+
+    def spoiling_fold(self) -> int | None:
+        """Return the one fold without which the rest improves, where it alone spoils the sum; None otherwise.
+
+        A step between two runs cannot be placed by the others when one of the two is held out.
+        """
+        gain = self.scaled_before - self.scaled_after
+        if len(gain) < _ENOUGH_FOLDS or gain.sum() > 0:
+            return None
+        worst = int(np.argmin(gain))
+        rest = np.delete(gain, worst)
+        best = float(rest.max(initial=0.0))
+        return worst if rest.sum() - best > 0 and np.mean(rest > 0) > _MOSTLY else None
+
+    def without(self, fold: int) -> HeldOut:
+        """Return the comparison without one fold."""
+        sums = (self.raw_before, self.raw_after, self.scaled_before, self.scaled_after)
+        kept = [np.delete(values, fold) for values in sums]
+        return HeldOut(
+            kept[0],
+            kept[1],
+            kept[2],
+            kept[3],
+            np.delete(self.rows, fold),
+            self.residual_before,
+            self.residual_after,
+            np.delete(self.expected, fold),
+        )
 
     def improvement_p_value(self, rng: np.random.Generator) -> float:
         """Paired sign flips by fold: how often chance alone would improve this much."""
@@ -173,15 +203,14 @@ def _evidence(hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables:
 
 
 def _table(block: Block, grid: NoiseGrid, points: IntArray) -> NoiseTable:
-    return NoiseTable.on(block, grid.take(points[:_KEPT_POINTS]))
+    return NoiseTable.on(block, grid.take(points))
 
 
 def _less(unit: Unit, keep: Sequence[BoolArray]) -> Unit:
     return replace(unit, columns=tuple(c[keep[b]] for b, c in zip(unit.blocks, unit.columns, strict=True)))
 
 
-def noise_points(evidence: BlockEvidence, block: Block) -> IntArray:
-    """Return the few most probable noise points of a block (indices into the full grid), most probable first."""
-    _, _, log_null = evidence.projection.log_null(block.y[:, None], evidence.prior)
-    order = np.argsort(-log_null[:, 0])[:_KEPT_POINTS]
-    return np.asarray(evidence.points[order])
+def noise_points(block: Block, table: NoiseTable) -> IntArray:
+    """Return the most probable noise points of a block with its present base, most probable first."""
+    log_null = Projection.of(table, block.base).log_null(block.y[:, None], ScalePrior.of(block))[2][:, 0]
+    return np.asarray(np.argsort(-log_null)[:_KEPT_POINTS])

@@ -12,12 +12,11 @@ was the disagreement; what should be measured next.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, FloatArray, IntArray
+from hil.campaign import Campaign, FloatArray
 from hil.effects.base import Effect
 from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
@@ -85,11 +84,18 @@ def reconcile(
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
     proof = _prove(search, steps, noise, stricter, first) if prove else None
+    spoiled = proof[0].spoiling_fold() if steps and proof is not None else None
+    if proof is not None and spoiled is not None:
+        proof = (proof[0].without(spoiled), proof[1])
     reverted = bool(steps) and proof is not None and not _shrank(proof)
     notes = [*campaign.warnings, *problem.notes]
     if reverted:
         names = ", ".join(step.naming.leader.name for step in steps)
         notes.append(f"{names}: the gap on held-out data did not shrink, so nothing was added")
+    if spoiled is not None:
+        notes.append(
+            f"held-out fold {spoiled + 1} is not counted: the change itself lies there, and no other shows where"
+        )
     kept = [] if reverted else steps
     final = refit(blocks, noise, [step.added for step in kept])
     certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
@@ -236,8 +242,11 @@ def _prove(
     """Held-out comparison by run and by contiguous block."""
     if first is None:
         return None
-    scans = [first, *(step.scan for step in steps[1:])]
-    points = [_points(scans, b, block) for b, block in enumerate(search.blocks)]
+    full = search.with_base(_columns([step.added for step in steps], len(search.blocks)))
+    points = [
+        np.unique(np.concatenate([noise_points(with_all, table), noise_points(block, table)]))
+        for with_all, block, table in zip(full.blocks, search.blocks, search.noise, strict=True)
+    ]
     runs = [block.run for block in search.blocks]
     arguments = (
         search.blocks,
@@ -252,15 +261,6 @@ def _prove(
         held_out(by_run(search.blocks, runs), *arguments),
         held_out(in_blocks(search.blocks, runs), *arguments),
     )
-
-
-def _points(scans: Sequence[Scan], b: int, block: Block) -> IntArray:
-    """The noise points that mattered most, over all scans."""
-    chosen: list[int] = []
-    for scan in reversed(scans):
-        table = scan.evidence.blocks[b]
-        chosen += noise_points(table, replace(block, base=table.block.base)).tolist()[:2]
-    return np.array(list(dict.fromkeys(chosen)), dtype=np.int64)
 
 
 def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:

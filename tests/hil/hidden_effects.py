@@ -46,7 +46,7 @@ Hidden = Callable[[Rows], np.ndarray]
 def lay_out(
     rng: np.random.Generator,
     temperatures: tuple[float, ...] = EIGHT,
-    runs_each: int = 3,
+    runs_each: int = 2,
     positions: tuple[str, ...] = ("1", "2", "3", "4"),
     headings: tuple[float, ...] = (30.0,),
 ) -> Rows:

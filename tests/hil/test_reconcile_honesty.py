@@ -29,7 +29,7 @@ def with_rates(campaign: Campaign, rates: np.ndarray) -> Campaign:
 def null_campaign(kind: str, seed: int) -> Campaign:
     """Pure noise of one kind about a base that the model has."""
     rng = np.random.default_rng(seed)
-    rows = lay_out(rng, runs_each=2)
+    rows = lay_out(rng)
     if kind == "white":
         e = noise(rows, rng, run_bias=0.0)
     elif kind == "heavy tails":
@@ -79,7 +79,7 @@ def test_a_lost_third_of_the_collects_neither_hides_nor_invents() -> None:
 
 def test_exchanged_labels_are_found_and_mended() -> None:
     """Collects 1 and 2 of one run in each other's place: swap, that run, and no other effect."""
-    campaign = hidden_campaign(4, runs_each=2)
+    campaign = hidden_campaign(4)
     collects = campaign.sensors[2]
     rates = collects.rates_deg_per_hr.copy()
     rows = [int(np.flatnonzero((collects.conditions.run == 6) & (collects.conditions.position == p))[0]) for p in "12"]
@@ -92,7 +92,7 @@ def test_exchanged_labels_are_found_and_mended() -> None:
 
 def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
     """One rate off by 40 deg/hr: left out and reported with its row; the verdict stays none."""
-    campaign = hidden_campaign(5, runs_each=2)
+    campaign = hidden_campaign(5)
     rates = campaign.sensors[2].rates_deg_per_hr.copy()
     rates[17, 1] += 40.0
     result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
@@ -104,7 +104,7 @@ def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
 def test_a_wrong_stated_error_does_not_make_a_finding() -> None:
     """Standard errors in the file a fifth of the truth: still none."""
     rng = np.random.default_rng(8)
-    rows = lay_out(rng, runs_each=2)
+    rows = lay_out(rng)
     campaign = campaign_of(rows, base_rates(rows) + noise(rows, rng), stated=0.18)
     assert reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).verdict == "none"
 
@@ -172,7 +172,7 @@ def test_a_screen_finds_the_unit_with_the_fault_and_refuses_another_layout() -> 
     """Twenty units measured in the same way, one with a supply effect: that one, by name, at a false discovery rate."""
 
     def unit(seed: int, faulty: bool) -> Campaign:
-        rows = lay_out(np.random.default_rng(0), runs_each=2)
+        rows = lay_out(np.random.default_rng(0))
         rates = base_rates(rows) + noise(rows, np.random.default_rng(seed))
         return campaign_of(rows, rates + faulty * both(rows.supply - 28.0, 12.0, -11.0))
 

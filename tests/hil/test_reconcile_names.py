@@ -24,9 +24,9 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "hidden", "model", "thermal"),
     [
-        ("supply", lambda r: both(r.supply - 28.0, 9.0, -8.0), "matrix-6-thermal", True),
-        ("jump", lambda r: both(r.run > 13, 9.0, -8.0), "matrix-6-thermal", True),
-        ("warmup", lambda r: both(np.exp(-r.start_s / 2400.0), 40.0, -45.0), "matrix-6-thermal", True),
+        ("supply", lambda r: both(r.supply - 28.0, 14.0, -13.0), "matrix-6-thermal", True),
+        ("jump", lambda r: both(r.run > 8, 12.0, -11.0), "matrix-6-thermal", True),
+        ("warmup", lambda r: both(np.exp(-r.start_s / 2400.0), 90.0, -100.0), "matrix-6-thermal", True),
         ("bias_T", lambda r: both(r.temperature - 20.0, 0.2, 0.5), "matrix-6", False),
         ("GS_T", lambda r: both(r.f[:, 0] * (r.temperature - 20.0), 0.1, 0.06), "matrix-6", False),
     ],
@@ -90,7 +90,7 @@ def test_the_fourth_collect_settles_it() -> None:
 
 def test_two_effects_at_once_are_both_found() -> None:
     """Supply and a step, together."""
-    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 9.0, -8.0) + both(r.run > 13, 9.0, -8.0))
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 14.0, -13.0) + both(r.run > 8, 12.0, -11.0))
     result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
     assert sorted(ids(result)) == ["jump", "supply"]
 
@@ -98,7 +98,7 @@ def test_two_effects_at_once_are_both_found() -> None:
 @pytest.mark.parametrize(
     ("words", "hidden"),
     [
-        ("MU × supply_V", lambda r: both(r.f[:, 2] * (r.supply - 28.0), 9.0, -8.0)),
+        ("MU × supply_V", lambda r: both(r.f[:, 2] * (r.supply - 28.0), 14.0, -13.0)),
         ("MU × temperature_degC[", lambda r: both(r.f[:, 2] * (np.abs(r.temperature - 6.0) < 6.0), 5.0, -5.0)),
     ],
 )

@@ -1,0 +1,30 @@
+"""How long the discrepancy workflow takes: one campaign with its page, and one unit of a fleet.
+
+pytest benchmarks/test_reconcile_speed.py --benchmark-only
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from hil.reconcile import Screen, reconcile, write_result
+from tests.hil.hidden_effects import base_rates, both, campaign_of, hidden_campaign, lay_out, noise
+
+
+def test_a_24_run_campaign_with_the_whole_catalogue_and_its_page(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    """24 runs of four collects, one effect hidden, nested held-out proof, page written: under 10 s on two cores."""
+    campaign = hidden_campaign(7, lambda rows: both(rows.supply - 28.0, 9.0, -8.0), runs_each=3)
+    benchmark.pedantic(lambda: write_result(reconcile(campaign, "matrix-6-thermal"), tmp_path), rounds=3)
+    assert benchmark.stats.stats.min < 10.0
+
+
+def test_screening_a_unit_once_the_tables_exist(benchmark: BenchmarkFixture) -> None:
+    """A hundred units of one layout: under 10 ms each."""
+    rows = lay_out(np.random.default_rng(0), runs_each=3)
+    units = [campaign_of(rows, base_rates(rows) + noise(rows, np.random.default_rng(seed))) for seed in range(100)]
+    screen = Screen.of(units[0], "matrix-6-thermal", draws=500)
+    benchmark.pedantic(lambda: screen.units(units), rounds=3)
+    assert benchmark.stats.stats.min < 1.0
