@@ -15,9 +15,9 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
+from drivers.frames.batch import FrameBatch
 from drivers.frames.decoder import Decoded, StreamDecoder
 from drivers.frames.description import StreamDescription
-from drivers.frames.layout import FrameBatch
 from drivers.imu import FloatArray, ImuIdentity, SampleBlock, SensorChannels, StreamCounts
 from drivers.sample_clock import SampleClock
 from drivers.transport import Transport

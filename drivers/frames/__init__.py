@@ -7,10 +7,11 @@ decoded["sample"].column("rate_A1")  # deg/hr, shape (n,)
 decoded.counts.lost
 """
 
+from drivers.frames.batch import FrameBatch
 from drivers.frames.decoder import Decoded, StreamDecoder
 from drivers.frames.description import DescriptionError, StreamDescription, load_description, parse_description
 from drivers.frames.encoder import encode
-from drivers.frames.layout import FrameBatch, FrameLayout
+from drivers.frames.layout import FrameLayout
 
 __all__ = [
     "Decoded",

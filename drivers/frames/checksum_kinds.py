@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -10,15 +10,19 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 class _Checksum(BaseModel):
     """What every kind has. Positions count from the frame's first byte.
 
-    `span` is [first byte covered, first byte no longer covered]; without it, everything from the sync to the checksum.
-    `at` is where the checksum stands; without it, right before the delimiter.
+    `span` is [first byte covered, first byte no longer covered], the latter null for the checksum itself; without a
+    span, everything from the sync to the checksum is covered.
+    `at` is where the checksum stands; without it, right before the delimiter. With `confirm`, a frame that does not
+    follow a good one directly is believed only where the next header follows it, or where its counter goes on: so weak
+    a checksum matches by chance.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    span: tuple[int, int] | None = None
+    span: tuple[int, int | None] | None = None
     at: int | None = Field(default=None, ge=0)
     stored: Literal["little", "big"] = "big"
+    confirm: bool = False
 
     @property
     def size(self) -> int:
@@ -31,33 +35,41 @@ class _Checksum(BaseModel):
 
     def covered(self, body_end: int) -> tuple[int, int]:
         """Return the covered bytes, [start, end), of such a frame."""
-        return (0, self.position(body_end)) if self.span is None else self.span
+        first, end = (0, None) if self.span is None else self.span
+        return first, self.position(body_end) if end is None else end
 
     def check_span(self, covered: int) -> None:
         """Raise `ValueError` where the kind cannot cover so many bytes."""
 
 
-class CrcKind(_Checksum):
-    """A cyclic redundancy check in the parameters of the Rocksoft model (as in the catalogue of CRC algorithms).
+class CrcParameters(BaseModel):
+    """The parameters of the Rocksoft model (as in the catalogue of CRC algorithms)."""
 
-    `pad_to: 4` computes it as if zeros followed the covered bytes up to the next multiple of 4; they are not sent.
-    """
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    kind: Literal["crc"]
     width: int = Field(ge=8, le=64)
     poly: int = Field(gt=0)
     init: int = Field(default=0, ge=0)
     refin: bool = False
     refout: bool = False
     xorout: int = Field(default=0, ge=0)
-    pad_to: int = Field(default=1, ge=1, le=64)
 
     @model_validator(mode="after")
-    def _fits(self) -> CrcKind:
+    def _fits(self) -> Self:
         for key in ("poly", "init", "xorout"):
             if getattr(self, key) >> self.width:
                 raise ValueError(f"{key} has more than {self.width} bits")
         return self
+
+
+class CrcKind(_Checksum, CrcParameters):
+    """A cyclic redundancy check.
+
+    `pad_to: 4` computes it as if zeros followed the covered bytes up to the next multiple of 4; they are not sent.
+    """
+
+    kind: Literal["crc"]
+    pad_to: int = Field(default=1, ge=1, le=64)
 
     @property
     def size(self) -> int:
@@ -107,4 +119,15 @@ class XorKind(_Checksum):
         return 1
 
 
-ChecksumDescription = Annotated[CrcKind | SumKind | FletcherKind | XorKind, Field(discriminator="kind")]
+class NoChecksum(_Checksum):
+    """No checksum: damage goes unnoticed, unless it hits header, length or delimiter."""
+
+    kind: Literal["none"]
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return 0
+
+
+ChecksumDescription = Annotated[CrcKind | SumKind | FletcherKind | XorKind | NoChecksum, Field(discriminator="kind")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import reduce
 from operator import xor
 from typing import Any, Protocol
@@ -9,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind
-from drivers.frames.crc import Crc
+from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
+from drivers.frames.crc import Crc, whole_message_test
 from drivers.frames.description import FrameDescription
 from drivers.frames.wire import Rows, read_column, write_column
 
@@ -65,12 +66,24 @@ class _Xor:
         return np.asarray(np.bitwise_xor.reduce(rows, axis=1))
 
 
-class FrameChecksum:
-    """The checksum of one frame type: what it covers, where it stands, and how it is computed."""
+class _None:
+    def of_bytes(self, message: bytes) -> int:  # noqa: ARG002 - nothing is covered
+        return 0
 
-    def __init__(self, frame: FrameDescription) -> None:
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        return np.zeros(len(rows), np.int64)
+
+
+class FrameChecksum:
+    """The checksum of frames of one type and length: what it covers, where it stands, and how it is computed.
+
+    `body_end` is where the delimiter begins, if there is one; without it, that of a frame of fixed length.
+    """
+
+    def __init__(self, frame: FrameDescription, body_end: int | None = None) -> None:
         kind = frame.checksum
-        body_end = frame.length - len(frame.delimiter)
+        if body_end is None:
+            body_end = frame.shortest - len(frame.delimiter)
         self._at = kind.position(body_end)
         self._size = kind.size
         self._order = kind.stored
@@ -80,20 +93,32 @@ class FrameChecksum:
             self._algorithm = Crc(kind, self._end - self._start)
         elif isinstance(kind, SumKind):
             self._algorithm = _Sum(kind)
+        elif isinstance(kind, FletcherKind):
+            self._algorithm = _Fletcher()
         else:
-            self._algorithm = _Fletcher() if isinstance(kind, FletcherKind) else _Xor()
+            self._algorithm = _Xor() if isinstance(kind, XorKind) else _None()
+        self.matches = self._quick(kind) or self._matches
 
-    def matches(self, frame: bytes) -> bool:
+    def _quick(self, kind: object) -> Callable[[bytes], bool] | None:
+        """Return a test for one frame in one compiled call, where there is one: a CRC right behind what it covers."""
+        if not isinstance(kind, CrcKind) or self._at != self._end or self._end - self._start < 1:
+            return None
+        return whole_message_test(kind, self._start, self._end)
+
+    def _matches(self, frame: bytes) -> bool:
         """Tell whether one whole frame carries the right checksum."""
         stored = int.from_bytes(frame[self._at : self._at + self._size], self._order)
         return self._algorithm.of_bytes(frame[self._start : self._end]) == stored
 
     def matches_rows(self, rows: Rows) -> NDArray[np.bool_]:
         """Tell it for n whole frames, shape (n, length), contiguous; the result has shape (n,)."""
+        if not self._size:
+            return np.ones(len(rows), np.bool_)
         stored = read_column(rows, self._at, f"u{8 * self._size}", self._order)
         return np.asarray(self._algorithm.of_rows(rows[:, self._start : self._end]) == stored, dtype=np.bool_)
 
     def write(self, rows: Rows) -> None:
         """Compute and store the checksums of n whole frames, in place."""
-        values = self._algorithm.of_rows(rows[:, self._start : self._end])
-        write_column(rows, self._at, f"u{8 * self._size}", self._order, values)
+        if self._size:
+            values = self._algorithm.of_rows(rows[:, self._start : self._end])
+            write_column(rows, self._at, f"u{8 * self._size}", self._order, values)

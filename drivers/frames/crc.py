@@ -11,13 +11,13 @@ from __future__ import annotations
 import zlib
 from binascii import crc_hqx
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames.checksum_kinds import CrcKind
+from drivers.frames.checksum_kinds import CrcKind, CrcParameters
 from drivers.frames.wire import Rows
 
 _IEEE = 0x04C11DB7
@@ -25,6 +25,7 @@ _CCITT = 0x1021
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 _FEW = 96  # messages below which a compiled loop over them is faster than the tables
+_FEW_BYTEWISE = 8  # the same for a loop that is not compiled
 
 Words = NDArray[np.uint64]
 
@@ -33,7 +34,7 @@ def _reflect(value: int, width: int) -> int:
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
-def _zero_byte(register: Words, kind: CrcKind) -> Words:
+def _zero_byte(register: Words, kind: CrcParameters) -> Words:
     """Return the registers after one further zero byte, bit by bit (the CRC's definition)."""
     one = np.uint64(1)
     if kind.refin:
@@ -47,13 +48,13 @@ def _zero_byte(register: Words, kind: CrcKind) -> Words:
     return register
 
 
-def _byte_table(kind: CrcKind) -> Words:
+def _byte_table(kind: CrcParameters) -> Words:
     """Return the register that each byte leaves in a register of zeros, shape (256,)."""
     values = np.arange(256, dtype=np.uint64)
     return _zero_byte(values if kind.refin else values << np.uint64(kind.width - 8), kind)
 
 
-def _output(register: int, kind: CrcKind) -> int:
+def _output(register: int, kind: CrcParameters) -> int:
     """Return the CRC for a final register."""
     return (_reflect(register, kind.width) if kind.refin != kind.refout else register) ^ kind.xorout
 
@@ -67,8 +68,12 @@ class Crc:
         self._padding = bytes(-length % kind.pad_to)
         compiled = _compiled_register(kind)
         self._register = compiled or _table_register(kind)
-        self._few = _FEW if compiled is not None else 0
-        self._tables, self._constant = _position_tables(kind, length, len(self._padding))
+        self._few = _FEW if compiled is not None else _FEW_BYTEWISE
+
+    @cached_property
+    def _affine(self) -> tuple[NDArray[Any], Any]:
+        """The tables by position, shape (length, 256), and the constant."""
+        return _position_tables(self._kind, self._length, len(self._padding))
 
     def of_bytes(self, message: bytes) -> int:
         """Return the CRC of one message."""
@@ -77,26 +82,49 @@ class Crc:
     def of_rows(self, rows: Rows) -> NDArray[Any]:
         """Return the CRCs of n messages, shape (n,), given as `rows` of shape (n, length)."""
         if len(rows) < self._few:
-            return np.fromiter(map(self.of_bytes, map(bytes, rows)), self._tables.dtype, len(rows))
+            return np.fromiter(map(self.of_bytes, map(bytes, rows)), np.uint64, len(rows))
+        tables, constant = self._affine
         columns = np.ascontiguousarray(rows.T)
-        crc: NDArray[Any] = self._tables[0].take(columns[0], mode="clip")
-        crc ^= self._constant
+        crc: NDArray[Any] = tables[0].take(columns[0], mode="clip")
+        crc ^= constant
         part = np.empty_like(crc)
-        for table, column in zip(self._tables[1:], columns[1:], strict=True):
+        for table, column in zip(tables[1:], columns[1:], strict=True):
             table.take(column, mode="clip", out=part)
             crc ^= part
         return crc
 
 
+def message_crc(kind: CrcParameters, message: bytes) -> int:
+    """Return the CRC of one message of any length."""
+    return _output(_any_register(kind)(message), kind)
+
+
 @lru_cache(maxsize=64)
+def _any_register(kind: CrcParameters) -> Callable[[bytes], int]:
+    return _compiled_register(kind) or _table_register(kind)
+
+
 def _position_tables(kind: CrcKind, length: int, padding: int) -> tuple[NDArray[Any], Any]:
     """Return the tables of the affine form, shape (length, 256), and its constant."""
+    total = length + padding
+    tables = _tables_by_distance(kind, -(-total // 64) * 64)[padding:total][::-1]
+    init = _reflect(kind.init, kind.width) if kind.refin else kind.init
+    register = np.array([init], np.uint64)
+    for _ in range(total):
+        register = _zero_byte(register, kind)
+    return tables, tables.dtype.type(_output(int(register[0]), kind))
+
+
+@lru_cache(maxsize=16)
+def _tables_by_distance(kind: CrcKind, count: int) -> NDArray[Any]:
+    """Return what each byte leaves with 0, 1, 2 … bytes of zeros behind it, shape (count, 256).
+
+    Frames of every length share them: the table of a position is that of its distance from the end.
+    """
     table = _byte_table(kind)
-    tables = np.empty((length, 256), np.uint64)
-    for _ in range(padding):
-        table = _zero_byte(table, kind)
-    for position in range(length - 1, -1, -1):
-        tables[position] = table
+    tables = np.empty((count, 256), np.uint64)
+    for distance in range(count):
+        tables[distance] = table
         table = _zero_byte(table, kind)
     if kind.refin != kind.refout:
         bits = np.arange(kind.width, dtype=np.uint64)
@@ -104,15 +132,10 @@ def _position_tables(kind: CrcKind, length: int, padding: int) -> tuple[NDArray[
             (((tables >> bit) & np.uint64(1)) << (np.uint64(kind.width - 1) - bit) for bit in bits),
             start=np.zeros_like(tables),
         )
-    init = _reflect(kind.init, kind.width) if kind.refin else kind.init
-    register = np.array([init], np.uint64)
-    for _ in range(length + padding):
-        register = _zero_byte(register, kind)
-    dtype = np.uint32 if kind.width <= 32 else np.uint64
-    return tables.astype(dtype), dtype(_output(int(register[0]), kind))
+    return tables.astype(np.uint32 if kind.width <= 32 else np.uint64)
 
 
-def _compiled_register(kind: CrcKind) -> Callable[[bytes], int] | None:
+def _compiled_register(kind: CrcParameters) -> Callable[[bytes], int] | None:
     """Return the final register by the standard library's compiled loops, where one of them fits."""
     if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
         return lambda message: crc_hqx(message, kind.init)
@@ -132,7 +155,33 @@ def _compiled_register(kind: CrcKind) -> Callable[[bytes], int] | None:
     return unreflected
 
 
-def _table_register(kind: CrcKind) -> Callable[[bytes], int]:
+def whole_message_test(kind: CrcKind, start: int, end: int) -> Callable[[bytes], bool] | None:
+    """Return a test of frames that cover [start, end) and carry the CRC right there, in one compiled call.
+
+    A CRC over a message and its own CRC leaves the same residue whatever the message is, where the CRC is stored in the
+    order in which its bits leave the register. None where the standard library has no loop for it.
+    """
+    natural = "little" if kind.refout else "big"
+    if kind.refin != kind.refout or kind.stored != natural or -(end - start) % kind.pad_to:
+        return None
+    after = end + kind.size
+    sample = bytes(end - start)
+    sample += message_crc(kind, sample).to_bytes(kind.size, natural)
+    if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
+        init, residue = kind.init, crc_hqx(sample, kind.init)
+        return lambda frame: crc_hqx(frame[start:after], init) == residue
+    if kind.width != 32 or kind.poly != _IEEE:
+        return None
+    begin = _reflect(kind.init, 32) ^ 0xFFFFFFFF
+    crc32 = zlib.crc32
+    if kind.refin:
+        residue = crc32(sample, begin)
+        return lambda frame: crc32(frame[start:after], begin) == residue
+    residue = crc32(sample.translate(_REVERSED_BITS), begin)
+    return lambda frame: crc32(frame[start:after].translate(_REVERSED_BITS), begin) == residue
+
+
+def _table_register(kind: CrcParameters) -> Callable[[bytes], int]:
     """Return the final register by a byte table, for every CRC."""
     table = [int(entry) for entry in _byte_table(kind)]
     if kind.refin:

@@ -7,14 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.frames.batch import FrameBatch, join
 from drivers.frames.description import StreamDescription
-from drivers.frames.layout import FrameBatch, FrameLayout, join_rows
-from drivers.frames.scan import Scan, Scanner
+from drivers.frames.families import families_of
+from drivers.frames.layout import FrameLayout
+from drivers.frames.scan import Scan, Scanner, Standing
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
 
 _FEW = 16  # below so many frames, looking at them one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
+_USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 
 
 @dataclass(frozen=True)
@@ -32,22 +35,29 @@ class StreamDecoder:
     """Decodes one stream. How the stream is cut into feeds changes neither the frames nor the counts.
 
     An incomplete frame is kept for the next feed. Where nothing more arrives for `partial_frame_wait_s` it is given up,
-    byte by byte, so that a false header cannot hold back the good frames behind it.
+    byte by byte, so that a false header cannot hold back the good frames behind it. A frame that waits for confirmation
+    is then taken: nothing speaks against it.
     """
 
     def __init__(self, description: StreamDescription) -> None:
         self._description = description
-        self._layouts = [FrameLayout(description, name) for name in description.frames]
-        self._scanner = Scanner(description.sync, self._layouts)
-        self._sequences = [FrameSequence(layout) for layout in self._layouts]
-        no_rows = [np.empty((0, layout.length), np.uint8) for layout in self._layouts]
-        self._nothing = [s.take(r, np.empty(0, np.int64))[0] for s, r in zip(self._sequences, no_rows, strict=True)]
-        shortest, longest = (pick(layout.length for layout in self._layouts) for pick in (min, max))
+        self._delimiter = description.optional_delimiter
+        plain = families_of(description)
+        self._scanner = Scanner(description.sync, plain, watch=self._delimiter)
+        self._delimited_scanner = self._scanner
+        if self._delimiter:
+            self._delimited_scanner = Scanner(description.sync, families_of(description, self._delimiter))
+        self._delimited: bool | None = None  # whether the unit sends the optional delimiter; the first frame tells
+        self._names = [family.name for family in plain]
+        rate_hz = description.sample_rate_hz
+        self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
+        self._nothing = [_no_frames(family.nothing()) for family in plain]
+        shortest, longest = min(family.shortest for family in plain), max(family.longest for family in plain)
         self._few_bytes = _FEW * shortest
-        self._piece_bytes = _PIECE * longest
+        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)))
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
-        self._in_step = True
+        self._standing = Standing()
         self._flawless = True  # the last piece was; the next one probably is
         self._last_arrival_s = 0.0
 
@@ -72,54 +82,79 @@ class StreamDecoder:
         """Forget the bytes of an unfinished frame and the last counter: what follows is not continuous with it."""
         self._position += len(self._rest)
         self._rest = b""
-        self._in_step = True
+        self._standing = Standing()
+        self._delimited = None
+        self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
         scans: list[tuple[int, Scan]] = []  # with the place of its piece in the buffer
-        at = timed_out = 0
+        at = timed_out = delimiters = 0
         while at < len(buffer):
             end = min(at + self._piece_bytes, len(buffer))
-            scan = self._scan(buffer, at, end)
+            if self._delimiter and self._delimited is None and not self._look_for_delimiter(buffer, at, end, give_up):
+                break
+            last = give_up and end == len(buffer)
+            scan = self._scan(buffer, at, end, last=last)
             scans.append((at, scan))
             at += scan.stop
-            self._in_step = scan.in_step
-            if scan.waits and end == len(buffer):  # for bytes that have not arrived
+            self._standing = scan.standing
+            if scan.delimited:
+                at += len(self._delimiter)
+                delimiters += len(self._delimiter)
+                self._delimited = True
+            elif scan.waits and end == len(buffer):  # for bytes that have not arrived
                 if not give_up:
                     break
-                timed_out += 1
+                reach = scan.waiting_end - scan.stop
+                timed_out += self._standing.claimed == 0
                 at += 1
-                self._in_step = False
-        decoded = self._account(scans, consumed=at, timed_out=timed_out)
+                self._standing = Standing(False, max(self._standing.claimed, reach)).moved(1)
+        decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out)
         self._rest = buffer[at:]
         self._position += at
         return decoded
 
-    def _scan(self, buffer: bytes, at: int, end: int) -> Scan:
+    def _look_for_delimiter(self, buffer: bytes, at: int, end: int, give_up: bool) -> bool:
+        """Let the first good frame tell whether the unit sends the delimiter; False where it does not tell yet."""
+        scan = self._scanner.scan_few(buffer[at:end], self._standing, last=give_up, first_only=True)
+        if not scan.frames:
+            return True
+        behind = buffer[at + scan.stop : at + scan.stop + len(self._delimiter)]
+        if len(behind) < len(self._delimiter) and self._delimiter.startswith(behind) and not give_up:
+            return False
+        self._delimited = behind == self._delimiter
+        return True
+
+    def _scan(self, buffer: bytes, at: int, end: int, *, last: bool) -> Scan:
+        scanner = self._delimited_scanner if self._delimited else self._scanner
         if end - at < self._few_bytes:
-            return self._scanner.scan_few(buffer[at:end], in_step=self._in_step)
+            return scanner.scan_few(buffer[at:end], self._standing, last=last)
         piece = np.frombuffer(buffer, np.uint8, end - at, at)
-        scan = self._scanner.scan_clean(piece, in_step=self._in_step) if self._flawless else None
+        scan = scanner.scan_clean(piece, self._standing) if self._flawless else None
         if scan is None:
-            scan = self._scanner.scan_many(piece, in_step=self._in_step)
-            only_one_type = sum(len(starts) > 0 for starts in scan.starts) == 1
-            self._flawless = only_one_type and scan.resyncs == 0
+            scan = scanner.scan_many(piece, self._standing, last=last)
+            forms = sum(map(len, scan.found))
+            self._flawless = forms == 1 and scan.resyncs == 0
         return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int) -> Decoded:
         frames: dict[str, FrameBatch] = {}
         taken_bytes = ok = lost = duplicate = 0
-        for index, layout in enumerate(self._layouts):
-            if not any(len(scan.starts[index]) for _, scan in scans):
-                frames[layout.name] = self._nothing[index]
+        for index, name in enumerate(self._names):
+            groups = [
+                (layout, rows, starts + (at + self._position))
+                for at, scan in scans
+                for layout, rows, starts in scan.found[index]
+            ]
+            if not groups:
+                frames[name] = self._nothing[index]
                 continue
-            rows = join_rows([scan.rows[index] for _, scan in scans if len(scan.rows[index])], layout.length)
-            starts = np.concatenate([scan.starts[index] + at for at, scan in scans]) + self._position
-            taken_bytes += rows.size
-            batch, missing, repeated = self._sequences[index].take(rows, starts)
-            frames[layout.name] = batch
+            taken_bytes += sum(rows.size for _, rows, _ in groups)
+            batch, missing, repeated = self._sequences[index].take(join(groups))
+            frames[name] = batch
             ok += len(batch)
             lost += missing
             duplicate += repeated
@@ -135,3 +170,8 @@ class StreamDecoder:
             timed_out=timed_out,
         )
         return Decoded(frames, counts)
+
+
+def _no_frames(layout: FrameLayout) -> FrameBatch:
+    nothing = np.empty(0, np.int64)
+    return FrameBatch(layout, np.empty((0, layout.length), np.uint8), nothing, nothing)

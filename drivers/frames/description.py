@@ -20,92 +20,48 @@ the encoder work from the same description, so a simulated unit cannot disagree 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from drivers.frames.checksum_kinds import ChecksumDescription
+from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
+from drivers.frames.fields import FieldDescription, Fields, check_places, check_turns, field_offsets
+from drivers.frames.items import ItemsDescription
+from drivers.frames.lengths import LONGEST, LengthDescription
+from drivers.frames.notation import ByteOrder, Described, Factor, HexBytes, Name, WholeNumber
+from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
-from drivers.frames.scale_factor import parse_factor
-
-ByteOrder = Literal["little", "big"]
-FieldType = Literal["u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64", "text"]
-SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8}
-SIZES |= {"f32": 4, "f64": 8}
+from drivers.frames.text_frames import TextDescription
 
 
 class DescriptionError(ValueError):
     """A frame description that cannot be used. The message names the file and the key."""
 
 
-def _parse_bytes(value: Any) -> Any:
-    """Read `FE 81 FF 55` as bytes."""
-    if isinstance(value, bytes):
-        return value
-    if isinstance(value, int) and not isinstance(value, bool):
-        raise ValueError(f"write bytes as quoted hex digits, two per byte, not as the number {value}")
-    if not isinstance(value, str):
-        raise ValueError("bytes are written as hex digits, two per byte: FE 81 FF 55")
-    try:
-        return bytes.fromhex(value)
-    except ValueError:
-        raise ValueError(f"{value!r} are not hex digits, two per byte") from None
-
-
-def _identifier(value: str) -> str:
-    if not value.isidentifier():
-        raise ValueError(f"{value!r} is not a name (letters, digits and _)")
-    return value
-
-
-HexBytes = Annotated[bytes, BeforeValidator(_parse_bytes)]
-Factor = Annotated[float, BeforeValidator(parse_factor)]
-Name = Annotated[str, AfterValidator(_identifier)]
-
-
-class Described(BaseModel):
-    """Base of everything in a description: unknown keys are errors, and nothing changes after it was read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class FieldDescription(Described):
-    """One field: its value is `wire value × scale + offset`, in `unit`.
-
-    `at` is the offset from the frame's first byte; without it the field follows the one before it. A text field has
-    `size` bytes of ASCII, padded with NUL or spaces.
-    """
-
-    type: FieldType
-    at: int | None = Field(default=None, ge=0)
-    size: int | None = Field(default=None, ge=1)
-    byte_order: ByteOrder | None = None
-    scale: Factor = 1.0
-    offset: Factor = 0.0
-    unit: str = ""
-
-    @model_validator(mode="after")
-    def _text_has_a_size(self) -> FieldDescription:
-        if (self.type == "text") != (self.size is not None):
-            raise ValueError("size is given for a text field, and only for a text field")
-        if self.scale == 0.0:
-            raise ValueError("scale must not be 0")
-        return self
-
-    @property
-    def width(self) -> int:
-        """Bytes on the wire."""
-        return self.size if self.size is not None else SIZES[self.type]
-
-
 class CounterDescription(Described):
-    """The field that counts frames: it takes `step` more from frame to frame, modulo `modulus`."""
+    """The field that counts frames: it takes `step` more from frame to frame, modulo `modulus`.
+
+    The step may be a quotient, such as `2000/${rate}` for a unit that counts its internal samples.
+    """
 
     field: str
     modulus: int = Field(gt=1)
-    step: int = Field(default=1, ge=1)
+    step: WholeNumber = Field(default=1, ge=1)
+
+
+class TimeDescription(Described):
+    """The field with the unit's own time. Without a counter, it tells how many frames are missing.
+
+    `resolution` is what one of its wire counts is worth, in seconds; it comes round after `modulus` counts.
+    """
+
+    field: str
+    resolution: Factor = Field(gt=0)
+    modulus: int | None = Field(default=None, gt=1)
 
 
 class StatusBit(Described):
@@ -117,19 +73,60 @@ class StatusBit(Described):
 
 
 class FrameDescription(Described):
-    """One frame type of fixed length. `length` counts every byte on the wire, from the sync to the delimiter.
+    """One frame type. `length` counts every byte on the wire, from the sync to the delimiter.
 
-    The header is the stream's `sync` followed by this frame's `id`. The checksum stands right before the delimiter
-    unless it says otherwise.
+    The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame).
+    The checksum stands right before the delimiter unless it says otherwise. A frame of `items` or `text` has the fields
+    that it has; every other one has fields at fixed places.
     """
 
     id: HexBytes = b""
-    length: int = Field(ge=2, le=65536)
+    more_ids: list[HexBytes] = Field(default_factory=list)
+    meaning: str = ""
+    length: int | LengthDescription | None = None
     delimiter: HexBytes = b""
-    checksum: ChecksumDescription
-    fields: dict[Name, FieldDescription] = Field(default_factory=dict)
+    checksum: ChecksumDescription = NoChecksum(kind="none")
+    fields: Fields = Field(default_factory=dict)
+    items: ItemsDescription | None = None
+    text: TextDescription | None = None
     counter: CounterDescription | None = None
+    time: TimeDescription | None = None
     status: dict[str, dict[Name, StatusBit]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> FrameDescription:
+        if (self.length is None) == (self.text is None):
+            raise ValueError("length: is given for every frame but one of text")
+        if isinstance(self.length, int) and not 2 <= self.length <= LONGEST:
+            raise ValueError(f"length: {self.length} is not between 2 and {LONGEST}")
+        if self.text is None and "checksum" not in self.model_fields_set:
+            raise ValueError("checksum: Field required (kind: none where the frame has none)")
+        if self.text is not None and (
+            not self.delimiter or self.items is not None or "checksum" in self.model_fields_set
+        ):
+            raise ValueError("text: a line has a delimiter, its checksum under text.checksums, and no items")
+        return self
+
+    @property
+    def all_fields(self) -> dict[str, FieldDescription]:
+        """Every field that a frame of this type may have, those of its items included."""
+        return self.fields | (self.items.all_fields() if self.items is not None else {})
+
+    @property
+    def shortest(self) -> int:
+        """Bytes that a frame has at least."""
+        if isinstance(self.length, LengthDescription):
+            return self.length.shortest
+        return 4 if self.length is None else self.length
+
+    @property
+    def longest(self) -> int:
+        """Bytes that a frame has at most."""
+        if isinstance(self.length, LengthDescription):
+            return self.length.longest
+        if self.text is not None:
+            return self.text.most
+        return self.shortest
 
 
 class CommandsDescription(Described):
@@ -153,16 +150,23 @@ class CommandsDescription(Described):
 
 
 class StreamDescription(Described):
-    """Everything that is needed to read, and to simulate, one unit's stream."""
+    """Everything that is needed to read, and to simulate, one unit's stream.
+
+    `optional_delimiter` follows every frame, or none, as the unit is set; the first good frame tells. It counts in no
+    frame's length. `verified` says how sure the description is: by captured bytes, or by manuals alone.
+    """
 
     schema_name: Literal["hil.frames/1"] = Field(alias="schema")
     name: str
     source: str = ""
+    verified: str = ""
     baudrate: int = Field(default=115200, gt=0)
-    sample_rate_hz: float = Field(gt=0)
+    sample_rate_hz: Factor = Field(gt=0)
     partial_frame_wait_s: float = Field(default=0.25, gt=0)
     byte_order: ByteOrder
     sync: HexBytes = b""
+    optional_delimiter: HexBytes = b""
+    parameters: dict[Name, ParameterDescription] = Field(default_factory=dict)
     frames: dict[Name, FrameDescription] = Field(min_length=1)
     commands: CommandsDescription | None = None
     roles: Roles | None = None
@@ -176,81 +180,107 @@ class StreamDescription(Described):
             except ValueError as error:
                 raise ValueError(f"frames.{name}.{error}") from None
         if self.roles is not None:
-            check_roles(self.roles, {name: frame.fields for name, frame in self.frames.items()}, self._status_bits())
+            check_roles(
+                self.roles, {name: frame.all_fields for name, frame in self.frames.items()}, self._status_bits()
+            )
         return self
 
     def _status_bits(self) -> dict[str, set[str]]:
         return {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in self.frames.items()}
 
     def header(self, name: str) -> bytes:
-        """Return the bytes with which frame `name` begins."""
+        """Return the bytes with which frame `name` begins (the first of them, where it has several ids)."""
         return self.sync + self.frames[name].id
 
+    def headers(self, name: str) -> list[bytes]:
+        """Return all the bytes with which frame `name` may begin."""
+        return [self.sync + each for each in (self.frames[name].id, *self.frames[name].more_ids)]
+
     def offsets(self, name: str) -> dict[str, int]:
-        """Return each field's offset from the first byte of frame `name`."""
+        """Return the offset of each field at a fixed place from the first byte of frame `name`."""
         return field_offsets(self.frames[name].fields, len(self.header(name)))
 
 
-def field_offsets(fields: dict[str, FieldDescription], first: int) -> dict[str, int]:
-    """Place the fields: at `at` where it is given, otherwise right after the field before."""
-    offsets: dict[str, int] = {}
-    following = first
-    for name, field in fields.items():
-        offsets[name] = following if field.at is None else field.at
-        following = offsets[name] + field.width
-    return offsets
-
-
 def _check_headers(stream: StreamDescription) -> None:
-    lengths = {len(frame.id) for frame in stream.frames.values()}
-    if len(lengths) > 1:
-        raise ValueError("frames: every frame's id has the same number of bytes")
-    if not stream.sync and lengths == {0}:
+    headers = sorted(header for name in stream.frames for header in stream.headers(name))
+    if b"" in headers:
         raise ValueError("sync: a stream without a sync needs an id in every frame")
-    ids = [frame.id for frame in stream.frames.values()]
-    if len(set(ids)) < len(ids):
-        raise ValueError("frames: two frames have the same id, so that nothing tells them apart")
+    for first, second in pairwise(headers):
+        if first == second:
+            raise ValueError("frames: two frames have the same id, so that nothing tells them apart")
+        if second.startswith(first):
+            raise ValueError(
+                f"frames: the header {first.hex(' ').upper()} is the beginning of {second.hex(' ').upper()}, "
+                "so that nothing tells them apart"
+            )
+    if stream.optional_delimiter and any(header[0] == stream.optional_delimiter[0] for header in headers):
+        raise ValueError("optional_delimiter: begins like a frame")
 
 
 def _check_frame(stream: StreamDescription, frame: FrameDescription) -> None:
     header_end = len(stream.sync) + len(frame.id)
-    body_end = frame.length - len(frame.delimiter)
-    at = frame.checksum.position(body_end)
-    if at < header_end or at + frame.checksum.size > body_end:
-        raise ValueError(f"checksum.at: the checksum lies at bytes {at} to {at + frame.checksum.size - 1}, outside")
-    start, end = frame.checksum.covered(body_end)
-    if not 0 <= start < end <= at:
-        raise ValueError(f"checksum.span: [{start}, {end}] is not a part of the bytes before the checksum (0 to {at})")
-    frame.checksum.check_span(end - start)
-    taken: dict[int, str] = {}
-    for name, offset in field_offsets(frame.fields, header_end).items():
-        width = frame.fields[name].width
-        if offset < header_end or offset + width > at:
-            raise ValueError(
-                f"fields.{name}: bytes {offset} to {offset + width - 1} are not between the header's end "
-                f"({header_end}) and the checksum ({at})"
-            )
-        for byte in range(offset, offset + width):
-            if byte in taken:
-                raise ValueError(f"fields.{name}: byte {byte} already belongs to {taken[byte]}")
-            taken[byte] = name
+    if any(len(other) != len(frame.id) for other in frame.more_ids):
+        raise ValueError("more_ids: have as many bytes as the id")
+    if frame.text is not None:
+        _check_text(frame)
+    else:
+        _check_layout(frame, header_end)
+    check_turns(frame.fields)
     _check_references(frame)
 
 
+def _check_text(frame: FrameDescription) -> None:
+    for name, field in frame.fields.items():
+        if field.type not in ("decimal", "line") or field.at is not None or field.mask is not None:
+            raise ValueError(f"fields.{name}.type: in a frame of text, fields are decimal or line, in their order")
+
+
+def _check_layout(frame: FrameDescription, header_end: int) -> None:
+    kind, varies = frame.checksum, isinstance(frame.length, LengthDescription)
+    body_end = frame.shortest - len(frame.delimiter)
+    at = kind.position(body_end)
+    if varies and (kind.at is not None or (kind.span is not None and kind.span[1] is not None)):
+        raise ValueError(
+            "checksum: in a frame of varying length, it stands before the delimiter and covers [first, null]"
+        )
+    if at < header_end or at + kind.size > body_end:
+        raise ValueError(f"checksum.at: the checksum lies at bytes {at} to {at + kind.size - 1}, outside")
+    start, end = kind.covered(body_end)
+    if not 0 <= start < end <= at:
+        raise ValueError(f"checksum.span: [{start}, {end}] is not a part of the bytes before the checksum (0 to {at})")
+    kind.check_span(end - start)
+    for name, field in frame.fields.items():
+        if field.type in ("item", "decimal", "line"):
+            raise ValueError(f"fields.{name}.type: {field.type} has no fixed place")
+    # Fields may look at the id where several ids mean this frame.
+    begin = header_end - len(frame.id) if frame.more_ids else header_end
+    check_places(frame.fields, header_end, begin, at)
+    if frame.items is not None:
+        if not header_end <= frame.items.begin <= at:
+            raise ValueError(f"items.begin: byte {frame.items.begin} is not between {header_end} and {at}")
+        double = next((name for name in frame.items.all_fields() if name in frame.fields), None)
+        if double is not None:
+            raise ValueError(f"items: the field {double!r} is already one of the frame")
+
+
 def _check_references(frame: FrameDescription) -> None:
+    fields = frame.all_fields
     if frame.counter is not None:
-        field = frame.fields.get(frame.counter.field)
-        if field is None or field.type[0] != "u":
+        field = fields.get(frame.counter.field)
+        if field is None or field.type[0] != "u" or field.when is not None:
             raise ValueError(f"counter.field: {frame.counter.field!r} is not an unsigned field of this frame")
-        if frame.counter.modulus > 1 << (8 * field.width):
+        bits = 8 * field.width if field.mask is None else (field.mask >> field.shift).bit_length()
+        if frame.counter.modulus > 1 << bits:
             raise ValueError(f"counter.modulus: {frame.counter.modulus} does not fit in a {field.type}")
         if frame.counter.modulus % frame.counter.step:
             raise ValueError("counter.step: does not divide the modulus, so that a wrap would look like a gap")
-    for name, bits in frame.status.items():
-        field = frame.fields.get(name)
+    if frame.time is not None and (frame.time.field not in fields or fields[frame.time.field].type[0] != "u"):
+        raise ValueError(f"time.field: {frame.time.field!r} is not an unsigned field of this frame")
+    for name, bits_of in frame.status.items():
+        field = fields.get(name)
         if field is None or field.type[0] != "u":
             raise ValueError(f"status.{name}: is not an unsigned field of this frame")
-        for bit_name, bit in bits.items():
+        for bit_name, bit in bits_of.items():
             if bit.bit >= 8 * field.width:
                 raise ValueError(f"status.{name}.{bit_name}: a {field.type} has no bit {bit.bit}")
 
@@ -268,29 +298,68 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse_description(text: str, origin: str = "description") -> StreamDescription:
-    """Read a description from YAML text; `origin` (a file name) begins every message of `DescriptionError`."""
+def parse_description(
+    text: str,
+    origin: str = "description",
+    *,
+    parameters: Mapping[str, object] | None = None,
+    sample_rate_hz: float | None = None,
+) -> StreamDescription:
+    """Read a description from YAML text; `origin` (a file name) begins every message of `DescriptionError`.
+
+    `parameters` are what the bench file says about the unit, `sample_rate_hz` the rate where it is not the usual one.
+    """
     try:
         content = yaml.load(text, _Loader)  # noqa: S506 - a safe loader with one more check
     except yaml.YAMLError as error:
         raise DescriptionError(f"{origin}: not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
         raise DescriptionError(f"{origin}: a frame description is a mapping of keys to values")
+    if sample_rate_hz is not None:
+        content["sample_rate_hz"] = sample_rate_hz
     try:
-        return StreamDescription.model_validate(content)
+        return StreamDescription.model_validate(_with_values(content, parameters or {}))
     except ValidationError as error:
         raise DescriptionError(f"{origin}: {_first_problem(error)}") from None
+    except ValueError as error:
+        raise DescriptionError(f"{origin}: {error}") from None
 
 
-def load_description(path: Path | str) -> StreamDescription:
-    """Read the description in the file `path`; raise `DescriptionError` where it cannot be used."""
+def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[str, Any]:
+    """Return the content with its parameters put in; what is wrong with the parameters themselves comes first."""
+    described = content.get("parameters") or {}
+    if not isinstance(described, dict):
+        raise ValueError("parameters: is a mapping of names to what they mean")
+    try:
+        parameters = _Parameters.model_validate({"parameters": described}).parameters
+    except ValidationError as error:
+        raise ValueError(_first_problem(error)) from None
+    values = values_of(parameters, given, content.get("sample_rate_hz"))
+    rest = {key: value for key, value in content.items() if key != "parameters"}
+    return {**put_in(rest, values), "parameters": described}
+
+
+class _Parameters(Described):
+    parameters: dict[Name, ParameterDescription]
+
+
+def load_description(
+    path: Path | str,
+    *,
+    parameters: Mapping[str, object] | None = None,
+    sample_rate_hz: float | None = None,
+) -> StreamDescription:
+    """Read the description in the file `path`; raise `DescriptionError` where it cannot be used.
+
+    `parameters` and `sample_rate_hz` are those of `parse_description`.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise DescriptionError(f"{path}: is not UTF-8 text") from None
-    return parse_description(text, str(path))
+    return parse_description(text, str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -18,6 +18,8 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
     `columns` holds numeric fields in their units, shape (n,) or one value for all frames, and text fields as text.
     Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have.
     """
+    if not isinstance(layout.description.length, int) or layout.description.items is not None:
+        raise ValueError(f"{layout.name}: a frame of varying length or of items cannot be encoded")
     rows = layout.blank(n)
     for field, values in columns.items():
         if isinstance(values, str):

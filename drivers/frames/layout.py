@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.frames.checksums import FrameChecksum
-from drivers.frames.description import ByteOrder, FieldDescription, StreamDescription
+from drivers.frames.description import StreamDescription
+from drivers.frames.fields import FIXED_POINT, FieldDescription
+from drivers.frames.notation import ByteOrder
 from drivers.frames.wire import Rows, native_type, read_column, write_column
 
 FloatArray = NDArray[np.float64]
@@ -20,24 +21,43 @@ _BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their 
 
 
 class FrameLayout:
-    """One frame type of a stream, compiled: header, offsets, checksum, template."""
+    """Frames of one type that are alike: header, length, where each field lies, checksum, template.
 
-    def __init__(self, description: StreamDescription, name: str) -> None:
+    A type of fixed length has one layout. A type of varying length or of items has one for every form, given by
+    `length`, `fields` and `offsets`; fields that this form lacks are `absent`. `delimiter` replaces the description's.
+    """
+
+    def __init__(
+        self,
+        description: StreamDescription,
+        name: str,
+        *,
+        length: int | None = None,
+        fields: Mapping[str, FieldDescription] | None = None,
+        offsets: Mapping[str, int] | None = None,
+        delimiter: bytes | None = None,
+    ) -> None:
         frame = description.frames[name]
         self.name = name
         self.description = frame
         self.header = description.header(name)
-        self.length = frame.length
-        self.delimiter = frame.delimiter
-        self.checksum = FrameChecksum(frame)
-        self.offsets = description.offsets(name)
-        self.numeric: Mapping[str, FieldDescription] = {k: f for k, f in frame.fields.items() if f.type != "text"}
+        self.delimiter = frame.delimiter if delimiter is None else delimiter
+        self.length = frame.shortest if length is None else length
+        self.checksum = FrameChecksum(frame, self.length - len(self.delimiter))
+        self.fields = frame.fields if fields is None else fields
+        self.offsets = description.offsets(name) if offsets is None else offsets
+        self.numeric: Mapping[str, FieldDescription] = {k: f for k, f in self.fields.items() if not f.is_text}
+        self.absent = [k for k, f in frame.all_fields.items() if not f.is_text and k not in self.numeric]
         self._order: ByteOrder = description.byte_order
         self.record, self.assembled = self._native_record()
 
     def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
         """Return a structured type over one frame with every field of a native width, and the names of the others."""
-        native = {name: dtype for name, f in self.numeric.items() if (dtype := native_type(f.type, self.order(f)))}
+        native = {
+            name: dtype
+            for name, f in self.numeric.items()
+            if f.width and f.mask is None and (dtype := native_type(f.type, self.order(f)))
+        }
         record = np.dtype(
             {
                 "names": list(native),
@@ -47,6 +67,11 @@ class FrameLayout:
             }
         )
         return record, [name for name in self.numeric if name not in native]
+
+    def factor(self, field: str) -> float:
+        """Return what one wire count of a numeric field is worth, in its unit."""
+        found = self.numeric[field]
+        return found.scale * FIXED_POINT.get(found.type, 1.0)
 
     def order(self, field: FieldDescription) -> ByteOrder:
         """Return the byte order of `field`: its own, or the stream's."""
@@ -61,8 +86,47 @@ class FrameLayout:
         """Return a numeric field's values as they stand on the wire, shape (n,)."""
         if field in self.assembled:
             found = self.numeric[field]
-            return read_column(rows, self.offsets[field], found.type, self.order(found))
+            values = read_column(rows, self.offsets[field], found.type, self.order(found))
+            if found.mask is not None:
+                values = (values & values.dtype.type(found.mask)) >> values.dtype.type(found.shift)
+            return values
         return np.ndarray(len(rows), self.record, rows if len(rows) else None)[field]
+
+    def present(self, rows: Rows, field: str) -> NDArray[np.bool_] | None:
+        """Return in which of n frames a field is there that takes turns with others, shape (n,); None for always."""
+        when = self.numeric[field].when
+        if when is None:
+            return None
+        told = self.wire_values(rows, when.field)
+        mask = told.dtype.type(when.mask) if when.mask is not None else ~told.dtype.type(0)
+        return np.asarray((told & mask) == when.equals)
+
+    def columns(self, rows: Rows) -> dict[str, FloatArray]:
+        """Return all numeric fields of n frames in their units, each of shape (n,); NaN where a field is not there."""
+        n = len(rows)
+        values = np.empty((len(self.numeric), n))
+        for start in range(0, n, _BLOCK):
+            block = rows[start : start + _BLOCK]
+            records = np.ndarray(len(block), self.record, block)
+            for part, (name, field) in zip(values[:, start : start + _BLOCK], self.numeric.items(), strict=True):
+                wire = self.wire_values(block, name) if name in self.assembled else records[name]
+                np.multiply(wire, self.factor(name), out=part, dtype=np.float64)
+                if field.offset != 0.0:
+                    part += field.offset
+                there = self.present(block, name)
+                if there is not None:
+                    part[~there] = np.nan
+        columns = dict(zip(self.numeric, values, strict=True))
+        for name in self.absent:
+            columns[name] = np.full(n, np.nan)
+        return columns
+
+    def texts(self, rows: Rows, field: str) -> list[str]:
+        """Return a text field of n frames, without its padding; bytes that are not ASCII become `?`."""
+        at = self.offsets[field]
+        size = self.fields[field].width
+        cells = (bytes(row[at : at + size]) for row in rows)
+        return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
@@ -71,13 +135,17 @@ class FrameLayout:
         integer field raises `ValueError`.
         """
         found = self.numeric[field]
-        wire = np.asarray(values)
+        wire, factor = np.asarray(values), self.factor(field)
         if found.offset != 0.0:
             wire = wire - found.offset
-        if found.scale != 1.0:
-            wire = wire / found.scale
-        if found.type[0] != "f":
+        if factor != 1.0:
+            wire = wire / factor
+        if found.type not in ("f32", "f64"):
             wire = _to_integers(wire, found, field)
+        if found.mask is not None:
+            whole = read_column(rows, self.offsets[field], found.type, self.order(found))
+            hidden = whole.dtype.type(found.mask)
+            wire = (whole & ~hidden) | ((wire << np.uint64(found.shift)).astype(whole.dtype) & hidden)
         write_column(rows, self.offsets[field], found.type, self.order(found), wire)
 
     def store_text(self, rows: Rows, field: str, text: str) -> None:
@@ -91,9 +159,10 @@ class FrameLayout:
 
 def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
     """Round to the nearest integer and hold at the ends of the field's range; the result is ready to be stored."""
-    bits = 8 * field.width
-    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if field.type[0] == "i" else (0, (1 << bits) - 1)
-    dtype = np.dtype(np.int64 if field.type[0] == "i" else np.uint64)
+    bits = 8 * field.width if field.mask is None else (field.mask >> field.shift).bit_length()
+    signed = field.type[0] != "u"
+    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
+    dtype = np.dtype(np.int64 if signed else np.uint64)
     if not values.size:
         return values.astype(dtype)
     rounded = np.rint(values) if values.dtype.kind == "f" else values
@@ -106,63 +175,36 @@ def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> ND
     return np.asarray(np.where(rounded < high, inside, np.array(high, dtype)))
 
 
-class FrameBatch:
-    """n good frames of one type, in the order of their arrival. Columns are converted when they are asked for.
+class TextLayout(FrameLayout):
+    """Lines of text of one type and length."""
 
-    `rows` are the frames' bytes, shape (n, length); `starts` the position of each frame's first byte in the stream,
-    shape (n,); `sequence` the unwrapped counter, in frames, shape (n,): it goes on over wraps and counts lost frames
-    (without a counter it counts the frames that arrived).
-    """
+    def _cells(self, rows: Rows) -> FloatArray:
+        """Return the numbers of n lines, shape (n, decimals)."""
+        text = self.description.text
+        count = len(self._decimals)
+        if text is None or not len(rows):
+            return np.empty((len(rows), count))
+        end, header = self.length - len(self.delimiter), len(self.header)
+        return np.array([text.values(bytes(row[:end]), header, count) for row in rows], np.float64).reshape(-1, count)
 
-    def __init__(self, layout: FrameLayout, rows: Rows, starts: IntArray, sequence: IntArray) -> None:
-        self.layout = layout
-        self.rows = rows
-        self.starts = starts
-        self.sequence = sequence
+    @property
+    def _decimals(self) -> list[str]:
+        return list(self.numeric)
 
-    def __len__(self) -> int:
-        return len(self.rows)
+    def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
+        """Return the numbers of one field as they stand in n lines, shape (n,)."""
+        return self._cells(rows)[:, self._decimals.index(field)]
 
-    def wire(self, field: str) -> NDArray[Any]:
-        """Return a numeric field as it stood on the wire (integers where it is an integer), shape (n,)."""
-        return self.layout.wire_values(self.rows, field)
+    def columns(self, rows: Rows) -> dict[str, FloatArray]:
+        """Return all numbers of n lines in their units, each of shape (n,)."""
+        cells = self._cells(rows)
+        return {
+            name: cells[:, number] * field.scale + field.offset
+            for number, (name, field) in enumerate(self.numeric.items())
+        }
 
-    def column(self, field: str) -> FloatArray:
-        """Return a numeric field in its unit, shape (n,)."""
-        return self.columns[field]
-
-    def text(self, field: str) -> list[str]:
-        """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
-        at = self.layout.offsets[field]
-        size = self.layout.description.fields[field].width
-        cells = (bytes(row[at : at + size]) for row in self.rows)
-        return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
-
-    def bits(self, name: str) -> NDArray[np.bool_]:
-        """Return whether status bit `name` is set, shape (n,); raise `KeyError` where the frame has no such bit."""
-        for field, bits in self.layout.description.status.items():
-            if name in bits:
-                return ((self.wire(field).astype(np.uint64) >> np.uint64(bits[name].bit)) & np.uint64(1)).astype(bool)
-        raise KeyError(name)
-
-    @cached_property
-    def columns(self) -> Mapping[str, FloatArray]:
-        """All numeric fields in their units, each of shape (n,)."""
-        n, layout = len(self.rows), self.layout
-        values = np.empty((len(layout.numeric), n))
-        for start in range(0, n, _BLOCK):
-            rows = self.rows[start : start + _BLOCK]
-            records = np.ndarray(len(rows), layout.record, rows)
-            for part, (name, field) in zip(values[:, start : start + _BLOCK], layout.numeric.items(), strict=True):
-                wire = layout.wire_values(rows, name) if name in layout.assembled else records[name]
-                np.multiply(wire, field.scale, out=part)
-                if field.offset != 0.0:
-                    part += field.offset
-        return dict(zip(layout.numeric, values, strict=True))
-
-
-def join_rows(parts: Sequence[Rows], length: int) -> Rows:
-    """Return the parts, each of shape (n, length), one after another."""
-    if not parts:
-        return np.empty((0, length), np.uint8)
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    def texts(self, rows: Rows, field: str) -> list[str]:
+        """Return n lines without their delimiters; every field of text is the whole line."""
+        del field
+        end = self.length - len(self.delimiter)
+        return [bytes(row[:end]).decode("ascii", "replace") for row in rows]

@@ -6,6 +6,10 @@ ONE byte, so that a damaged frame never takes a good neighbour with it. Where th
 there yet, he stops and waits. `scan_few` does exactly that, frame by frame. `scan_clean` takes frames that follow one
 another without a flaw, all at once. `scan_many` verifies every candidate of the piece at once and then walks over
 them. Which one is used is a matter of speed only.
+
+A candidate that fails is counted once: what looks like a header inside it is not counted again. Where a checksum asks
+for confirmation, a frame that does not follow a good one directly is believed only where the next header follows it or
+its counter goes on from the last good frame of its type; where neither is there yet, the reader waits.
 """
 
 from __future__ import annotations
@@ -18,216 +22,426 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from drivers.frames.families import Flaw, FrameFamily
 from drivers.frames.layout import FrameLayout, IntArray
 from drivers.frames.wire import Rows
+
+Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
+
+_GOES_ON = 8  # frames that may be missing before one that its counter confirms
+_TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where the reader stands: right behind a good frame or not, and how far the last failed candidate reaches."""
+
+    in_step: bool = True
+    claimed: int = 0
+
+    def moved(self, by: int) -> Standing:
+        """Return the same place, seen from `by` bytes further on."""
+        return Standing(self.in_step, max(0, self.claimed - by))
 
 
 @dataclass
 class Scan:
     """What was found in a piece. Positions count from the piece's first byte.
 
-    `stop` is the first byte that is not decided yet; `waits` says that a frame may begin there whose end is beyond the
-    piece (otherwise what follows `stop`, if anything, has not been looked at).
-    `rows` and `starts` hold, per frame type, the good frames. `in_step` says whether the byte before `stop` was the
-    last of a good frame.
+    `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
+    `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
+    holds, per frame type, the good frames. `standing` is that of the reader at `stop`. `delimited` says that an
+    optional delimiter follows there that was not expected.
     """
 
     stop: int
-    rows: list[Rows]
-    starts: list[IntArray]
-    in_step: bool
+    standing: Standing
+    found: list[list[Group]]
     waits: bool = False
+    waiting_end: int = 0
+    delimited: bool = False
     bad_checksum: int = 0
     bad_delimiter: int = 0
     unknown_id: int = 0
     resyncs: int = 0
 
+    @property
+    def frames(self) -> int:
+        """How many good frames were found."""
+        return sum(len(starts) for groups in self.found for _, _, starts in groups)
+
 
 @dataclass
 class _Candidates:
-    """All places of one frame type in a piece: whole frames with their verdict, and those that go beyond its end."""
+    """All places of one frame type in a piece: whole frames in groups of one length, and what cannot be judged yet."""
 
-    starts: IntArray
-    rows: Rows
-    sums_match: NDArray[np.bool_]
-    ends_match: NDArray[np.bool_]
-    incomplete: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        return np.asarray(self.sums_match & self.ends_match)
+    groups: list[tuple[IntArray, Rows, NDArray[np.bool_], FrameLayout]] = field(default_factory=list)
+    failed: list[tuple[IntArray, int, Flaw]] = field(default_factory=list)  # places, length, flaw
+    incomplete: list[tuple[int, int]] = field(default_factory=list)  # place, expected end
 
 
 class Scanner:
-    """Looks for the frames of one stream, given its sync and its frame types."""
+    """Looks for the frames of one stream, given its sync and its frame types.
 
-    def __init__(self, sync: bytes, layouts: Sequence[FrameLayout]) -> None:
+    `watch` is an optional delimiter that the unit did not send so far: where it follows a good frame, a scan ends.
+    """
+
+    def __init__(self, sync: bytes, families: Sequence[FrameFamily], watch: bytes = b"") -> None:
         self._sync = sync
-        self._layouts = layouts
-        self._header_size = len(layouts[0].header)
-        self._by_header = {layout.header: index for index, layout in enumerate(layouts)}
-        any_id = b"[\\x00-\\xff]" * (self._header_size - len(sync))
-        known = b"|".join(re.escape(layout.header) for layout in layouts)
-        self._header = re.compile(re.escape(sync) + any_id if sync else known)
+        self._families = families
+        self._watch = watch
+        self._by_header = {header: index for index, family in enumerate(families) for header in family.headers}
+        self._headers = tuple(self._by_header)
+        self._longest_header = max(map(len, self._headers))
+        known = b"|".join(re.escape(header) for header in self._headers)
+        self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""))
+        self._confirms = any(family.confirm for family in families)
+        self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
 
-    def waits(self, data: bytes, at: int) -> bool:
-        """Tell whether `data[at:]`, shorter than a header, may be the beginning of one."""
-        rest = data[at : at + self._header_size]
-        if self._sync:
-            return self._sync.startswith(rest) or rest.startswith(self._sync)
-        return any(header.startswith(rest) for header in self._by_header)
+    def _unfinished(self, data: bytes, at: int) -> bool:
+        """Tell whether `data` ends within a header that may have begun at `at`."""
+        rest = data[at : at + self._longest_header]
+        return len(data) - at < self._longest_header and any(
+            len(header) > len(rest) and header.startswith(rest) for header in self._headers
+        )
 
-    def _tail(self, data: bytes, at: int) -> list[int]:
-        """Return where, from `at` on, a header may have begun whose end is not there yet."""
-        first = max(at, len(data) - self._header_size + 1)
-        return [position for position in range(first, len(data)) if self.waits(data, position)]
+    def _tail(self, data: bytes, at: int, end: int) -> int | None:
+        """Return the first place from `at` on, before `end`, at which an unfinished header may begin."""
+        for place in range(max(at, len(data) - self._longest_header + 1), end):
+            if self._unfinished(data, place):
+                return place
+        return None
 
-    def scan_few(self, data: bytes, *, in_step: bool) -> Scan:
-        """Scan frame by frame: cheapest for a few frames, and the meaning of the other two."""
-        found: list[list[bytes]] = [[] for _ in self._layouts]
-        starts: list[list[int]] = [[] for _ in self._layouts]
-        result = Scan(len(data), [], [], in_step)
+    def _watched(self, data: bytes, at: int) -> bool | None:
+        """Tell whether the delimiter that is watched for stands at `at`; None where its rest is not there yet."""
+        rest = data[at : at + len(self._watch)]
+        if not self._watch or not rest or not self._watch.startswith(rest):
+            return False
+        return True if len(rest) == len(self._watch) else None
+
+    def _confirmed(
+        self, index: int, layout: FrameLayout, frame: bytes, data: bytes, end: int, last: bool
+    ) -> bool | None:
+        """Tell whether what follows a frame, or its counter, confirms it; None where that is not there yet."""
+        if data.startswith(self._headers, end) or self._goes_on(index, layout, frame):
+            return True
+        if len(data) == end or self._unfinished(data, end):
+            return True if last else None
+        return False
+
+    def _goes_on(self, index: int, layout: FrameLayout, frame: bytes) -> bool:
+        counter, before = layout.description.counter, self.newest.get(index)
+        if counter is None or before is None or counter.modulus < _TELLING * counter.step:
+            return False
+        values = []
+        for form, content in (before, (layout, frame)):
+            if counter.field not in form.numeric:
+                return False
+            values.append(int(form.wire_values(np.frombuffer(content, np.uint8).reshape(1, -1), counter.field)[0]))
+        moved = (values[1] - values[0]) % counter.modulus
+        return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
+
+    def scan_few(self, data: bytes, standing: Standing, *, last: bool = False, first_only: bool = False) -> Scan:
+        """Scan frame by frame: cheapest for a few frames, and the meaning of the other two.
+
+        `last` says that nothing will follow. With `first_only`, stop behind the first good frame and remember nothing.
+        """
+        found: list[dict[int, tuple[FrameLayout, list[bytes], list[int]]]] = [{} for _ in self._families]
+        result = Scan(len(data), standing, [])
+        in_step, claimed = standing.in_step, standing.claimed
         at = end = 0  # the byte that is looked at; the end of the last good frame
         size = len(data)
         while True:
+            if self._watch and at == end and in_step:
+                watched = self._watched(data, end)
+                if watched is not False:
+                    result.stop, result.waits, result.delimited = end, watched is None, bool(watched)
+                    result.waiting_end = end + len(self._watch)
+                    break
             match = self._header.search(data, at)
-            if match is None:
-                tail = self._tail(data, at)
-                result.stop = tail[0] if tail else size
+            start = size if match is None else match.start()
+            early = self._tail(data, at, min(start + 1, size))
+            if early is not None:
+                result.stop, result.waits, result.waiting_end = early, True, early + 1
                 break
-            start = match.start()
+            if match is None:
+                break
             index = self._by_header.get(match[0])
             at = start + 1
             if index is None:
+                result.unknown_id += start >= claimed
+                continue
+            family = self._families[index]
+            length = family.length_of(data, start)
+            if length is None or start + length > size:
+                result.stop, result.waits, result.waiting_end = start, True, start + (length or 1)
+                break
+            frame = data[start : start + length]
+            form = family.form(frame) if length else Flaw.CHECKSUM
+            if not isinstance(form, Flaw) and family.confirm and not (in_step and start == end):
+                confirmed = self._confirmed(index, form, frame, data, start + length, last)
+                if confirmed is None:
+                    result.stop, result.waits, result.waiting_end = start, True, start + length
+                    break
+                form = form if confirmed else Flaw.CHECKSUM
+            if isinstance(form, Flaw):
+                if start >= claimed:
+                    result.bad_checksum += form is Flaw.CHECKSUM
+                    result.bad_delimiter += form is Flaw.DELIMITER
+                    claimed = start + length
+                continue
+            _, frames, starts = found[index].setdefault(id(form), (form, [], []))
+            frames.append(frame)
+            starts.append(start)
+            result.resyncs += start != end or not in_step
+            in_step, claimed = True, 0
+            at = end = start + length
+            if first_only:
+                result.stop = end
+                break
+            if self._confirms:
+                self.newest[index] = (form, frame)
+        result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
+        result.found = [
+            [
+                (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
+                for layout, frames, starts in forms.values()
+            ]
+            for forms in found
+        ]
+        return result
+
+    def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:
+        """Take the piece as frames of one form without a flaw between them; None where it is not that."""
+        start = piece[: self._longest_header].tobytes()
+        header = next((header for header in self._headers if start.startswith(header)), None)
+        if header is None:
+            return None
+        index = self._by_header[header]
+        family = self._families[index]
+        length = family.length_of(piece[:512].tobytes(), 0)
+        n = len(piece) // length if length else 0
+        if not length or n == 0 or (family.confirm and not standing.in_step):
+            return None
+        rows = piece[: n * length].reshape(n, length)
+        places = np.arange(n, dtype=np.int64) * length
+        if not (rows[:, : len(header)] == np.frombuffer(header, np.uint8)).all():
+            return None
+        if family.steady is None and not (family.lengths(piece, places) == length).all():
+            return None
+        verdict = family.forms(rows)
+        if len(verdict.forms) != 1 or not verdict.forms[0][1].all():
+            return None
+        layout = verdict.forms[0][0]
+        if self._confirms:
+            self.newest[index] = (layout, rows[-1].tobytes())
+        found: list[list[Group]] = [[(layout, rows, places)] if other is family else [] for other in self._families]
+        return Scan(n * length, Standing(), found, resyncs=int(not standing.in_step))
+
+    def scan_many(self, piece: NDArray[np.uint8], standing: Standing, *, last: bool = False) -> Scan:
+        """Verify every candidate at once, then walk over them."""
+        unknown, unfinished, candidates = self._candidates(piece)
+        groups = [(index, *group) for index, found in enumerate(candidates) for group in found.groups]
+        counts = [int(good.sum()) for _, _, _, good, _ in groups]
+        starts = np.concatenate([np.empty(0, np.int64), *(places[good] for _, places, _, good, _ in groups)])
+        lengths = np.repeat([rows.shape[1] for _, _, rows, _, _ in groups], counts).astype(np.int64)
+        which = np.repeat(np.arange(len(groups)), counts)
+        order = np.argsort(starts, kind="stable")
+        ordered, ends = starts[order], (starts + lengths)[order]
+        taken, refused, doubtful = self._walk(piece, groups, which[order], ordered, ends, standing, last)
+
+        waiting = [*unfinished, *(each for found in candidates for each in found.incomplete)]
+        good_starts, good_ends = ordered[taken], ends[taken]
+        waiting = [each for each in waiting if not _covered(np.array([each[0]]), good_starts, good_ends)[0]]
+        waiting += [] if doubtful is None else [doubtful]
+        stop, waiting_end = min(waiting, default=(len(piece), 0))
+        delimited = self._first_watched(piece, good_ends[good_ends <= stop], standing)
+        if delimited is not None and delimited[0] <= stop:
+            stop, waiting_end = delimited[0], delimited[0] + len(self._watch)
+        taken &= ordered < stop
+        good_starts, good_ends = ordered[taken], ends[taken]
+
+        result = Scan(stop, standing, [[] for _ in self._families])
+        result.delimited = delimited is not None and delimited[0] == stop and delimited[1]
+        result.waits, result.waiting_end = waiting_end > 0 and not result.delimited, waiting_end
+        breaks = int((good_starts[1:] != good_ends[:-1]).sum())
+        result.resyncs = breaks + (bool(len(good_starts)) and (int(good_starts[0]) > 0 or not standing.in_step))
+        last_end = int(good_ends[-1]) if len(good_ends) else 0
+        in_step = (standing.in_step or bool(len(good_ends))) and last_end == stop
+        failures = [(p, np.full(len(p), n), flaw) for found in candidates for p, n, flaw in found.failed]
+        failures.append((ordered[refused], (ends - ordered)[refused], Flaw.CHECKSUM))
+        claimed = self._count(result, failures, unknown, good_starts, good_ends, standing.claimed)
+        result.standing = Standing(in_step, claimed).moved(stop)
+
+        accepted = np.zeros(len(starts), np.bool_)
+        accepted[order] = taken
+        edge = 0
+        for count, (index, places, rows, good, layout) in zip(counts, groups, strict=True):
+            mine = np.flatnonzero(good)[accepted[edge : edge + count]]
+            edge += count
+            if len(mine) == len(rows):
+                result.found[index].append((layout, rows, places))
+            elif len(mine):
+                result.found[index].append((layout, rows[mine], places[mine]))
+        if self._confirms:
+            self._remember(result)
+        return result
+
+    def _remember(self, result: Scan) -> None:
+        for index, groups in enumerate(result.found):
+            if groups:
+                layout, rows, _ = max(groups, key=lambda group: int(group[2][-1]))
+                self.newest[index] = (layout, rows[-1].tobytes())
+
+    def _count(
+        self,
+        result: Scan,
+        failures: list[tuple[IntArray, IntArray, Flaw]],
+        unknown: IntArray,
+        good_starts: IntArray,
+        good_ends: IntArray,
+        claimed: int,
+    ) -> int:
+        """Count what failed, each candidate once; return how far the last of them reaches."""
+        places = np.concatenate([unknown, *(places for places, _, _ in failures)])
+        reach = np.concatenate([np.zeros(len(unknown), np.int64), *(lengths for _, lengths, _ in failures)])
+        kinds = np.concatenate([np.full(len(unknown), -1), *(np.full(len(p), int(flaw)) for p, _, flaw in failures)])
+        open_ = (places < result.stop) & ~_covered(places, good_starts, good_ends)
+        order = np.argsort(places[open_], kind="stable")
+        places, reach, kinds = places[open_][order], reach[open_][order], kinds[open_][order]
+        behind = np.searchsorted(good_starts, places, side="right")
+        stretch = 0  # the number of good frames before; each ends the claims before it
+        for place, length, kind, frames in zip(
+            places.tolist(), reach.tolist(), kinds.tolist(), behind.tolist(), strict=True
+        ):
+            if frames != stretch:
+                claimed, stretch = 0, frames
+            if place < claimed:
+                continue
+            if kind < 0:
                 result.unknown_id += 1
                 continue
-            layout = self._layouts[index]
-            if start + layout.length > size:
-                result.stop = start
-                break
-            frame = data[start : start + layout.length]
-            if not layout.checksum.matches(frame):
-                result.bad_checksum += 1
-            elif not frame.endswith(layout.delimiter):
-                result.bad_delimiter += 1
-            else:
-                found[index].append(frame)
-                starts[index].append(start)
-                result.resyncs += start != end or not result.in_step
-                result.in_step = True
-                at = end = start + layout.length
-        result.in_step = result.in_step and end == result.stop
-        result.waits = result.stop < size
-        for layout, frames, places in zip(self._layouts, found, starts, strict=True):
-            result.rows.append(np.frombuffer(b"".join(frames), np.uint8).reshape(-1, layout.length))
-            result.starts.append(np.array(places, np.int64))
-        return result
+            claimed = place + length
+            result.bad_checksum += kind == Flaw.CHECKSUM
+            result.bad_delimiter += kind == Flaw.DELIMITER
+        return claimed if stretch == len(good_starts) else 0
 
-    def scan_clean(self, piece: NDArray[np.uint8], *, in_step: bool) -> Scan | None:
-        """Take the piece as frames of one type without a flaw between them; None where it is not that."""
-        index = self._by_header.get(piece[: self._header_size].tobytes())
-        if index is None:
+    def _walk(
+        self,
+        piece: NDArray[np.uint8],
+        groups: Sequence[tuple[int, IntArray, Rows, NDArray[np.bool_], FrameLayout]],
+        which: IntArray,
+        starts: IntArray,
+        ends: IntArray,
+        standing: Standing,
+        last: bool,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, int] | None]:
+        """Return which candidates, sorted by start, the reader takes, which he refuses, and where he is in doubt."""
+        n = len(starts)
+        taken, refused = np.ones(n, np.bool_), np.zeros(n, np.bool_)
+        unsteady = n > 0 and (bool((starts[1:] != ends[:-1]).any()) or int(starts[0]) > 0 or not standing.in_step)
+        if not unsteady:
+            return taken, refused, None
+        confirm = np.array([self._families[group[0]].confirm for group in groups], np.bool_)
+        if not self._confirms or not confirm[which].any():
+            if (starts[1:] < ends[:-1]).any():
+                reached = 0
+                for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+                    taken[number] = start >= reached
+                    reached = end if taken[number] else reached
+            return taken, refused, None
+        reached, in_step = 0, standing.in_step
+        data, newest = piece.tobytes(), self.newest
+        self.newest = dict(newest)
+        doubt = None
+        for number, (start, end, group) in enumerate(zip(starts.tolist(), ends.tolist(), which.tolist(), strict=True)):
+            if start < reached or doubt is not None:
+                taken[number] = False
+                continue
+            index, layout, frame = groups[group][0], groups[group][4], data[start:end]
+            if confirm[group] and not (in_step and start == reached):
+                confirmed = self._confirmed(index, layout, frame, data, end, last)
+                if confirmed is None:
+                    doubt = (start, end)
+                refused[number] = confirmed is False
+                if not confirmed:
+                    taken[number] = False
+                    continue
+            reached, in_step = end, True
+            self.newest[index] = (layout, frame)
+        self.newest = newest
+        return taken, refused, doubt
+
+    def _first_watched(self, piece: NDArray[np.uint8], ends: IntArray, standing: Standing) -> tuple[int, bool] | None:
+        """Return the first end of a good frame that the watched delimiter follows, and whether it is all there."""
+        if not self._watch:
             return None
-        layout = self._layouts[index]
-        n = len(piece) // layout.length
-        rows = piece[: n * layout.length].reshape(n, layout.length)
-        header = np.frombuffer(layout.header, np.uint8)
-        if n == 0 or not (rows[:, : len(header)] == header).all():
-            return None
-        if not layout.checksum.matches_rows(rows).all() or not _ends_match(rows, layout).all():
-            return None
-        result = Scan(n * layout.length, [], [], in_step=True, resyncs=int(not in_step))
-        for other in self._layouts:
-            result.rows.append(rows if other is layout else np.empty((0, other.length), np.uint8))
-            mine = n if other is layout else 0
-            result.starts.append(np.arange(mine, dtype=np.int64) * other.length)
-        return result
+        places = np.concatenate([np.zeros(int(standing.in_step), np.int64), ends])
+        inside = places < len(piece)
+        likely = places[inside][piece[places[inside]] == self._watch[0]]
+        for place in likely.tolist():
+            watched = self._watched(piece[place : place + len(self._watch)].tobytes(), 0)
+            if watched is not False:
+                return place, bool(watched)
+        return None
 
-    def scan_many(self, piece: NDArray[np.uint8], *, in_step: bool) -> Scan:
-        """Verify every candidate at once, then walk over them."""
-        unknown, candidates = self._candidates(piece)
-        starts = np.concatenate([c.starts[c.valid] for c in candidates])
-        lengths = [np.full(int(c.valid.sum()), x.length) for c, x in zip(candidates, self._layouts, strict=True)]
-        order = np.argsort(starts, kind="stable")
-        starts, ends = starts[order], (starts + np.concatenate(lengths))[order]
-        taken = _not_overlapping(starts, ends)
-        starts, ends = starts[taken], ends[taken]
-
-        tail = piece[max(0, len(piece) - self._header_size + 1) :].tobytes()
-        beyond = [int(place) for c in candidates for place in c.incomplete]
-        beyond += [len(piece) - len(tail) + place for place in self._tail(tail, 0)]
-        waiting = [place for place in sorted(beyond) if not _covered(np.array([place]), starts, ends)[0]]
-        stop = waiting[0] if waiting else len(piece)
-        before = starts < stop
-        starts, ends = starts[before], ends[before]
-
-        def count(places: IntArray) -> int:
-            places = places[places < stop]
-            return int((~_covered(places, starts, ends)).sum())
-
-        breaks = starts[1:] != ends[:-1]
-        first_break = bool(len(starts)) and (int(starts[0]) > 0 or not in_step)
-        last_end = int(ends[-1]) if len(ends) else 0
-        result = Scan(stop, [], [], in_step=(in_step or bool(len(ends))) and last_end == stop)
-        result.waits = bool(waiting)
-        result.resyncs = int(breaks.sum()) + first_break
-        result.unknown_id = count(unknown)
-        for found in candidates:
-            result.bad_checksum += count(found.starts[~found.sums_match])
-            result.bad_delimiter += count(found.starts[found.sums_match & ~found.ends_match])
-            mine = found.valid & np.isin(found.starts, starts, assume_unique=True)
-            result.rows.append(found.rows[mine])
-            result.starts.append(found.starts[mine])
-        return result
-
-    def _candidates(self, piece: NDArray[np.uint8]) -> tuple[IntArray, list[_Candidates]]:
-        """Return the places with a sync but an unknown id, and the candidates of every frame type."""
-        searched = piece[: max(0, len(piece) - self._header_size + 1)]
+    def _candidates(self, piece: NDArray[np.uint8]) -> tuple[IntArray, list[tuple[int, int]], list[_Candidates]]:
+        """Return the places with a sync but an unknown id, unfinished headers, and the candidates of every type."""
         if self._sync:
-            places = np.flatnonzero(searched == self._sync[0])
+            places = np.flatnonzero(piece[: max(0, len(piece) - len(self._sync) + 1)] == self._sync[0])
             for depth, byte in enumerate(self._sync[1:], start=1):
                 places = places[piece[places + depth] == byte]
         else:
             firsts = np.zeros(256, np.bool_)
-            firsts[[layout.header[0] for layout in self._layouts]] = True
-            places = np.flatnonzero(firsts[searched])
+            firsts[[header[0] for header in self._headers]] = True
+            places = np.flatnonzero(firsts[piece])
+        size = self._longest_header
+        tail = piece[max(0, len(piece) - size + 1) :].tobytes()
+        shift = len(piece) - len(tail)
+        unfinished = [(shift + at, shift + at + 1) for at in range(len(tail)) if self._unfinished(tail, at)]
+        places = places[~np.isin(places, [place for place, _ in unfinished])] if unfinished else places
+
         known = np.zeros(len(places), np.bool_)
+        of_family: list[list[IntArray]] = [[] for _ in self._families]
+        for header, index in self._by_header.items():
+            mine = places + len(header) <= len(piece)
+            for depth in range(len(self._sync), len(header)):
+                mine &= piece.take(places + depth, mode="clip") == header[depth]
+            if mine.any():
+                known |= mine
+                of_family[index].append(places[mine])
         candidates = []
-        for layout in self._layouts:
-            mine = np.ones(len(places), np.bool_)
-            for depth in range(len(self._sync), self._header_size):
-                mine &= piece[places + depth] == layout.header[depth]
-            known |= mine
-            candidates.append(_verify(piece, places[mine], layout))
-        return (places[~known] if self._sync else places[:0]), candidates
+        for family, parts in zip(self._families, of_family, strict=True):
+            mine_at = np.sort(np.concatenate([np.empty(0, np.int64), *parts]))
+            candidates.append(_verify(piece, mine_at, family))
+        return (places[~known] if self._sync else places[:0]), unfinished, candidates
 
 
-def _verify(piece: NDArray[np.uint8], places: IntArray, layout: FrameLayout) -> _Candidates:
-    whole = places[places + layout.length <= len(piece)]
-    rows = np.empty((0, layout.length), np.uint8)
-    if len(whole):
-        rows = np.ascontiguousarray(sliding_window_view(piece, layout.length)[whole])
-    return _Candidates(
-        whole, rows, layout.checksum.matches_rows(rows), _ends_match(rows, layout), incomplete=places[len(whole) :]
-    )
-
-
-def _ends_match(rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
-    size = len(layout.delimiter)
-    if not size:
-        return np.ones(len(rows), np.bool_)
-    return np.asarray((rows[:, layout.length - size :] == np.frombuffer(layout.delimiter, np.uint8)).all(axis=1))
-
-
-def _not_overlapping(starts: IntArray, ends: IntArray) -> NDArray[np.bool_]:
-    """Return which of the good frames, sorted by start, a reader meets who goes on behind each frame he takes."""
-    taken = np.ones(len(starts), np.bool_)
-    if len(starts) and (starts[1:] < ends[:-1]).any():
-        reached = 0
-        for index, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
-            taken[index] = start >= reached
-            reached = end if taken[index] else reached
-    return taken
+def _verify(piece: NDArray[np.uint8], places: IntArray, family: FrameFamily) -> _Candidates:
+    found = _Candidates()
+    if not len(places):
+        return found
+    lengths = family.lengths(piece, places)
+    beyond = (lengths < 0) | (places + lengths > len(piece))
+    found.incomplete = [
+        (int(place), int(place + max(length, 1))) for place, length in zip(places[beyond], lengths[beyond], strict=True)
+    ]
+    impossible = lengths == 0
+    if impossible.any():
+        found.failed.append((places[impossible], 0, Flaw.CHECKSUM))
+    judged = ~beyond & ~impossible
+    for length in np.unique(lengths[judged]).tolist():
+        whole = places[judged & (lengths == length)]
+        rows = np.ascontiguousarray(sliding_window_view(piece, length)[whole])
+        verdict = family.forms(rows)
+        wrong_sum, wrong_end = ~verdict.sums_match, verdict.sums_match & ~verdict.ends_match
+        for layout, good in verdict.forms:
+            mine = slice(None) if len(verdict.forms) == 1 else np.flatnonzero(good)
+            found.groups.append((whole[mine], rows[mine], good[mine], layout))
+        for wrong, flaw in ((wrong_sum, Flaw.CHECKSUM), (wrong_end, Flaw.DELIMITER)):
+            if wrong.any():
+                found.failed.append((whole[wrong], length, flaw))
+    return found
 
 
 def _covered(places: IntArray, starts: IntArray, ends: IntArray) -> NDArray[np.bool_]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.frames.description import CounterDescription
-from drivers.frames.layout import FrameBatch, FrameLayout, IntArray
-from drivers.frames.wire import Rows
+from drivers.frames.batch import FrameBatch
+from drivers.frames.description import FrameDescription
+from drivers.frames.layout import IntArray
 
 
 class FrameSequence:
@@ -14,13 +15,15 @@ class FrameSequence:
 
     A frame whose counter did not move repeats the one before it: it is counted and left out. A counter that moved by
     more than one step means lost frames; outages of a whole turn of the counter and more cannot be seen in it, and are
-    resolved by arrival time elsewhere. Without a counter, frames are numbered as they arrive.
+    resolved by arrival time elsewhere. Without a counter, the unit's own time tells, and without that, frames are
+    numbered as they arrive.
     """
 
-    def __init__(self, layout: FrameLayout) -> None:
-        self._layout = layout
-        self._counter = layout.description.counter
-        self._last: int | None = None  # counter of the last frame
+    def __init__(self, frame: FrameDescription, rate_hz: float) -> None:
+        self._counter = frame.counter
+        self._time = frame.time if frame.counter is None else None
+        self._rate_hz = rate_hz
+        self._last: int | None = None  # counter (or time) of the last frame
         self._sequence = -1  # its unwrapped number, in frames
         self._continuous = True
 
@@ -28,21 +31,54 @@ class FrameSequence:
         """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
         self._continuous = False
 
-    def take(self, rows: Rows, starts: IntArray) -> tuple[FrameBatch, int, int]:
-        """Return the frames that are not repetitions, how many were lost between them, and how many were repeated."""
-        if self._counter is None or not len(rows):
-            sequence = self._sequence + 1 + np.arange(len(rows), dtype=np.int64)
-            self._sequence += len(rows)
-            return FrameBatch(self._layout, rows, starts, sequence), 0, 0
-        counters = self._layout.wire_values(rows, self._counter.field).astype(np.int64)
-        moved = self._moved(counters, self._counter)
-        if (moved == self._counter.step).all():  # the usual case
-            sequence = np.arange(self._sequence + 1, self._sequence + 1 + len(rows))
-            self._last, self._sequence, self._continuous = int(counters[-1]), int(sequence[-1]), True
-            return FrameBatch(self._layout, rows, starts, sequence), 0, 0
-        # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
-        step = self._counter.step
-        steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step))
+    def take(self, batch: FrameBatch) -> tuple[FrameBatch, int, int]:
+        """Return the frames that are not repetitions, how many were lost between them, and how many were repeated.
+
+        `batch` becomes a part of the sequence. Frames that lack the counter (it may be an item) do not move it.
+        """
+        told_by = self._counter or self._time
+        n = len(batch)
+        if told_by is None or not n:
+            batch.sequence = self._sequence + 1 + np.arange(n, dtype=np.int64)
+            self._sequence += n
+            return batch, 0, 0
+        told = batch.told(told_by.field)
+        if not told.all():
+            return self._take_told(batch, told, told_by.field)
+        steps = self._steps(batch.wire(told_by.field).astype(np.int64))
+        sequence, lost, repeated = self._follow(steps)
+        if not repeated.any():
+            batch.sequence = sequence
+            return batch, lost, 0
+        return batch.select(~repeated, sequence[~repeated]), lost, int(repeated.sum())
+
+    def _take_told(self, batch: FrameBatch, told: NDArray[np.bool_], field: str) -> tuple[FrameBatch, int, int]:
+        """Follow the frames that tell their counter; the others get the number of the one before."""
+        sequence, lost, repeated = np.full(len(batch), self._sequence), 0, np.zeros(len(batch), np.bool_)
+        if told.any():
+            first = self._sequence
+            sequence[told], lost, repeated[told] = self._follow(self._steps(batch.wire(field).astype(np.int64)[told]))
+            before = np.maximum.accumulate(np.where(told, np.arange(len(told)), -1))
+            sequence = np.where(before >= 0, sequence[before], first)
+        return batch.select(~repeated, sequence[~repeated]), lost, int(repeated.sum())
+
+    def _steps(self, values: IntArray) -> IntArray:
+        """Return by how many frames each frame is ahead of the one before."""
+        if self._counter is not None:
+            moved, step = self._moved(values, self._counter.step, self._counter.modulus), self._counter.step
+            # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
+            steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step))
+        else:
+            time = self._time
+            modulus = None if time is None else time.modulus
+            moved = self._moved(values, 0, modulus)
+            frames = np.rint(moved * (self._rate_hz * (1.0 if time is None else time.resolution)))
+            steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
+        self._last = int(values[-1])
+        return steps
+
+    def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
+        """Return the sequence after `steps`, how many frames were lost, and which are repetitions."""
         repeated = steps == 0
         if not self._continuous:
             steps[0] = max(1, int(steps[0]))
@@ -50,18 +86,15 @@ class FrameSequence:
         gaps = np.maximum(steps - 1, 0)
         lost = int(gaps.sum()) - (0 if self._continuous else int(gaps[0]))
         sequence = self._sequence + np.cumsum(steps)
-        self._last, self._sequence, self._continuous = int(counters[-1]), int(sequence[-1]), True
-        if not repeated.any():
-            return FrameBatch(self._layout, rows, starts, sequence), lost, 0
-        keep = ~repeated
-        batch = FrameBatch(self._layout, np.ascontiguousarray(rows[keep]), starts[keep], sequence[keep])
-        return batch, lost, int(repeated.sum())
+        self._sequence, self._continuous = int(sequence[-1]), True
+        return sequence, lost, repeated
 
-    def _moved(self, counters: IntArray, counter: CounterDescription) -> IntArray:
-        """Return by how much each counter is ahead of the one before; the very first is one step ahead of nothing."""
-        before = counters[0] - counter.step if self._last is None else self._last
-        moved = counters.copy()
-        moved[1:] -= counters[:-1]
+    def _moved(self, values: IntArray, step: int, modulus: int | None) -> IntArray:
+        """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""
+        before = values[0] - step if self._last is None else self._last
+        moved = values.copy()
+        moved[1:] -= values[:-1]
         moved[0] -= before
-        moved %= counter.modulus
+        if modulus is not None:
+            moved %= modulus
         return moved

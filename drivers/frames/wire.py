@@ -15,6 +15,8 @@ _NATIVE = {"u": (1, 2, 4, 8), "i": (1, 2, 4, 8), "f": (4, 8)}
 
 def native_type(kind: str, order: ByteOrder) -> str | None:
     """Return numpy's name of a type on the wire (u8, i24, f32 …), None where numpy has none."""
+    if kind[:2] == "fp":  # fixed point is an integer; that of 48 bits comes in pieces
+        kind = {"fp12.20": "i32", "fp16.32": "i48"}[kind]
     size = int(kind[1:]) // 8
     return f"{'<' if order == 'little' else '>'}{kind[0]}{size}" if size in _NATIVE[kind[0]] else None
 
@@ -29,11 +31,14 @@ def _view(rows: Rows, offset: int, dtype: str) -> NDArray[Any]:
 def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray[Any]:
     """Return the wire values of a column, shape (n,), of the smallest native type that holds them.
 
-    `kind` is u, i or f and the number of bits: u8, i24, f32, u40.
+    `kind` is u, i or f and the number of bits (u8, i24, f32, u40), or fp12.20 or fp16.32.
     """
     native = native_type(kind, order)
     if native is not None:
         return _view(rows, offset, native)
+    if kind == "fp16.32":  # the 32 bits of the fraction first, then the 16 bits before the point
+        fraction, whole = (native_type(part, order) or "" for part in ("u32", "i16"))
+        return _view(rows, offset + 4, whole).astype(np.int64) << 32 | _view(rows, offset, fraction).astype(np.int64)
     return _assemble(rows, offset, int(kind[1:]) // 8, order, signed=kind[0] == "i")
 
 
@@ -55,6 +60,10 @@ def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: N
     native = native_type(kind, order)
     if native is not None:
         _view(rows, offset, native)[:] = values
+        return
+    if kind == "fp16.32":
+        write_column(rows, offset, "u32", order, values & 0xFFFFFFFF)
+        write_column(rows, offset + 4, "i16", order, values >> 32)
         return
     size = int(kind[1:]) // 8
     positions = range(offset + size - 1, offset - 1, -1) if order == "big" else range(offset, offset + size)

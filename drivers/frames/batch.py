@@ -1,0 +1,158 @@
+"""Good frames as columns: what a decoder hands out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.layout import FloatArray, FrameLayout, IntArray
+from drivers.frames.wire import Rows
+
+
+class FrameBatch:
+    """n good frames of one type, in the order of their arrival. Columns are converted when they are asked for.
+
+    `rows` are the frames' bytes, shape (n, length); `starts` the position of each frame's first byte in the stream,
+    shape (n,); `sequence` the unwrapped counter, in frames, shape (n,): it goes on over wraps and counts lost frames
+    (without a counter it counts the frames that arrived).
+    """
+
+    def __init__(self, layout: FrameLayout, rows: Rows, starts: IntArray, sequence: IntArray) -> None:
+        self.layout = layout
+        self.rows = rows
+        self.starts = starts
+        self.sequence = sequence
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def frames(self) -> list[bytes]:
+        """Return the bytes of every frame."""
+        return [row.tobytes() for row in self.rows]
+
+    def wire(self, field: str) -> NDArray[Any]:
+        """Return a numeric field as it stood on the wire (integers where it is an integer), shape (n,)."""
+        return self.layout.wire_values(self.rows, field)
+
+    def column(self, field: str) -> FloatArray:
+        """Return a numeric field in its unit, shape (n,)."""
+        return self.columns[field]
+
+    def text(self, field: str) -> list[str]:
+        """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
+        return self.layout.texts(self.rows, field)
+
+    def bits(self, name: str) -> NDArray[np.bool_]:
+        """Return whether status bit `name` is set, shape (n,); raise `KeyError` where the frame has no such bit."""
+        for field, bits in self.layout.description.status.items():
+            if name in bits:
+                return ((self.wire(field).astype(np.uint64) >> np.uint64(bits[name].bit)) & np.uint64(1)).astype(bool)
+        raise KeyError(name)
+
+    def told(self, field: str) -> NDArray[np.bool_]:
+        """Return in which frames a numeric field is there, shape (n,)."""
+        if field not in self.layout.numeric:
+            return np.zeros(len(self), np.bool_)
+        there = self.layout.present(self.rows, field)
+        return np.ones(len(self), np.bool_) if there is None else there
+
+    def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
+        """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
+        return FrameBatch(self.layout, np.ascontiguousarray(self.rows[keep]), self.starts[keep], sequence)
+
+    @cached_property
+    def columns(self) -> Mapping[str, FloatArray]:
+        """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
+        return self.layout.columns(self.rows)
+
+
+class VariedBatch(FrameBatch):
+    """Good frames of one type in several forms: of other lengths, or with other items.
+
+    `parts` are the frames of each form, and `places` where each part's frames stand in the batch.
+    """
+
+    def __init__(self, parts: Sequence[FrameBatch], places: Sequence[IntArray], sequence: IntArray) -> None:
+        starts = np.empty(len(sequence), np.int64)
+        for part, place in zip(parts, places, strict=True):
+            starts[place] = part.starts
+        super().__init__(parts[0].layout, np.empty((0, parts[0].layout.length), np.uint8), starts, sequence)
+        self._parts = parts
+        self._places = places
+
+    def frames(self) -> list[bytes]:
+        """Return the bytes of every frame."""
+        return self._gathered([part.frames() for part in self._parts])
+
+    def _gathered(self, given: Sequence[Sequence[Any]]) -> list[Any]:
+        gathered: list[Any] = [None] * len(self)
+        for place, part in zip(self._places, given, strict=True):
+            for at, value in zip(place.tolist(), part, strict=True):
+                gathered[at] = value
+        return gathered
+
+    def wire(self, field: str) -> NDArray[Any]:
+        """Return a numeric field as it stood on the wire, shape (n,); 0 in frames that do not have it."""
+        wires = [part.wire(field) if field in part.layout.numeric else None for part in self._parts]
+        known = [wire for wire in wires if wire is not None]
+        if not known:
+            raise KeyError(field)
+        values = np.zeros(len(self), np.result_type(*known))
+        for place, wire in zip(self._places, wires, strict=True):
+            if wire is not None:
+                values[place] = wire
+        return values
+
+    def told(self, field: str) -> NDArray[np.bool_]:
+        """Return in which frames a numeric field is there, shape (n,)."""
+        there = np.zeros(len(self), np.bool_)
+        for place, part in zip(self._places, self._parts, strict=True):
+            there[place] = part.told(field)
+        return there
+
+    def text(self, field: str) -> list[str]:
+        """Return a text field of every frame; empty where a frame does not have it."""
+        return self._gathered(
+            [part.text(field) if field in part.layout.fields else [""] * len(part) for part in self._parts]
+        )
+
+    def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
+        """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
+        renumbered = np.cumsum(keep) - 1
+        parts = [part.select(keep[place], part.sequence) for part, place in zip(self._parts, self._places, strict=True)]
+        return VariedBatch(parts, [renumbered[place[keep[place]]] for place in self._places], sequence)
+
+    @cached_property
+    def columns(self) -> Mapping[str, FloatArray]:
+        """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
+        columns: dict[str, FloatArray] = {}
+        for place, part in zip(self._places, self._parts, strict=True):
+            for name, values in part.columns.items():
+                columns.setdefault(name, np.full(len(self), np.nan))[place] = values
+        return columns
+
+
+def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:
+    """Return the frames of `groups` (layout, rows, starts) as one batch in the order of arrival, numbered from 0."""
+    merged: dict[int, tuple[FrameLayout, list[Rows], list[IntArray]]] = {}
+    for layout, rows, starts in groups:
+        _, all_rows, all_starts = merged.setdefault(id(layout), (layout, [], []))
+        all_rows.append(rows)
+        all_starts.append(starts)
+    parts = []
+    for layout, all_rows, all_starts in merged.values():
+        rows = all_rows[0] if len(all_rows) == 1 else np.concatenate(all_rows)
+        starts = all_starts[0] if len(all_starts) == 1 else np.concatenate(all_starts)
+        parts.append(FrameBatch(layout, rows, starts, np.arange(len(starts))))
+    if len(parts) == 1:
+        return parts[0]
+    order = np.argsort(np.concatenate([part.starts for part in parts]), kind="stable")
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    edges = np.cumsum([0, *(len(part) for part in parts)])
+    return VariedBatch(parts, [place[a:b] for a, b in pairwise(edges)], np.arange(len(order)))

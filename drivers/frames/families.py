@@ -1,0 +1,278 @@
+"""Frame types made ready for work: which frame begins here, how long is it, is it good, and what form has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames.description import StreamDescription
+from drivers.frames.items import Item, ItemsDescription
+from drivers.frames.layout import FrameLayout, IntArray, TextLayout
+from drivers.frames.lengths import LengthDescription
+from drivers.frames.text_frames import TextDescription
+from drivers.frames.wire import Rows
+
+_MOST_FORMS = 1024  # forms of one type that are kept ready; a stream has a handful
+
+
+class Flaw(IntEnum):
+    """Why a candidate is not a good frame."""
+
+    CHECKSUM = 0  # or a length, an item or a number that cannot be
+    DELIMITER = 1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """About n candidates of one length: which checksums and delimiters match, and the forms of the good ones."""
+
+    sums_match: NDArray[np.bool_]
+    ends_match: NDArray[np.bool_]
+    forms: Sequence[tuple[FrameLayout, NDArray[np.bool_]]]
+
+
+class FrameFamily:
+    """One frame type of fixed length. `delimiter` is what follows each frame beyond what the description counts."""
+
+    def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
+        self.name = name
+        self.description = description.frames[name]
+        self.headers = description.headers(name)
+        self.confirm = self.description.checksum.confirm
+        self.shortest = self.description.shortest + len(delimiter)
+        self.longest = self.description.longest + len(delimiter)
+        self.delimiter = delimiter or self.description.delimiter
+        self._stream = description
+        self._extra = len(delimiter)
+        self.fixed = FrameLayout(description, name, length=self.shortest, delimiter=self.delimiter)
+
+    @property
+    def steady(self) -> FrameLayout | None:
+        """The one layout of the type, where it has one."""
+        return self.fixed
+
+    def nothing(self) -> FrameLayout:
+        """Return the layout of no frames at all."""
+        return self.fixed
+
+    def length_of(self, data: bytes, start: int) -> int | None:
+        """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
+        del data, start
+        return self.shortest
+
+    def form(self, frame: bytes) -> FrameLayout | Flaw:
+        """Return the layout of a whole frame, or what is wrong with it."""
+        if not self.fixed.checksum.matches(frame):
+            return Flaw.CHECKSUM
+        return self.fixed if frame.endswith(self.delimiter) else Flaw.DELIMITER
+
+    def forms(self, rows: Rows) -> Verdict:
+        """Return the verdict about n whole frames of one length, shape (n, length)."""
+        sums, ends = self.fixed.checksum.matches_rows(rows), self.ends_match(rows)
+        return Verdict(sums, ends, [(self.fixed, sums & ends)])
+
+    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
+        """Return the lengths of the frames at `places`: 0 where there is none, −1 where it is not told yet."""
+        del piece
+        return np.full(len(places), self.shortest)
+
+    def ends_match(self, rows: Rows) -> NDArray[np.bool_]:
+        """Tell which of n frames end with their delimiter, shape (n,)."""
+        size = len(self.delimiter)
+        if not size:
+            return np.ones(len(rows), np.bool_)
+        return np.asarray((rows[:, -size:] == np.frombuffer(self.delimiter, np.uint8)).all(axis=1))
+
+
+class VaryingFamily(FrameFamily):
+    """A frame type whose length stands in the frame, perhaps with items."""
+
+    def __init__(
+        self, description: StreamDescription, name: str, length: LengthDescription | None, delimiter: bytes = b""
+    ) -> None:
+        super().__init__(description, name, delimiter)
+        self._length = length
+        self._by_length: dict[int, FrameLayout] = {}
+        self._by_items: dict[tuple[int, tuple[Item, ...]], FrameLayout] = {}
+
+    @property
+    def steady(self) -> FrameLayout | None:
+        """None: the type has many layouts, unless only its items vary."""
+        return None
+
+    def length_of(self, data: bytes, start: int) -> int | None:
+        """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
+        if self._length is None:
+            return self.shortest
+        length = self._length.of(data, start)
+        return length + self._extra if length else length
+
+    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
+        """Return the lengths of the frames at `places`: 0 where there is none, −1 where it is not told yet."""
+        found = self._length
+        if found is None:
+            return np.full(len(places), self.shortest)
+        if found.type != "u8" or (found.extended is not None and len(places) < 8):
+            data = piece.tobytes()
+            told = [self.length_of(data, int(place)) for place in places]
+            return np.array([-1 if length is None else length for length in told], np.int64)
+        lengths = np.full(len(places), -1)
+        there = places + found.at < len(piece)
+        numbers = piece[places[there] + found.at].astype(np.int64)
+        whole = numbers + found.plus
+        whole = np.where((whole >= found.shortest) & (whole <= found.longest), whole + self._extra, 0)
+        if found.extended is not None:
+            data = b""
+            for each in np.flatnonzero(numbers == found.extended.mark):
+                data = data or piece.tobytes()
+                told_length = self.length_of(data, int(places[there][each]))
+                whole[each] = -1 if told_length is None else told_length
+        lengths[there] = whole
+        return lengths
+
+    def nothing(self) -> FrameLayout:
+        """Return the layout of no frames at all."""
+        return self._alike(self.shortest)
+
+    def form(self, frame: bytes) -> FrameLayout | Flaw:
+        """Return the layout of a whole frame, or what is wrong with it."""
+        base = self._alike(len(frame))
+        if not base.checksum.matches(frame):
+            return Flaw.CHECKSUM
+        if not frame.endswith(self.delimiter):
+            return Flaw.DELIMITER
+        items = self.description.items
+        return base if items is None else self._with_items(frame, base, items) or Flaw.CHECKSUM
+
+    def forms(self, rows: Rows) -> Verdict:
+        """Return the verdict about n whole frames of one length, shape (n, length)."""
+        base = self._alike(rows.shape[1])
+        sums, ends = base.checksum.matches_rows(rows), self.ends_match(rows)
+        items = self.description.items
+        if items is None:
+            return Verdict(sums, ends, [(base, sums & ends)])
+        forms, rest = [], sums & ends
+        while rest.any():
+            frame = rows[int(np.argmax(rest))].tobytes()
+            layout = self._with_items(frame, base, items)
+            walked = items.walk(frame, self._begin(frame, items), self._end(base)) or []
+            at = np.array([byte for item in walked for byte in range(item.at, item.data)], np.int64)
+            if layout is None:  # this frame alone is known to be wrong
+                alike = np.zeros(len(rows), np.bool_)
+                alike[int(np.argmax(rest))] = True
+                sums = sums & ~alike
+            else:
+                model = np.frombuffer(frame, np.uint8)
+                alike = rest & (rows[:, at] == model[at]).all(axis=1)
+                if items.extended_begin is not None and isinstance(self._length, LengthDescription):
+                    alike &= rows[:, self._length.at] == model[self._length.at]
+                forms.append((layout, alike))
+            rest = rest & ~alike
+        return Verdict(sums, ends, forms)
+
+    def _alike(self, length: int) -> FrameLayout:
+        """Return the layout of frames of this length, with the fields at fixed places."""
+        layout = self._by_length.get(length)
+        if layout is None:
+            if len(self._by_length) >= _MOST_FORMS:
+                self._by_length.clear()
+            layout = FrameLayout(self._stream, self.name, length=length, delimiter=self.delimiter)
+            self._by_length[length] = layout
+        return layout
+
+    def _begin(self, frame: bytes, items: ItemsDescription) -> int:
+        length = self._length
+        if items.extended_begin is None or length is None or length.extended is None:
+            return items.begin
+        return items.extended_begin if frame[length.at] == length.extended.mark else items.begin
+
+    def _end(self, base: FrameLayout) -> int:
+        return base.length - len(base.delimiter) - self.description.checksum.size
+
+    def _with_items(self, frame: bytes, base: FrameLayout, items: ItemsDescription) -> FrameLayout | None:
+        """Return the layout of a frame with the items that it has; None where they do not fill it exactly."""
+        walked = items.walk(frame, self._begin(frame, items), self._end(base))
+        if walked is None:
+            return None
+        key = (len(frame), tuple(walked))
+        layout = self._by_items.get(key)
+        if layout is None:
+            if len(self._by_items) >= _MOST_FORMS:
+                self._by_items.clear()
+            fields, offsets = dict(base.fields), dict(base.offsets)
+            for name, field, offset in items.placed(walked):
+                fields[name], offsets[name] = field, offset
+            layout = FrameLayout(
+                self._stream, self.name, length=len(frame), fields=fields, offsets=offsets, delimiter=self.delimiter
+            )
+            self._by_items[key] = layout
+        return layout
+
+
+class TextFamily(FrameFamily):
+    """Lines of text. They are few, and looked at one by one."""
+
+    def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
+        super().__init__(description, name)
+        self._text = text
+        self._by_length: dict[int, TextLayout] = {}
+
+    @property
+    def steady(self) -> FrameLayout | None:
+        """None: lines have many lengths."""
+        return None
+
+    def nothing(self) -> FrameLayout:
+        """Return the layout of no lines at all."""
+        return self._alike(self.shortest)
+
+    def length_of(self, data: bytes, start: int) -> int | None:
+        """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
+        return self._text.length_of(data, start, self.delimiter)
+
+    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
+        """Return the lengths of the lines at `places`: 0 where there is none, −1 where it is not told yet."""
+        data = piece.tobytes()
+        told = [self.length_of(data, int(place)) for place in places]
+        return np.array([-1 if length is None else length for length in told], np.int64)
+
+    def form(self, frame: bytes) -> FrameLayout | Flaw:
+        """Return the layout of a whole line, or what is wrong with it."""
+        layout = self._alike(len(frame))
+        line = frame[: len(frame) - len(self.delimiter)]
+        good = any(each.matches(line) for each in self._text.checksums)
+        if not good or self._text.values(line, len(layout.header), len(layout.numeric)) is None:
+            return Flaw.CHECKSUM
+        return layout
+
+    def forms(self, rows: Rows) -> Verdict:
+        """Return the verdict about n whole lines of one length, shape (n, length)."""
+        good = np.array([isinstance(self.form(row.tobytes()), FrameLayout) for row in rows], np.bool_)
+        return Verdict(good, np.ones(len(rows), np.bool_), [(self._alike(rows.shape[1]), good)])
+
+    def _alike(self, length: int) -> TextLayout:
+        layout = self._by_length.get(length)
+        if layout is None:
+            if len(self._by_length) >= _MOST_FORMS:
+                self._by_length.clear()
+            layout = TextLayout(self._stream, self.name, length=length, offsets={})
+            self._by_length[length] = layout
+        return layout
+
+
+def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[FrameFamily]:
+    """Return the frame types of a stream; `delimiter` is the optional one where the unit sends it."""
+    families: list[FrameFamily] = []
+    for name, frame in description.frames.items():
+        if frame.text is not None:
+            families.append(TextFamily(description, name, frame.text))
+        elif isinstance(frame.length, LengthDescription) or frame.items is not None:
+            length = frame.length if isinstance(frame.length, LengthDescription) else None
+            families.append(VaryingFamily(description, name, length, delimiter))
+        else:
+            families.append(FrameFamily(description, name, delimiter))
+    return families

@@ -1,0 +1,167 @@
+"""Fields as they are written in a description: type, place, scale; arrays, bit fields and fields that take turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from drivers.frames.notation import ByteOrder, Described, Factor, Name
+
+FieldType = Literal[
+    "u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64", "fp12.20", "fp16.32",
+    "text", "item", "decimal", "line",
+]  # fmt: skip
+SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8}
+SIZES |= {"f32": 4, "f64": 8, "fp12.20": 4, "fp16.32": 6}
+FIXED_POINT = {"fp12.20": 2.0**-20, "fp16.32": 2.0**-32}
+TEXT_TYPES = ("text", "line")
+
+
+class When(Described):
+    """The field is there only in frames in which `field`, seen through `mask`, is `equals`: a multiplexed field."""
+
+    field: Name
+    mask: int | None = Field(default=None, gt=0)
+    equals: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _possible(self) -> When:
+        if self.mask is not None and self.equals & ~self.mask:
+            raise ValueError(f"equals: {self.equals:#x} has bits that the mask {self.mask:#x} hides")
+        return self
+
+
+class FieldDescription(Described):
+    """One field: its value is `wire value × scale + offset`, in `unit`.
+
+    `at` is the offset from the frame's first byte; without it the field follows the one before it, `skip` bytes later.
+    A text field has `size` bytes of ASCII, padded with NUL or spaces. `mask` takes some bits of an unsigned integer,
+    moved down so that the lowest of them counts 1. `fp12.20` and `fp16.32` are fixed point, the latter with its
+    fraction first. In a frame of items, type `item` is the type that the item's id tells. In a frame of text,
+    `decimal` is the next number, and `line` the whole line.
+    """
+
+    type: FieldType
+    at: int | None = Field(default=None, ge=0)
+    skip: int = Field(default=0, ge=0)
+    size: int | None = Field(default=None, ge=1)
+    byte_order: ByteOrder | None = None
+    mask: int | None = Field(default=None, gt=0)
+    scale: Factor = 1.0
+    offset: Factor = 0.0
+    unit: str = ""
+    when: When | None = None
+
+    @model_validator(mode="after")
+    def _text_has_a_size(self) -> FieldDescription:
+        if (self.type == "text") != (self.size is not None):
+            raise ValueError("size is given for a text field, and only for a text field")
+        if self.scale == 0.0:
+            raise ValueError("scale must not be 0")
+        if self.mask is not None and (self.type[0] != "u" or self.mask >> (8 * self.width)):
+            raise ValueError(f"mask: {self.mask:#x} is not a part of an unsigned integer; this is {self.type}")
+        return self
+
+    @property
+    def width(self) -> int:
+        """Bytes on the wire; 0 where the description does not tell."""
+        return self.size if self.size is not None else SIZES.get(self.type, 0)
+
+    @property
+    def is_text(self) -> bool:
+        """True where the value is text."""
+        return self.type in TEXT_TYPES
+
+    @property
+    def shift(self) -> int:
+        """By how many bits the masked value is moved down."""
+        return 0 if self.mask is None else (self.mask & -self.mask).bit_length() - 1
+
+
+def _expand_arrays(given: Any) -> Any:
+    """Replace a field with `names: [x, y, z]` (or `count: 3`) by one field for each, `stride` bytes apart."""
+    if not isinstance(given, dict):
+        return given
+    expanded: dict[Any, Any] = {}
+    for name, value in given.items():
+        if not isinstance(value, dict) or not {"names", "count", "stride"} & set(value):
+            expanded[name] = value
+            continue
+        field = dict(value)
+        labels = _labels(name, field.pop("names", None), field.pop("count", None))
+        width = SIZES.get(str(field.get("type")), 0)
+        stride = field.pop("stride", width)
+        if not isinstance(stride, int) or isinstance(stride, bool) or stride < width:
+            raise ValueError(f"{name}.stride: must be a number of bytes, at least the element's {width}")
+        for number, label in enumerate(labels):
+            element = dict(field)
+            if isinstance(field.get("at"), int):
+                element["at"] = field["at"] + number * stride
+            elif number:
+                element["skip"] = stride - width
+            expanded[f"{name}_{label}"] = element
+    return expanded
+
+
+def _labels(name: Any, names: Any, count: Any) -> list[str]:
+    if (names is None) == (count is None):
+        raise ValueError(f"{name}: an array has names or a count, and not both")
+    if names is not None:
+        if not isinstance(names, list) or not names or len({str(label) for label in names}) < len(names):
+            raise ValueError(f"{name}.names: must be a list of different names, such as [x, y, z]")
+        return [str(label).lower() if label is True or label is False else str(label) for label in names]
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= 4096:
+        raise ValueError(f"{name}.count: must be a number from 1 to 4096")
+    return [str(number) for number in range(count)]
+
+
+Fields = Annotated[dict[Name, FieldDescription], BeforeValidator(_expand_arrays)]
+
+
+def field_offsets(fields: Mapping[str, FieldDescription], first: int) -> dict[str, int]:
+    """Place the fields: at `at` where it is given, otherwise right after the field before."""
+    offsets: dict[str, int] = {}
+    following = first
+    for name, field in fields.items():
+        offsets[name] = following + field.skip if field.at is None else field.at
+        following = offsets[name] + field.width
+    return offsets
+
+
+def check_places(fields: Mapping[str, FieldDescription], first: int, begin: int, end: int) -> None:
+    """Raise `ValueError` where a field lies outside [begin, end), or two share a byte that need not.
+
+    Fields without `at` begin at `first`. Bit fields share bytes, and so do fields that take turns.
+    """
+    taken: dict[int, str] = {}
+    for name, offset in field_offsets(fields, first).items():
+        field = fields[name]
+        if offset < begin or offset + field.width > end:
+            raise ValueError(
+                f"fields.{name}: bytes {offset} to {offset + field.width - 1} are not between the header's end "
+                f"({begin}) and the checksum ({end})"
+            )
+        if field.mask is not None or field.when is not None:
+            continue
+        for byte in range(offset, offset + field.width):
+            if byte in taken:
+                raise ValueError(f"fields.{name}: byte {byte} already belongs to {taken[byte]}")
+            taken[byte] = name
+
+
+def check_turns(fields: Mapping[str, FieldDescription]) -> None:
+    """Raise `ValueError` where a multiplexed field is told by something that is no unsigned field."""
+    for name, field in fields.items():
+        if field.when is not None:
+            selector = fields.get(field.when.field)
+            if selector is None or selector.type[0] != "u" or selector.when is not None:
+                raise ValueError(
+                    f"fields.{name}.when.field: {field.when.field!r} is not an unsigned field that is always there"
+                )
+
+
+def numeric(fields: Mapping[str, FieldDescription]) -> Iterable[str]:
+    """Return the names of the fields that are numbers."""
+    return [name for name, field in fields.items() if not field.is_text]
