@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+from drivers.box_description import load_box
 from drivers.chamber import Chamber, ChamberLimits, SafeState
 from drivers.clock import Clock
 from drivers.controller import Controller
@@ -19,6 +21,7 @@ from drivers.espec import EspecChamber
 from drivers.ezt570i import Ezt570i
 from drivers.julabo import Julabo
 from drivers.modbus_exchange import Framing
+from drivers.setpoint_box import SetpointBox
 from drivers.simserv import SimServ
 from drivers.supervised_chamber import SupervisedChamber
 from drivers.thermotron import Thermotron
@@ -35,6 +38,7 @@ class ChamberOptions:
     `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     `framing` is that of Modbus, the driver's own where it is None.
+    `description` is the file that describes a box. `dead_man_s` arms the controller's own timer.
     """
 
     limits: ChamberLimits
@@ -46,6 +50,8 @@ class ChamberOptions:
     celsius_confirmed: bool = False
     ramp_port: Transport | None = None
     framing: Framing | None = None
+    description: Path | None = None
+    dead_man_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,7 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
         expected_model=options.expected_model,
         native_margin_degC=options.native_margin_degC,
         celsius_confirmed=options.celsius_confirmed,
+        dead_man_s=options.dead_man_s,
     )
 
 
@@ -135,6 +142,12 @@ def _watlow_f4t(transport: Transport, clock: Clock, options: ChamberOptions) -> 
     return supervised(controller, clock, options)
 
 
+def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    if options.description is None:
+        raise ValueError("a box needs its description")
+    return supervised(SetpointBox(transport, clock, load_box(options.description)), clock, options)
+
+
 CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec),
     "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
@@ -144,4 +157,5 @@ CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _thermotron),
     "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _julabo),
     "watlow-f4t": ChamberDriver("Watlow F4T, Modbus TCP", SerialLine(38400), _watlow_f4t),
+    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box),
 }

@@ -92,3 +92,11 @@ class RampingController(Protocol):
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound the ramp from now on, confirm it, or raise a `DeviceError`; False where it is not equipped for it."""
+
+
+@runtime_checkable
+class DeadManController(Protocol):
+    """A controller that stops by itself when it has been left alone for too long."""
+
+    def arm_dead_man(self, seconds: float) -> bool:
+        """Set the time and confirm it, or raise a `DeviceError`; False where it is not equipped for it."""

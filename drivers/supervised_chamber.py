@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 
 from drivers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.clock import Clock
-from drivers.controller import Controller, ControllerState, RampingController
+from drivers.controller import Controller, ControllerState, DeadManController, RampingController
 from drivers.errors import (
     CommandRefused,
     DeviceError,
@@ -51,7 +51,8 @@ class SupervisedChamber:
 
     `limits` bound what is ever sent as a setpoint; native limits are set `native_margin_degC` beyond them. The model
     that answers must begin with `expected_model` (case does not matter; None for any). `celsius_confirmed` says that a
-    person has seen °C on the panel, for controllers that cannot tell their unit.
+    person has seen °C on the panel, for controllers that cannot tell their unit. `dead_man_s` arms the controller's own
+    timer, which stops the chamber when it has been left alone for so long.
 
     Raises `SetpointOutOfLimits` at once where the safe state would hold a temperature outside the limits, and
     `ValueError` where it would stop a controller that cannot be stopped over the line.
@@ -68,6 +69,7 @@ class SupervisedChamber:
         native_margin_degC: float = 5.0,
         celsius_confirmed: bool = False,
         watch: WatchSettings | None = None,
+        dead_man_s: float | None = None,
     ) -> None:
         if safe.temperature_degC is not None:
             representable_setpoint(safe.temperature_degC, limits, controller.resolution_degC)
@@ -75,6 +77,7 @@ class SupervisedChamber:
             raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
         self._controller = controller
         self._clock = clock
+        self._dead_man_s = dead_man_s
         self._limits = limits
         self._native = ChamberLimits(
             round(limits.low_degC - native_margin_degC, 1), round(limits.high_degC + native_margin_degC, 1)
@@ -141,6 +144,7 @@ class SupervisedChamber:
             raise CommandRefused(f"{self._device} is running a program; end it at the panel first")
         keeps = state.mode == "CONSTANT" and self._limits.low_degC <= state.setpoint <= self._limits.high_degC
         start = state.setpoint if keeps else clamped(state.temperature, self._limits)
+        self._arm_dead_man()
         self._settle_on(representable_setpoint(start, self._limits, self._controller.resolution_degC))
         if state.mode != "CONSTANT":
             self._controller.start()
@@ -236,6 +240,13 @@ class SupervisedChamber:
 
     def _latch(self, alarms: tuple[str, ...]) -> None:
         self._latched += tuple(alarm for alarm in alarms if alarm not in self._latched)
+
+    def _arm_dead_man(self) -> None:
+        if self._dead_man_s is None:
+            return
+        controller = self._controller
+        if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._dead_man_s)):
+            raise CommandRefused(f"{self._device} has no timer of its own; take dead_man out of the bench file")
 
     def _require_identity(self) -> None:
         if self._identity is None:

@@ -26,6 +26,7 @@ from drivers.frames.description import DescriptionError, StreamDescription, load
 from drivers.imu import ImuIdentity
 from drivers.operator import AskOperator, OperatorPositioner
 from drivers.positioner import Positioner
+from drivers.ramp import RampedChamber
 from drivers.serial_port import existing_ports, open_port
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
@@ -162,9 +163,12 @@ def _chamber(bench: Bench, port: Transport, ramp_port: Transport | None, clock: 
         celsius_confirmed=section.celsius_confirmed,
         ramp_port=ramp_port,
         framing=section.framing,
+        description=bench.chamber_description,
+        dead_man_s=section.dead_man,
     )
     try:
-        return CHAMBER_DRIVERS[section.driver].build(port, clock, options)
+        chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)
+        return chamber if section.ramp is None else RampedChamber(chamber, clock, degC_per_min=section.ramp)
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 

@@ -4,7 +4,8 @@
     bench, sweep = configuration_of(text, folder)    # for a resume, an export, a replay
 
 The bench and sweep files may be edited, moved or lost while a night goes on. What counts is what they said at its
-beginning; that includes the IMU's frame description and the simulated unit's model, which the bench file only names.
+beginning; that includes the IMU's frame description, the simulated unit's model and the description of a chamber
+without a driver of its own, which the bench file only names.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from hil.errors import InputError
 from hil.files import RealDisk, write_durably
 
 SCHEMA = "hil.configuration/1"
-IMU_FILE, MODEL_FILE = "imu.yaml", "model.yaml"
+IMU_FILE, MODEL_FILE, CHAMBER_FILE = "imu.yaml", "model.yaml", "chamber.yaml"
 
 
 def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> str:
@@ -39,6 +40,8 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
     }
     if bench.simulation_model is not None:
         document["model"] = read_text(bench.simulation_model)
+    if bench.chamber_description is not None:
+        document["chamber"] = read_text(bench.chamber_description)
     if seed is not None:
         if bench.simulation is None:
             raise InputError(f"{bench.source}: a seed was given, but nothing on this bench is simulated")
@@ -61,6 +64,9 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     if "model" in document:
         write_durably(RealDisk(), folder / MODEL_FILE, document["model"].encode())
         bench["simulation"]["model"] = str(folder / MODEL_FILE)
+    if "chamber" in document:
+        write_durably(RealDisk(), folder / CHAMBER_FILE, document["chamber"].encode())
+        bench["chamber"]["description"] = str(folder / CHAMBER_FILE)
     return (
         parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
         parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, Protocol
 
+from drivers.box_description import load_box
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chamber_plant import ChamberPlant
 from drivers.simulators.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
 from drivers.simulators.ezt570i import SimulatedEzt570i
 from drivers.simulators.julabo import SimulatedJulabo
+from drivers.simulators.setpoint_box import SimulatedSetpointBox
 from drivers.simulators.simserv import SimulatedSimServ
 from drivers.simulators.thermotron import SimulatedThermotron
 from drivers.simulators.voetsch_ascii import SimulatedVoetschAscii
@@ -26,6 +29,7 @@ class SimulatorOptions:
     address: int | None = None
     terminator: bytes | None = None
     framing: Literal["rtu", "tcp"] | None = None
+    description: Path | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
 
@@ -116,6 +120,13 @@ def _watlow_f4t(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedCham
     )
 
 
+def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    if options.description is None:
+        raise ValueError("a box needs its description")
+    description = load_box(options.description)
+    return SimulatedSetpointBox(plant, description, faults=options.faults, begins_s=options.begins_s)
+
+
 CHAMBER_SIMULATORS: Mapping[str, Build] = {
     "espec": _espec,
     "watlow-f4": _watlow_f4,
@@ -125,4 +136,5 @@ CHAMBER_SIMULATORS: Mapping[str, Build] = {
     "thermotron": _thermotron,
     "julabo": _julabo,
     "watlow-f4t": _watlow_f4t,
+    "box": _box,
 }

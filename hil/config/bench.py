@@ -27,7 +27,7 @@ from hil.config.files import Section, find_config, parse_yaml, read_text, valida
 from hil.config.orientation import build_orientations
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
-from hil.config.units import Celsius, CelsiusDifference, Degrees, Gravities, Hertz, Seconds
+from hil.config.units import Celsius, CelsiusDifference, CelsiusPerMinute, Degrees, Gravities, Hertz, Seconds
 from hil.earth import Site
 from hil.equation import Orientation
 from hil.errors import InputError
@@ -209,6 +209,8 @@ class ChamberSection(Section):
     beyond the bench's. `celsius_confirmed` says that a person has seen °C on its panel, which the protocol cannot tell.
     Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
     given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
+    `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
+    timer. `description` is the file of a `box`: a chamber without a driver of its own.
     """
 
     driver: Annotated[str, AfterValidator(_chamber_driver)]
@@ -220,6 +222,9 @@ class ChamberSection(Section):
     terminator: Literal["CR", "LF", "CR LF"] | None = None
     framing: Literal["rtu", "tcp"] | None = None
     ramp_port: Annotated[str, BeforeValidator(_real_port)] | None = None
+    ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] | None = None
+    dead_man: Annotated[Seconds, Field(gt=0.0)] | None = None
+    description: str | None = None
     model: str = ""
     celsius_confirmed: bool = False
     limits: LimitsSection
@@ -237,6 +242,14 @@ class ChamberSection(Section):
     def terminator_bytes(self) -> bytes | None:
         """What ends a line, None for the driver's own."""
         return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+
+    @model_validator(mode="after")
+    def _only_a_box_is_described(self) -> ChamberSection:
+        if (self.driver == "box") != (self.description is not None):
+            raise ValueError("description: a box needs the file that describes it, other drivers have none")
+        if self.driver == "espec" and self.dead_man is not None:
+            raise ValueError("dead_man: an ESPEC controller has no timer of its own that is used here")
+        return self
 
     @model_validator(mode="after")
     def _safe_is_within_limits(self) -> ChamberSection:
@@ -337,6 +350,13 @@ class Bench(Section):
             return None
         return self._named_file("models", "simulation.model", self.simulation.model)
 
+    @cached_property
+    def chamber_description(self) -> Path | None:
+        """The description of a box, None for other chambers; raises `InputError` where there is none of this name."""
+        if self.chamber.description is None:
+            return None
+        return self._named_file("chambers", "chamber.description", self.chamber.description)
+
     def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None
         try:
@@ -356,5 +376,5 @@ def parse_bench(text: str, source: str) -> Bench:
     document = parse_yaml(text, source)
     bench = validated(Bench, document, source)
     bench._text, bench._source = text, source
-    _ = bench.imu_description, bench.simulation_model
+    _ = bench.imu_description, bench.simulation_model, bench.chamber_description
     return bench

@@ -17,7 +17,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 import hil
 from hil.errors import InputError
 
-SINGULAR = {"benches": "bench", "sweeps": "sweep", "imus": "IMU description", "models": "model"}
+SINGULAR = {
+    "benches": "bench",
+    "chambers": "chamber description",
+    "imus": "IMU description",
+    "models": "model",
+    "sweeps": "sweep",
+}
 """The kinds of configuration: the folder's name, and the word for one of them."""
 
 

@@ -79,11 +79,12 @@ def simulate_devices(
         address=bench.chamber.address,
         terminator=bench.chamber.terminator_bytes,
         framing=bench.chamber.framing,
+        description=bench.chamber_description,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
     try:
         chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
     except ValueError as error:
-        raise InputError(f"{bench.source or bench.name}: simulation.chamber_faults: {error}") from error
+        raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
     return SimulatedBench(imu, chamber, unit, plant)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from drivers.chamber import Chamber, ChamberLimits, SafeState
@@ -16,6 +17,7 @@ from drivers.simulators.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.espec import SimulatedEspec
 from drivers.simulators.memory import MemoryTransport
 
+EXAMPLE_BOX = Path(__file__).resolve().parents[2] / "configs" / "chambers" / "temptronic-ats.yaml"
 LIMITS = ChamberLimits(-35.0, 65.0)
 HOLD = SafeState("hold", 25.0)
 
@@ -82,6 +84,9 @@ KINDS: dict[str, Kind] = {
         sees_programs=False,
         has_programs=False,
     ),
+    "box": Kind(
+        text_setpoints(rb"SETP ([-0-9.]+)\n"), "TEMP?", "SETP ", refuses=False, sees_programs=False, has_programs=False
+    ),
     "watlow-f4t": Kind(float_setpoints, "read 2820", "write 2782", tells_unit=True),
 }
 
@@ -122,17 +127,20 @@ class ChamberBench:
         setpoint_degC: float | None = None,
         **options: Any,
     ) -> None:
+        description = EXAMPLE_BOX if name == "box" else None
         self.kind = KINDS[name]
         self.clock = VirtualClock()
         self.plant = ChamberPlant()
-        self.device: Any = CHAMBER_SIMULATORS[name](self.plant, SimulatorOptions(faults=tuple(faults)))
+        self.device: Any = CHAMBER_SIMULATORS[name](
+            self.plant, SimulatorOptions(faults=tuple(faults), description=description)
+        )
         self.device.mode = mode
         if setpoint_degC is not None:
             self.device.setpoint_degC = setpoint_degC
         self.device._condition(0.0)
         self.wire = Wire(self.device)
         self.transport = MemoryTransport(self.wire, self.clock, "sim://chamber")
-        self.options = ChamberOptions(limits, safe, **options)
+        self.options = ChamberOptions(limits, safe, description=description, **options)
         self.chamber: Chamber = CHAMBER_DRIVERS[name].build(self.transport, self.clock, self.options)
 
     def rebuilt(self, **options: Any) -> Chamber:

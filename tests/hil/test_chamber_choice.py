@@ -14,9 +14,11 @@ import yaml
 import hil.bench
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.clock import Clock
+from drivers.errors import CommandRefused
 from drivers.transport import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
+from hil.configuration import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.export import campaign_of_night
 from hil.night import start_night
@@ -29,7 +31,8 @@ _SHIPPED = load_bench("simulated")
 def bench_with(driver: str, **chamber: Any) -> Bench:
     """The simulated bench with another chamber; a key given as None is taken out."""
     document = yaml.safe_load(_SHIPPED.text)
-    section = document["chamber"] | {"driver": driver, "model": None} | chamber
+    described = {"description": "temptronic-ats"} if driver == "box" else {}
+    section = document["chamber"] | {"driver": driver, "model": None} | described | chamber
     document["chamber"] = {key: value for key, value in section.items() if value is not None}
     return parse_bench(yaml.safe_dump(document), "my-bench.yaml")
 
@@ -85,6 +88,11 @@ def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pyte
     [
         ({"driver": "easy"}, r"chamber\.driver: 'easy' is not a chamber driver; there are .*, watlow-f4"),
         ({"parity": "mark"}, r"chamber\.parity"),
+        ({"description": "temptronic-ats"}, r"chamber: description: a box needs the file"),
+        ({"driver": "box", "description": "nothing-here"}, r"chamber\.description: nothing-here: there is no"),
+        ({"driver": "box", "description": None}, r"chamber: description: a box needs the file"),
+        ({"driver": "espec", "dead_man": "3 h"}, r"chamber: dead_man"),
+        ({"ramp": "0 degC/min"}, r"chamber\.ramp"),
         ({"framing": "ascii"}, r"chamber\.framing"),
         ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: this port is not simulated"),
     ],
@@ -99,8 +107,37 @@ def test_a_wrong_chamber_is_one_sentence(chamber: dict[str, Any], message: str) 
 def test_a_fault_that_the_simulated_chamber_cannot_have_is_one_sentence() -> None:
     """The simulated ESPEC has no °F."""
     text = _SHIPPED.text.replace("simulation:\n", "simulation:\n  chamber_faults: [{kind: fahrenheit}]\n")
-    with pytest.raises(InputError, match=r"simulation\.chamber_faults: the simulated ESPEC has no fault fahrenheit"):
+    with pytest.raises(InputError, match=r"the simulated ESPEC has no fault fahrenheit"):
         build_bench(parse_bench(text, "my-bench.yaml"))
+
+
+def test_a_ramp_and_a_dead_man_reach_the_chamber() -> None:
+    """The box arms its own timer, and the host steps its setpoint."""
+    with build_bench(bench_with("box", dead_man="3 h", ramp="1 degC/min")) as live:
+        live.devices.chamber.prepare()
+        live.devices.chamber.set_temperature(45.0)
+        device: Any = live.simulators and live.simulators.chamber
+        assert device.dead_man_s == 10800.0
+        assert device.setpoint_degC == pytest.approx(23.5, abs=0.2)
+        assert live.devices.chamber.read().setpoint_degC == 45.0
+
+
+def test_a_dead_man_that_the_chamber_does_not_have_is_refused_when_it_is_prepared() -> None:
+    """Nobody must believe in a timer that is not there."""
+    with (
+        build_bench(bench_with("watlow-f4", dead_man="3 h")) as live,
+        pytest.raises(CommandRefused, match="no timer of its own"),
+    ):
+        live.devices.chamber.prepare()
+
+
+def test_the_record_keeps_the_description_of_a_box(tmp_path: Path) -> None:
+    """A night can be resumed after the file was lost."""
+    bench = bench_with("box")
+    text = configuration_text(bench, load_sweep("quick"))
+    kept, _ = configuration_of(text, tmp_path)
+    assert kept.chamber_description == tmp_path / "chamber.yaml"
+    assert "TTIM" in (tmp_path / "chamber.yaml").read_text()
 
 
 @cache
