@@ -38,6 +38,8 @@ _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _SLIVER = 0.04
 _LARGE = 3.0
+_UNHEARD_OF = 20.0
+_CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
 
@@ -103,6 +105,10 @@ def _more_plausible(
     """Give the lead to a name that reproduces an implausibly large leader at a size that is typical."""
     if leader.tier != 1 or leader.excess < _LARGE:
         return leader
+    if leader.excess > _UNHEARD_OF:  # one impossible cause must not stand in for several ordinary ones
+        ordinary = [w for w in ranked if w.tier == 1 and w.excess < _TYPICAL and w.log_evidence > _CLEAR]
+        if ordinary:
+            return max(ordinary, key=lambda w: w.log_evidence + float(np.log(_standing(w.name))))
     for rival in ranked:
         small = rival.tier == 1 and rival.excess < _TYPICAL and rival.probability > _MENTIONED
         if small and rival.name != leader.name and _overlap(leader, rival, blocks, noise) > SAME:

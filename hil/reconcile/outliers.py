@@ -26,6 +26,7 @@ _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
 _LEAST_SCORE = 4.5
 _LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
 _LEAST_RUNS = 4
+_LEAST_FREEDOM = 6
 _MOST_EXCHANGES = 3
 
 
@@ -51,7 +52,8 @@ def find_outliers(
         flexible = block.with_base(extra[0]) if extra else block
         if len(block.y) - flexible.base.shape[1] < 8:
             flexible = block
-        out += _of_block(flexible, table)
+        if len(block.y) - flexible.base.shape[1] >= _LEAST_FREEDOM:
+            out += _of_block(flexible, table)
     return sorted(out, key=lambda o: -abs(o["score"]))
 
 
