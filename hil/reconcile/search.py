@@ -19,6 +19,7 @@ from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
 
 _TAIL = 0.1
 _STRICTER = 2.5
+_RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,9 @@ def level(null: FloatArray, alpha: float) -> float:
 
 
 def p_value(null: FloatArray, statistic: float) -> float:
-    """Return the probability of a statistic this large without a missing effect, on the same footing as `level`."""
+    """Return the probability of a statistic this large without a missing effect, as `level` counts; 1e-6 at the least."""
     start = float(np.quantile(null, 1.0 - _TAIL))
     mean_excess = float(np.mean(null[null > start] - start)) if np.any(null > start) else 0.0
     if statistic <= start or mean_excess <= 0.0:
         return float(min(1.0, _STRICTER * (1 + np.sum(null >= statistic)) / (1 + len(null))))
-    return float(min(1.0, _STRICTER * _TAIL * np.exp(-(statistic - start) / mean_excess)))
+    return float(np.clip(_STRICTER * _TAIL * np.exp(-(statistic - start) / mean_excess), _RESOLVED, 1.0))

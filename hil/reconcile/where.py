@@ -93,7 +93,7 @@ def _report(
                 (
                     abs(score),
                     Disagreement(
-                        cells[i].where, float(values[place]), float(errors[place]), float(min(max(q, 1e-300), 1.0))
+                        cells[i].where, float(values[place]), float(errors[place]), float(min(max(q, 1e-12), 1.0))
                     ),
                 )
             )
