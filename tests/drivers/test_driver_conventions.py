@@ -1,0 +1,151 @@
+"""Every chamber, IMU and positioner driver is found by what it can do, and held to the same conventions."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import drivers
+from drivers.chambers import CHAMBER_DRIVERS
+from drivers.simulators.chambers import CHAMBER_SIMULATORS
+
+_TESTS = Path(__file__).parent
+_ROLES: dict[str, frozenset[str]] = {
+    "chamber": frozenset({"identify", "prepare", "read", "set_temperature", "safe_state", "close"}),
+    "controller": frozenset({"identify", "state", "write", "start", "stop", "end_program", "close"}),
+    "imu": frozenset({"identify", "read_block", "discard", "close"}),
+    "positioner": frozenset({"move_to", "position"}),
+}
+# What is common to all chambers speaks no protocol of its own, and a person at a positioner has no bytes.
+_WITHOUT_PROTOCOL = {"SupervisedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
+
+
+def _classes() -> Iterator[tuple[str, type]]:
+    """Find every class that does what a driver does: its role and itself."""
+    for found in pkgutil.iter_modules(drivers.__path__, "drivers."):
+        if found.name == "drivers.simulators":
+            continue
+        module = importlib.import_module(found.name)
+        for _, kind in inspect.getmembers(module, inspect.isclass):
+            if kind.__module__ != found.name or getattr(kind, "_is_protocol", False):
+                continue
+            names = {name for name in dir(kind) if not name.startswith("_")}
+            for role, needed in _ROLES.items():
+                if needed <= names:
+                    yield role, kind
+
+
+DRIVERS = sorted(_classes(), key=lambda pair: pair[1].__qualname__)
+SPEAKING = [(role, kind) for role, kind in DRIVERS if kind.__name__ not in _WITHOUT_PROTOCOL]
+of_a_driver = pytest.mark.parametrize(("role", "kind"), DRIVERS, ids=lambda value: getattr(value, "__name__", value))
+of_a_protocol = pytest.mark.parametrize(("role", "kind"), SPEAKING, ids=lambda value: getattr(value, "__name__", value))
+
+
+def _module(kind: type) -> ModuleType:
+    return importlib.import_module(kind.__module__)
+
+
+def _docstring(kind: type) -> str:
+    return " ".join((_module(kind).__doc__ or "").split())
+
+
+def test_the_drivers_are_found() -> None:
+    """If this list is short the rest proves nothing."""
+    found = {kind.__name__ for _, kind in DRIVERS}
+    assert {"EspecChamber", "WatlowF4", "Ezt570i", "WatlowF4t", "VoetschAscii", "SimServ", "Thermotron"} <= found
+    assert {"Julabo", "SetpointBox", "StreamImu", "OperatorPositioner", "IndexingPositioner"} <= found
+
+
+@of_a_driver
+def test_class_and_methods_say_what_they_do(role: str, kind: type) -> None:
+    """Every public thing has a docstring, and the class says which interface it is."""
+    assert kind.__doc__
+    for name, member in inspect.getmembers(kind):
+        if not name.startswith("_") and (inspect.isfunction(member) or isinstance(member, property)):
+            assert inspect.getdoc(member), f"{kind.__name__}.{name}"
+
+
+@of_a_driver
+def test_the_module_begins_with_a_worked_example(role: str, kind: type) -> None:
+    """How it is made, in code, with its own name."""
+    assert kind.__name__ in (_module(kind).__doc__ or "") + (kind.__doc__ or "") or role == "positioner"
+
+
+@of_a_protocol
+def test_the_docstring_says_what_is_verified_and_what_is_inferred(role: str, kind: type) -> None:
+    """Nobody may believe that bytes were seen which were not."""
+    if role in ("chamber", "controller"):
+        text = _docstring(kind)
+        assert re.search(r"[Bb]yte-exact|Computed from", text)
+        assert "nferred" in text
+
+
+@of_a_protocol
+def test_the_docstring_gives_unit_resolution_or_limits_and_times(role: str, kind: type) -> None:
+    """°C, how fine or how far, and how long a reply is waited for or what pauses are kept."""
+    if role in ("chamber", "controller"):
+        text = _docstring(kind) + " ".join((kind.__doc__ or "").split())
+        assert "°C" in text
+        assert re.search(r"0\.1 °C|tenths|decimals|registers|16 bits|limits", text)
+        assert re.search(r"awaited|[Pp]auses|time-out", text)
+
+
+@of_a_protocol
+def test_a_simulator_stands_beside_it(role: str, kind: type) -> None:
+    """Under the same name, with a docstring that says what it does and how it misbehaves."""
+    name = {"StreamImu": "mfs"}.get(kind.__name__, kind.__module__.rpartition(".")[2])
+    simulator = importlib.import_module(f"drivers.simulators.{name}")
+    assert simulator.__doc__
+    devices = [
+        each
+        for _, each in inspect.getmembers(simulator, inspect.isclass)
+        if each.__module__ == simulator.__name__ and {"receive", "transmit", "next_transmission"} <= set(dir(each))
+    ]
+    assert devices
+
+
+def _names(path: Path) -> set[str]:
+    return {node.id for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Name)}
+
+
+@of_a_protocol
+def test_its_bytes_are_written_down_in_a_test(role: str, kind: type) -> None:
+    """A transcript with nothing left over; for a stream, frames that are written down."""
+    wanted = {"TranscriptDevice"} if role in ("chamber", "controller") else {kind.__name__}
+    tests = [path for path in _TESTS.glob("test_*.py") if {kind.__name__} | wanted <= _names(path)]
+    assert tests, f"no test of {kind.__name__} has a transcript"
+    if role in ("chamber", "controller"):
+        assert any(".finish()" in path.read_text(encoding="utf-8") for path in tests)
+
+
+@of_a_protocol
+def test_every_chamber_can_be_named_in_a_bench_file(role: str, kind: type) -> None:
+    """A driver that no bench file can name is none."""
+    if role in ("chamber", "controller"):
+        registry = (Path(drivers.__path__[0]) / "chambers.py").read_text(encoding="utf-8")
+        assert f"{kind.__name__}(" in registry
+
+
+@pytest.mark.parametrize("role_and_kind", [pair for pair in DRIVERS if pair[0] == "positioner"], ids=str)
+def test_a_positioner_takes_a_time_out(role_and_kind: tuple[str, Any]) -> None:
+    """A move that never ends must end."""
+    _, kind = role_and_kind
+    assert "timeout_s" in inspect.signature(kind.move_to).parameters
+
+
+@pytest.mark.parametrize("name", CHAMBER_DRIVERS)
+def test_every_named_chamber_has_line_settings_and_a_simulator(name: str) -> None:
+    """As the maker ships it."""
+    driver = CHAMBER_DRIVERS[name]
+    assert driver.title
+    assert driver.line.baud in (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
+    assert name in CHAMBER_SIMULATORS
