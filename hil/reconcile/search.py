@@ -94,7 +94,7 @@ def level(null: FloatArray, alpha: float) -> float:
 
 
 def p_value(null: FloatArray, statistic: float) -> float:
-    """Return the probability of a statistic this large without a missing effect, as `level` counts; 1e-6 at the least."""
+    """Return the probability of a statistic this large without a missing effect, as `level` counts, or 1e-6."""
     start = float(np.quantile(null, 1.0 - _TAIL))
     mean_excess = float(np.mean(null[null > start] - start)) if np.any(null > start) else 0.0
     if statistic <= start or mean_excess <= 0.0:
