@@ -10,8 +10,11 @@ from drivers.controller import Controller
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.ezt570i import Ezt570i
 from drivers.modbus_exchange import ModbusExchange, scaled, signed
+from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
+from drivers.simulators.watlow_f4 import SimulatedWatlowF4
 from drivers.supervised_chamber import SupervisedChamber
 from drivers.watlow_f4 import WatlowF4
 
@@ -207,10 +210,20 @@ def test_what_does_not_fit_is_never_wrapped_around(value: int) -> None:
 
 @pytest.mark.parametrize(
     ("value", "decimals", "register"),
-    [(100.1, 1, 1001), (0.3, 1, 3), (-29.7, 1, -297), (12.34, 2, 1234), (25.0, 0, 25)],
+    [
+        (100.1, 1, 1001),
+        (0.3, 1, 3),
+        (-29.7, 1, -297),
+        (12.34, 2, 1234),
+        (0.29, 2, 29),
+        (4.35, 2, 435),
+        (-29.72, 1, -297),
+        (24.96, 1, 250),
+        (25.0, 0, 25),
+    ],
 )
 def test_temperatures_are_rounded_and_not_cut(value: float, decimals: int, register: int) -> None:
-    """int(100.1 / 0.1) is 1000, and int(0.3 / 0.1) is 2."""
+    """int(100.1 / 0.1) is 1000, and int(0.29 * 100) is 28."""
     assert scaled(value, decimals) == register
     assert signed(register & 0xFFFF) == register
 
@@ -219,3 +232,35 @@ def test_a_temperature_that_no_register_holds_is_refused() -> None:
     """3276.8 in tenths."""
     with pytest.raises(ValueError, match="nothing was sent"):
         scaled(3276.8, 1)
+
+
+def test_frames_with_wrong_checksums_are_called_that() -> None:
+    """And not silence: somebody will look at the cable's shield and not at its plug."""
+    exchange, device, clock = _exchange([(READ, "01 03 02 00 fd 79 c4")] * 3)
+    with pytest.raises(ProtocolError, match="a frame with a wrong checksum"):
+        exchange.read(100, 1)
+    device.finish()
+    assert clock.now() < 1.0
+
+
+def test_the_late_reply_to_a_question_that_was_given_up_does_not_answer_another() -> None:
+    """Three late replies of -30.0 °C, and then the mode is asked for: it is 1 and not 65236."""
+    faults = [ChamberFault(ChamberFaultKind.LATE, command="read 300", times=3, delay_s=3.5)]
+    device = SimulatedWatlowF4(ChamberPlant(), setpoint_degC=-30.0, faults=faults)
+    clock = VirtualClock()
+    exchange = ModbusExchange(MemoryTransport(device, clock, "sim://chamber"), clock, device="chamber")
+    with pytest.raises(DeviceTimeout):
+        exchange.read(300, 1)
+    assert exchange.read(200, 1) == [1]
+    assert exchange.read(300, 1) == [65236]
+
+
+def test_modbus_tcp_needs_no_wait_for_late_replies() -> None:
+    """Its transactions have numbers: a late reply is passed over."""
+    faults = [ChamberFault(ChamberFaultKind.LATE, command="read 300", delay_s=1.2)]
+    device = SimulatedWatlowF4(ChamberPlant(), setpoint_degC=-30.0, faults=faults, framing="tcp")
+    clock = VirtualClock()
+    exchange = ModbusExchange(MemoryTransport(device, clock, "sim://c"), clock, device="chamber", framing="tcp")
+    assert exchange.read(300, 1) == [65236]
+    assert exchange.read(200, 1) == [1]
+    assert clock.now() < 2.0
