@@ -23,10 +23,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
 from drivers.frames.fields import FieldDescription, Fields, check_places, check_turns, field_offsets
@@ -72,6 +72,12 @@ class StatusBit(Described):
     meaning: str = ""
 
 
+Length = Annotated[
+    Annotated[int, Tag("<number>")] | Annotated[LengthDescription, Tag("<told>")],
+    Discriminator(lambda given: "<told>" if isinstance(given, dict | LengthDescription) else "<number>"),
+]
+
+
 class FrameDescription(Described):
     """One frame type. `length` counts every byte on the wire, from the sync to the delimiter.
 
@@ -83,7 +89,7 @@ class FrameDescription(Described):
     id: HexBytes = b""
     more_ids: list[HexBytes] = Field(default_factory=list)
     meaning: str = ""
-    length: int | LengthDescription | None = None
+    length: Length | None = None
     delimiter: HexBytes = b""
     checksum: ChecksumDescription = NoChecksum(kind="none")
     fields: Fields = Field(default_factory=dict)
@@ -365,7 +371,7 @@ def load_description(
 def _first_problem(error: ValidationError) -> str:
     problems = error.errors(include_url=False)
     first = problems[0]
-    place = ".".join(str(part) for part in first["loc"] if part != "function-after")
+    place = ".".join(str(part) for part in first["loc"] if part != "function-after" and str(part)[0] != "<")
     message = first["msg"].removeprefix("Value error, ").removesuffix(".")
     rest = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return f"{place}: {message}{rest}" if place else f"{message}{rest}"

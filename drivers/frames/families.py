@@ -232,7 +232,7 @@ class TextFamily(FrameFamily):
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
-        return self._text.length_of(data, start, self.delimiter)
+        return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
         """Return the lengths of the lines at `places`: 0 where there is none, −1 where it is not told yet."""

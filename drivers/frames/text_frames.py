@@ -84,9 +84,9 @@ class TextDescription(Described):
                 raise ValueError(f"{key}: {text!r} is not a printable ASCII character")
         return self
 
-    def length_of(self, data: bytes, start: int, delimiter: bytes) -> int | None:
+    def length_of(self, data: bytes, start: int, header_size: int, delimiter: bytes) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
-        match = _PRINTABLE.match(data, start)
+        match = _PRINTABLE.match(data, start + header_size)
         end = start if match is None else match.end()
         if data.startswith(delimiter, end):
             length = end + len(delimiter) - start
