@@ -66,7 +66,7 @@ class EmpiricalTerm(Effect):
 
 
 def empirical(parameter: str, driver: str) -> EmpiricalTerm:
-    """Return the second-tier term of a base parameter (BA, MUA, GXY …, or w) and a driver (see `hil.effects.drivers`)."""
+    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `hil.effects.drivers`."""
     return EmpiricalTerm(parameter, driver)
 
 
