@@ -1,0 +1,187 @@
+"""Decode a file of raw bytes with a frame description: what is in it, and its frames as a table.
+
+    document = decode_file(Path("night.bin"), load_frames_named("stim300"), out=Path("night.parquet"))
+    document["ok"], document["lost"], document["first"]
+
+The file is read in chunks, so that memory does not grow with it; with `out` it is read twice, the first time to know
+which fields occur. Columns are those of the description, in its units: the time, place in the file and number of each
+frame come first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.imu import StreamCounts
+from hil.config.files import find_config
+from hil.errors import InputError
+from hil.files import PARTIAL, RealDisk
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SCHEMA = "hil.decode/1"
+_CHUNK = 1 << 22  # bytes
+_SUFFIXES = (".parquet", ".csv")
+_PLACE = ("frame", "position", "sequence")  # the columns before the fields
+
+
+def load_frames_named(
+    name: str | Path, *, parameters: Mapping[str, object] | None = None, sample_rate_hz: float | None = None
+) -> StreamDescription:
+    """Load a description by the name of one that ships, or by its path; raise `InputError` where it cannot be used."""
+    try:
+        return load_description(find_config("imus", name), parameters=parameters, sample_rate_hz=sample_rate_hz)
+    except DescriptionError as error:
+        raise InputError(str(error)) from None
+
+
+def decode_file(path: Path, description: StreamDescription, *, out: Path | None = None) -> dict[str, Any]:
+    """Decode the file and return the document of `hil decode` (schema hil.decode/1); write the table to `out`.
+
+    `out` ends in .parquet or .csv. Raise `InputError` where a file cannot be read or written; `out` is then as it was.
+    """
+    if out is not None and out.suffix.lower() not in _SUFFIXES:
+        raise InputError(f"{out}: the table is written as .parquet or .csv; give a name that ends so")
+    summary = _Summary(description)
+    for decoded in _decoded(path, description):
+        summary.add(decoded)
+    document = {"schema": SCHEMA, "file": str(path), "description": description.name, **summary.document()}
+    if out is not None:
+        _write_table(path, description, summary.seen, out)
+        document["out"] = str(out)
+    return document
+
+
+def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
+    """Decode the file chunk by chunk, up to its last byte."""
+    decoder = StreamDecoder(description)
+    try:
+        with path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                yield decoder.feed(chunk)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    yield decoder.finish()
+
+
+class _Summary:
+    """What a file holds: counts, frames by type, and its first and last good frame."""
+
+    def __init__(self, description: StreamDescription) -> None:
+        self._counts = StreamCounts()
+        self._frames = dict.fromkeys(description.frames, 0)
+        self._first: tuple[str, FrameBatch, int] | None = None
+        self._last: tuple[str, FrameBatch, int] | None = None
+        self.seen: dict[str, set[str]] = {}
+        """By frame type that occurs, the fields that occur."""
+
+    def add(self, decoded: Decoded) -> None:
+        """Take the frames of one chunk."""
+        self._counts += decoded.counts
+        found = [(name, batch) for name, batch in decoded.frames.items() if len(batch)]
+        for name, batch in found:
+            self._frames[name] += len(batch)
+            fields = batch.layout.description.all_fields
+            told = {field for field in fields if fields[field].is_text or batch.told(field).any()}
+            self.seen.setdefault(name, set()).update(told)
+        if found:
+            if self._first is None:
+                self._first = (*min(found, key=lambda each: int(each[1].starts[0])), 0)
+            self._last = (*max(found, key=lambda each: int(each[1].starts[-1])), -1)
+
+    def document(self) -> dict[str, Any]:
+        """Return the part of the document that is about the frames."""
+        return {
+            "frames": {name: count for name, count in self._frames.items() if count},
+            **vars(self._counts),
+            "first": None if self._first is None else _fields_of(*self._first),
+            "last": None if self._last is None else _fields_of(*self._last),
+            "first_frame": None if self._first is None else self._first[0],
+            "last_frame": None if self._last is None else self._last[0],
+        }
+
+
+def _fields_of(name: str, batch: FrameBatch, at: int) -> dict[str, Any]:
+    """Return one frame's fields: whole numbers as such, None where it does not have a field."""
+    del name
+    values: dict[str, Any] = {}
+    for field, described in batch.layout.description.all_fields.items():
+        if described.is_text:
+            values[field] = batch.text(field)[at]
+            continue
+        value = float(batch.column(field)[at])
+        plain = described.scale == 1.0 and described.offset == 0.0 and described.type[0] in "ui"
+        whole = plain and math.isfinite(value)
+        values[field] = int(batch.wire(field)[at]) if whole else value if math.isfinite(value) else None
+    return values
+
+
+def _write_table(path: Path, description: StreamDescription, seen: Mapping[str, set[str]], out: Path) -> None:
+    """Write the frames in the order of their arrival; the file appears whole or not at all."""
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+    import pyarrow.parquet as pq
+
+    partial = out.with_name(f"{PARTIAL}{out.name}")
+    schema = _schema(description, seen)
+    try:
+        with partial.open("wb") as file:
+            parquet = out.suffix.lower() == ".parquet"
+            writer = pq.ParquetWriter(file, schema) if parquet else pa_csv.CSVWriter(file, schema)
+            with writer:
+                for decoded in _decoded(path, description):
+                    writer.write_table(_table(decoded, schema))
+        RealDisk().rename(partial, out)
+    except (OSError, pa.ArrowException) as error:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise InputError(f"{out}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.Schema:
+    import pyarrow as pa
+
+    columns = [pa.field("frame", pa.string()), pa.field("position", pa.int64()), pa.field("sequence", pa.int64())]
+    placed = set(_PLACE)
+    for name, frame in description.frames.items():
+        for field, described in frame.all_fields.items():
+            if field in seen.get(name, ()) and field not in placed:
+                placed.add(field)
+                kind = pa.string() if described.is_text else pa.float64()
+                columns.append(pa.field(field, kind, metadata={"unit": described.unit} if described.unit else None))
+    return pa.schema(columns)
+
+
+def _table(decoded: Decoded, schema: pa.Schema) -> pa.Table:
+    """Return the frames of one chunk as a table; a field that a frame does not have is null."""
+    import pyarrow as pa
+
+    parts = []
+    for name, batch in decoded.frames.items():
+        if not len(batch):
+            continue
+        n, fields = len(batch), batch.layout.description.all_fields
+        columns: list[Any] = [pa.array([name] * n), pa.array(batch.starts), pa.array(batch.sequence)]
+        for column in list(schema)[len(_PLACE) :]:
+            described = fields.get(column.name)
+            if described is None or described.is_text != pa.types.is_string(column.type):
+                columns.append(pa.nulls(n, column.type))
+            elif described.is_text:
+                columns.append(pa.array(batch.text(column.name)))
+            else:
+                columns.append(pa.array(batch.column(column.name), mask=~batch.told(column.name)))
+        parts.append(pa.Table.from_arrays(columns, schema=schema))
+    if not parts:
+        return schema.empty_table()
+    table = pa.concat_tables(parts)
+    if len(parts) == 1:
+        return table
+    return table.take(pa.array(np.argsort(table["position"].to_numpy(), kind="stable")))
