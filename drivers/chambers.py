@@ -27,6 +27,7 @@ from drivers.supervised_chamber import SupervisedChamber
 from drivers.thermotron import Thermotron
 from drivers.transport import Transport
 from drivers.voetsch_ascii import VoetschAscii
+from drivers.watched_chamber import WatchedChamber
 from drivers.watlow_f4 import WatlowF4
 from drivers.watlow_f4t import WatlowF4t
 
@@ -73,7 +74,7 @@ class ChamberDriver:
 
 
 def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return EspecChamber(
+    chamber = EspecChamber(
         transport,
         clock,
         limits=options.limits,
@@ -84,6 +85,7 @@ def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamb
         native_margin_degC=options.native_margin_degC,
         celsius_confirmed=options.celsius_confirmed,
     )
+    return WatchedChamber(chamber, clock, device=f"chamber on {transport.name}")
 
 
 def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:

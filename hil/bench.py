@@ -25,6 +25,7 @@ from drivers.errors import DeviceError
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.imu import ImuIdentity
 from drivers.operator import AskOperator, OperatorPositioner
+from drivers.port_owner import owned
 from drivers.positioner import Positioner
 from drivers.ramp import RampedChamber
 from drivers.serial_port import existing_ports, open_port
@@ -100,8 +101,10 @@ def build_bench(
         if url.startswith(SIMULATED_SCHEME):
             return MemoryTransport(device(), clock, url)
         if line.data_bits == 8 and line.parity == "N":
-            return open_port(url, clock=clock, baudrate=line.baud)
-        return open_port(url, clock=clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity)
+            return owned(url, lambda: open_port(url, clock=clock, baudrate=line.baud))
+        return owned(
+            url, lambda: open_port(url, clock=clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity)
+        )
 
     with ExitStack() as opened:
         baud = bench.imu.baud or description.baudrate
@@ -109,7 +112,8 @@ def build_bench(
         opened.callback(imu_port.close)
         chamber_port = transport(bench.chamber.port, bench.chamber.line, lambda: simulators().chamber)
         opened.callback(chamber_port.close)
-        ramp_port = None if bench.chamber.ramp_port is None else open_port(bench.chamber.ramp_port, clock=clock)
+        ramp_url = bench.chamber.ramp_port
+        ramp_port = None if ramp_url is None else owned(ramp_url, lambda: open_port(ramp_url, clock=clock))
         if ramp_port is not None:
             opened.callback(ramp_port.close)
         imu = StreamImu(

@@ -26,7 +26,7 @@ _ROLES: dict[str, frozenset[str]] = {
     "positioner": frozenset({"move_to", "position"}),
 }
 # What is common to all chambers speaks no protocol of its own, and a person at a positioner has no bytes.
-_WITHOUT_PROTOCOL = {"SupervisedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
+_WITHOUT_PROTOCOL = {"SupervisedChamber", "WatchedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
 
 
 def _classes() -> Iterator[tuple[str, type]]:

@@ -185,7 +185,7 @@ def test_an_alarm_is_reported_and_nothing_acknowledges_it(name: str) -> None:
     assert bench.chamber.read().alarms == ()
 
 
-@pytest.mark.parametrize("name", [name for name in KINDS if name != "espec"])
+@every_chamber
 def test_an_alarm_that_went_away_by_itself_is_still_in_the_reading(name: str) -> None:
     """Latched by the host: a night must not go on over an alarm between two polls of the report."""
     bench = ChamberBench(name)
@@ -225,7 +225,7 @@ def test_a_broken_sensor_is_a_sensor_fault_and_no_temperature(name: str, reading
     assert bench.setpoints == []
 
 
-@pytest.mark.parametrize("name", [name for name in KINDS if name != "espec"])
+@every_chamber
 def test_a_sensor_that_freezes_on_the_way_is_a_fault(name: str) -> None:
     """The very same reading for a quarter of an hour, far from where it should be going."""
     bench = ChamberBench(name)

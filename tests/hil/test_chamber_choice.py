@@ -14,7 +14,7 @@ import yaml
 import hil.bench
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.clock import Clock
-from drivers.errors import CommandRefused
+from drivers.errors import CommandRefused, TransportError
 from drivers.transport import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
@@ -81,6 +81,16 @@ def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pyte
         {"baudrate": 19200},
         {"baudrate": 19200, "bytesize": 7, "parity": "O"},
     ]
+
+
+def test_a_tcp_port_has_one_owner() -> None:
+    """A second program would get the first one's answers; it is told so instead."""
+    bench = bench_with("simserv")
+    with served(bench, tcp=True) as simulation:
+        client = client_bench(bench, simulation.ports)
+        with build_bench(client), pytest.raises(TransportError, match="somebody else has the port open"):
+            build_bench(client)
+        build_bench(client).close()
 
 
 @pytest.mark.parametrize(
