@@ -6,14 +6,13 @@ import logging
 from collections.abc import Iterator
 
 import pytest
+from julabo import simulator
 
 from drivers.chamber import ChamberLimits, SafeState
 from drivers.clock import VirtualClock
 from drivers.julabo import Julabo
 from drivers.simulators.memory import MemoryTransport
 from drivers.supervised_chamber import SupervisedChamber
-
-simulator = pytest.importorskip("julabo.simulator", reason="the julabo package is a development dependency")
 
 
 class _Peer:
