@@ -50,6 +50,8 @@ class FaultKind(StrEnum):
     POWER_CYCLE = "power_cycle"  # comes back in mode OFF, its setpoint forgotten
     SENSOR_FROZEN = "sensor_frozen"
     SENSOR_BROKEN = "sensor_broken"  # reads `text`
+    FAHRENHEIT = "fahrenheit"  # somebody switches the panel to °F; nothing on the line says so
+    PROGRAM = "program"  # somebody starts a program at the panel
     PLANT_DEAD = "plant_dead"  # takes setpoints and does not follow them
 
 
@@ -121,6 +123,7 @@ class SimulatedEspec:
         self.alarm_limits = alarm_limits
         self.alarms: tuple[str, ...] = ()
         self.panel_locked = False
+        self.fahrenheit = False
         self.ignored_requests = 0  # came before the vendor's pause was over
         self._plant = plant
         self._model = model
@@ -246,6 +249,11 @@ class SimulatedEspec:
                 self.mode, self.setpoint_degC, self.alarms = "OFF", _FACTORY_SETPOINT_DEGC, ()
                 self._line, self._pending = b"", []
                 self._condition(fault.begins_s)
+            case FaultKind.FAHRENHEIT:
+                self.fahrenheit = True
+            case FaultKind.PROGRAM:
+                self.mode = "RUN"
+                self._condition(fault.begins_s)
             case FaultKind.SENSOR_FROZEN:
                 self._sensor = f"{self._plant.advance(fault.begins_s):.1f}"
             case FaultKind.SENSOR_BROKEN:
@@ -264,7 +272,10 @@ class SimulatedEspec:
         self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
 
     def _air(self, now_s: float) -> str:
-        return self._sensor if self._sensor is not None else f"{self._plant.advance(now_s):.1f}"
+        return self._sensor if self._sensor is not None else self._shown(self._plant.advance(now_s))
+
+    def _shown(self, degC: float) -> str:
+        return f"{degC * 1.8 + 32.0 if self.fahrenheit else degC:.1f}"
 
     def _monitor(self, command: str, now_s: float) -> str:
         """Return the data that a monitor command asks for."""
@@ -275,7 +286,8 @@ class SimulatedEspec:
         match command:
             case "TEMP?":
                 limits = self.alarm_limits
-                return f"{self._air(now_s)},{self.setpoint_degC:.1f},{limits.high_degC:.1f},{limits.low_degC:.1f}"
+                settings = (self.setpoint_degC, limits.high_degC, limits.low_degC)
+                return ",".join((self._air(now_s), *(self._shown(each) for each in settings)))
             case "MON?":
                 return f"{self._air(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}"
             case "MODE?":
@@ -283,7 +295,7 @@ class SimulatedEspec:
             case "ALARM?":
                 return ",".join((str(len(self.alarms)), *self.alarms))
             case "CONSTANT SET?,TEMP":
-                return f"{self.setpoint_degC:.1f},ON"
+                return f"{self._shown(self.setpoint_degC)},ON"
             case "ROM?":
                 return self._model
             case "TYPE?":
@@ -324,13 +336,16 @@ class SimulatedEspec:
         """`S25`, `H80.0`, `L-45.0`, or several of them, judged together."""
         if not _TARGETS.fullmatch(parameter):
             raise _Refusal("PARA ERR")
-        asked = {letter: float(value) for letter, value in _TARGET.findall(parameter)}
+        asked = {letter: self._taken(float(value)) for letter, value in _TARGET.findall(parameter)}
         setpoint = asked.get("S", self.setpoint_degC)
         limits = ChamberLimits(asked.get("L", self.alarm_limits.low_degC), asked.get("H", self.alarm_limits.high_degC))
         in_order = (self._hardware.low_degC, limits.low_degC, setpoint, limits.high_degC, self._hardware.high_degC)
         if list(in_order) != sorted(in_order):
             raise _Refusal("DATA OUT OF RANGE")
         self.setpoint_degC, self.alarm_limits = setpoint, limits
+
+    def _taken(self, value: float) -> float:
+        return (value - 32.0) / 1.8 if self.fahrenheit else value
 
     def _set_mode(self, parameter: str) -> None:
         if parameter not in ("OFF", "STANDBY", "CONSTANT"):
