@@ -36,19 +36,26 @@ def solve(
     model: Annotated[
         str | None,
         typer.Option(
-            help="matrix-6, collins-4, matrix-6-thermal, constant or triad-12; default: what the sensor allows."
+            help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."
         ),
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
+    from hil.linear_forms import MODEL_NAMES
     from hil.solve import solution_document, solve_campaign
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
     for note in campaign.notes.splitlines():
         messages().print(f"note: {note}")
-    solutions = solve_campaign(campaign, model)
+    if model is None or model in MODEL_NAMES:
+        solutions = solve_campaign(campaign, model)
+    else:
+        from hil.model import load_model
+        from hil.model_terms import solve_beside
+
+        solutions = solve_beside(campaign, load_model(model))
     if as_json:
         print_json(solution_document(campaign, solutions))
         return

@@ -1,0 +1,46 @@
+"""Solving beside a model file: what its named terms explain is taken off the rates, the rest is solved for.
+
+    solutions = solve_beside(campaign, load_model("model.yaml"))
+
+So the improved model that reconcile writes gives parameters that are no longer bent by the effect it names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hil.campaign import Campaign, Collects
+from hil.errors import InputError
+from hil.model import Model
+from hil.solve import RunSolution, solve_campaign
+
+
+def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
+    """Solve every run for the model's form, after its terms (their values are the model's, not refitted).
+
+    Raises `InputError` where a term needs a column that the data lacks, or the model has no values for a sensor on
+    which it has a term.
+    """
+    corrected = replace(campaign, sensors={number: _less(rows, model) for number, rows in campaign.sensors.items()})
+    return [
+        replace(each, model=model.title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
+        for each in solve_campaign(corrected, model.form)
+    ]
+
+
+def _less(rows: Collects, model: Model) -> Collects:
+    sensor = rows.conditions.sensor
+    if not model.terms_for(sensor):
+        return rows
+    if not model.has_values(sensor):
+        raise InputError(
+            f"model {model.title}: it has named terms but no values for sensor {sensor.number}; its terms cannot be "
+            "taken off the rates"
+        )
+    terms = model.rates(rows.conditions) - model.base_for(rows.conditions).rates
+    return replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)
+
+
+def _assumed(campaign: Campaign, solution: RunSolution, model: Model) -> tuple[str, ...]:
+    terms = model.terms_for(campaign.sensors[solution.sensor].conditions.sensor)
+    return tuple(f"{term.effect} as model {model.title} has it" for term, _ in terms)
