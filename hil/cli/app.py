@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import data, device, model, night
+from hil.cli import data, device, frames, model, night
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -20,9 +20,12 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *device.COMMANDS):
+for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS):
     app.command()(with_status(command))
 app.command("import")(with_status(data.import_table))
+frames.frames_app.command()(with_status(frames.check))
+frames.frames_app.callback()(lambda: None)  # with one command only, the group would otherwise swallow its name
+app.add_typer(frames.frames_app)
 
 
 def main() -> None:

@@ -1,0 +1,76 @@
+"""Commands about what a unit sends: decode a file of raw bytes, and explain a frame description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from hil.cli.output import JsonFlag, print_json, results
+from hil.errors import InputError
+
+Description = Annotated[
+    str, typer.Option("--frames", help="A frame description, or the name of one that ships.", show_default=False)
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="A parameter of the description, NAME=VALUE (range, rate …); may be repeated."),
+]
+
+
+def decode(
+    file: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.", show_default=False)],
+    frames: Description,
+    settings: Settings = None,
+    rate: Annotated[float | None, typer.Option(help="Samples per second, where it is not the description's.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the frames as a table: X.parquet or X.csv.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Decode a file of raw bytes and account for every one of them."""
+    from hil.decode import decode_file, load_frames_named
+
+    description = load_frames_named(frames, parameters=_parameters(settings), sample_rate_hz=rate)
+    document = decode_file(file, description, out=out)
+    if as_json:
+        print_json(document)
+        return
+    console = results()
+    console.print(
+        f"{file}: {', '.join(f'{number} {name}' for name, number in document['frames'].items()) or 'no frames'}"
+    )
+    for count, number in document.items():
+        if isinstance(number, int):
+            console.print(f"  {count.replace('_', ' ')}: {number}")
+    if out is not None:
+        console.print(f"written: {out}")
+
+
+def check(
+    description: Annotated[str, typer.Argument(help="A frame description, or the name of one that ships.")],
+    settings: Settings = None,
+) -> None:
+    """Check a frame description and say in words what it means."""
+    from hil.decode import load_frames_named
+    from hil.frames_check import explain_frames
+
+    results().print(explain_frames(load_frames_named(description, parameters=_parameters(settings))))
+
+
+def _parameters(settings: list[str] | None) -> dict[str, Any]:
+    """Read NAME=VALUE pairs; values are numbers or words as YAML has them."""
+    found: dict[str, Any] = {}
+    for setting in settings or []:
+        name, sign, value = setting.partition("=")
+        if not sign or not name.strip():
+            raise InputError(f"--set {setting}: write NAME=VALUE")
+        found[name.strip()] = yaml.safe_load(value)
+    return found
+
+
+COMMANDS = (decode,)
+
+frames_app = typer.Typer(
+    name="frames", help="Frame descriptions: what a unit's bytes mean.", no_args_is_help=True, rich_markup_mode=None
+)
