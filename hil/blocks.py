@@ -182,7 +182,9 @@ def read_samples(folder: Path, block: Block) -> Samples:
     """Return the samples of a SAMPLES block; raise `DamagedBlock` unless the file is exactly what was written."""
     data = checked_bytes(folder, block)
     try:
-        table = pq.read_table(pa.BufferReader(data))
+        # No threads for one small block: Arrow's pools, still alive when a short command exits, now and then abort it.
+        with pq.ParquetFile(pa.BufferReader(data), pre_buffer=False) as file:
+            table = file.read(use_threads=False)
     except (pa.ArrowException, OSError) as error:
         raise DamagedBlock(f"{block.path}: is not readable as Parquet ({error})") from None
     if table.num_rows != block.rows:

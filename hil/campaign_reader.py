@@ -267,7 +267,8 @@ def _csv_columns(path: Path) -> dict[str, FloatArray]:
 
 def _parquet_columns(path: Path) -> dict[str, FloatArray]:
     try:
-        return _finite(path, pyarrow.parquet.read_table(path))
+        with path.open("rb") as opened, pyarrow.parquet.ParquetFile(opened, pre_buffer=False) as file:
+            return _finite(path, file.read(use_threads=False))
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import subprocess
+import sys
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +73,18 @@ def test_samples_and_raw_bytes_come_back_exactly(tmp_path: Path) -> None:
     assert samples.meanings["rate_A2"].unit == "deg/hr"
     assert samples.simulated
     assert read_raw(tmp_path, raw_block) == _SAMPLES.raw
+
+
+def test_reading_a_block_starts_no_thread(tmp_path: Path) -> None:
+    """A command that only looks ends at once and cleanly: Arrow's thread pools can abort an interpreter that exits."""
+    block, _ = BlockWriter(tmp_path, simulated=True).write(_STEP, 1, _SAMPLES)
+    script = (
+        "import os, sys, pathlib, hil.blocks as b\n"
+        "count = lambda: len(os.listdir('/proc/self/task'))\n"
+        f"before = count(); b.read_samples(pathlib.Path({str(tmp_path)!r}), b.Block(*{astuple(block)!r}))\n"
+        "sys.exit(count() - before)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=False, timeout=50).returncode == 0
 
 
 def test_a_block_explains_itself_to_any_parquet_reader(tmp_path: Path) -> None:
