@@ -98,7 +98,8 @@ def _length(frame: FrameDescription) -> str:
     length = frame.length
     if isinstance(length, LengthDescription):
         extended = f", or further on where it is {length.extended.mark}" if length.extended is not None else ""
-        return f"{length.shortest} to {length.longest} bytes: the number at byte {length.at} and {length.plus} more{extended}"
+        told = f"the number at byte {length.at} and {length.plus} more{extended}"
+        return f"{length.shortest} to {length.longest} bytes: {told}"
     return f"at most {frame.longest} bytes" if length is None else f"{length} bytes"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
-from drivers.frames.crc import Crc, whole_message_test
+from drivers.frames.crc import Crc, Residue, residue_test
 from drivers.frames.description import FrameDescription
 from drivers.frames.wire import Rows, read_column, write_column
 
@@ -97,13 +97,16 @@ class FrameChecksum:
             self._algorithm = _Fletcher()
         else:
             self._algorithm = _Xor() if isinstance(kind, XorKind) else _None()
-        self.matches = self._quick(kind) or self._matches
+        self._residue: Residue | None = None
+        if isinstance(kind, CrcKind) and self._at == self._end > self._start:
+            self._residue = residue_test(kind, self._start, self._end)
+        self.matches: Callable[[bytes], bool] = self._matches if self._residue is None else self._residue.matches
 
-    def _quick(self, kind: object) -> Callable[[bytes], bool] | None:
-        """Return a test for one frame in one compiled call, where there is one: a CRC right behind what it covers."""
-        if not isinstance(kind, CrcKind) or self._at != self._end or self._end - self._start < 1:
-            return None
-        return whole_message_test(kind, self._start, self._end)
+    def all_match(self, data: bytes, length: int) -> bool:
+        """Tell whether all frames of `length` bytes in `data` carry the right checksum."""
+        if self._residue is not None:
+            return self._residue.all_match(data, length)
+        return all(self._matches(data[at : at + length]) for at in range(0, len(data), length))
 
     def _matches(self, frame: bytes) -> bool:
         """Tell whether one whole frame carries the right checksum."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import zlib
 from binascii import crc_hqx
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -155,30 +156,57 @@ def _compiled_register(kind: CrcParameters) -> Callable[[bytes], int] | None:
     return unreflected
 
 
-def whole_message_test(kind: CrcKind, start: int, end: int) -> Callable[[bytes], bool] | None:
-    """Return a test of frames that cover [start, end) and carry the CRC right there, in one compiled call.
+@dataclass(frozen=True)
+class Residue:
+    """A test of frames that carry the CRC right behind what it covers, in one compiled call for each.
 
     A CRC over a message and its own CRC leaves the same residue whatever the message is, where the CRC is stored in the
-    order in which its bits leave the register. None where the standard library has no loop for it.
+    order in which its bits leave the register. `prepare` is done once to any number of frames.
     """
+
+    prepare: Callable[[bytes], bytes]
+    register: Callable[[bytes, int], int]
+    begin: int
+    residue: int
+    start: int
+    after: int
+
+    def matches(self, frame: bytes) -> bool:
+        """Tell it for one frame."""
+        return self.register(self.prepare(frame[self.start : self.after]), self.begin) == self.residue
+
+    def all_match(self, data: bytes, length: int) -> bool:
+        """Tell whether all frames of `length` bytes in `data` match."""
+        ready, register, begin, residue = self.prepare(data), self.register, self.begin, self.residue
+        start, size = self.start, self.after - self.start
+        for at in range(start, len(data), length):  # noqa: SIM110 - a generator costs half as much again
+            if register(ready[at : at + size], begin) != residue:
+                return False
+        return True
+
+
+def residue_test(kind: CrcKind, start: int, end: int) -> Residue | None:
+    """Return the test for a CRC over [start, end), stored at `end`; None where no compiled loop does it."""
     natural = "little" if kind.refout else "big"
     if kind.refin != kind.refout or kind.stored != natural or -(end - start) % kind.pad_to:
         return None
-    after = end + kind.size
     sample = bytes(end - start)
     sample += message_crc(kind, sample).to_bytes(kind.size, natural)
+    after = end + kind.size
     if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
-        init, residue = kind.init, crc_hqx(sample, kind.init)
-        return lambda frame: crc_hqx(frame[start:after], init) == residue
+        return Residue(_as_it_is, crc_hqx, kind.init, crc_hqx(sample, kind.init), start, after)
     if kind.width != 32 or kind.poly != _IEEE:
         return None
-    begin = _reflect(kind.init, 32) ^ 0xFFFFFFFF
-    crc32 = zlib.crc32
-    if kind.refin:
-        residue = crc32(sample, begin)
-        return lambda frame: crc32(frame[start:after], begin) == residue
-    residue = crc32(sample.translate(_REVERSED_BITS), begin)
-    return lambda frame: crc32(frame[start:after].translate(_REVERSED_BITS), begin) == residue
+    begin, prepare = _reflect(kind.init, 32) ^ 0xFFFFFFFF, _as_it_is if kind.refin else _reverse_bits
+    return Residue(prepare, zlib.crc32, begin, zlib.crc32(prepare(sample), begin), start, after)
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
+
+
+def _reverse_bits(data: bytes) -> bytes:
+    return data.translate(_REVERSED_BITS)
 
 
 def _table_register(kind: CrcParameters) -> Callable[[bytes], int]:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from drivers.frames.batch import FrameBatch, join
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
+from drivers.frames.few import FewBatch, FewFrames
 from drivers.frames.layout import FrameLayout
 from drivers.frames.scan import Scan, Scanner, Standing
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
 
 _FEW = 16  # below so many frames, looking at them one by one is faster
+_QUICK = 192  # frames below which those of the expected type are verified one by one
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Decoded:
     """The good frames of one feed by type, in the order of their arrival, and what became of all bytes decided."""
 
@@ -60,6 +63,12 @@ class StreamDecoder:
         self._standing = Standing()
         self._flawless = True  # the last piece was; the next one probably is
         self._last_arrival_s = 0.0
+        self._families = plain
+        self._confirms = any(family.confirm for family in plain)
+        self._no_frames: dict[str, FrameBatch] = dict(zip(self._names, self._nothing, strict=True))
+        self._few: tuple[int, FewFrames] | None = None  # the type of the last frame, for the quick path
+        self._few_frames: dict[int, FewFrames] = {}
+        self._quick_bytes = 0
 
     @property
     def pending(self) -> bytes:
@@ -72,6 +81,10 @@ class StreamDecoder:
             waited_s = arrival_s - self._last_arrival_s
             return self._decode(b"", give_up=waited_s >= self._description.partial_frame_wait_s)
         self._last_arrival_s = arrival_s
+        if self._few is not None and len(data) < self._quick_bytes:
+            decoded = self._decode_few(data, *self._few)
+            if decoded is not None:
+                return decoded
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
@@ -84,9 +97,46 @@ class StreamDecoder:
         self._rest = b""
         self._standing = Standing()
         self._delimited = None
+        self._few = None
         self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
+
+    def _decode_few(self, data: bytes, index: int, few: FewFrames) -> Decoded | None:
+        """Decode frames like the one before, in step with it and with their counter; None where they are not so."""
+        buffer = self._rest + data if self._rest else data
+        n, over = divmod(len(buffer), few.length)
+        whole, rest = (buffer[:-over], buffer[-over:]) if over else (buffer, b"")
+        if (over and not few.may_begin(rest)) or not few.good(whole):
+            return None
+        if not n:
+            self._rest = buffer
+            return Decoded(self._no_frames, _ok(0))
+        sequence = self._sequences[index].advance(whole, n)
+        if sequence is None:
+            return None
+        frames = self._no_frames.copy()
+        frames[self._names[index]] = FewBatch(few, whole, n, self._position, sequence)
+        self._rest = rest
+        self._position += len(whole)
+        if self._confirms:
+            self._scanner.newest[index] = (few.layout, whole[-few.length :])
+        return Decoded(frames, _ok(n))
+
+    def _expect_more(self, scans: Sequence[tuple[int, Scan]]) -> None:
+        """Remember the type of the last frame, if the next ones can be taken on the quick path."""
+        self._few = None
+        if not self._standing.in_step or not scans or (self._delimiter and self._delimited is None):
+            return
+        newest = [(int(s[-1]), i, layout) for i, found in enumerate(scans[-1][1].found) for layout, _, s in found]
+        if newest:
+            _, index, layout = max(newest, key=lambda each: each[0])
+            if self._families[index].steady is not None and self._sequences[index].steady(layout):
+                known = self._few_frames.get(id(layout))
+                if known is None:
+                    known = self._few_frames[id(layout)] = FewFrames(layout)
+                self._few = (index, known)
+                self._quick_bytes = _QUICK * layout.length
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
@@ -115,6 +165,7 @@ class StreamDecoder:
         decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out)
         self._rest = buffer[at:]
         self._position += at
+        self._expect_more(scans)
         return decoded
 
     def _look_for_delimiter(self, buffer: bytes, at: int, end: int, give_up: bool) -> bool:
@@ -170,6 +221,11 @@ class StreamDecoder:
             timed_out=timed_out,
         )
         return Decoded(frames, counts)
+
+
+@lru_cache(maxsize=256)
+def _ok(n: int) -> StreamCounts:
+    return StreamCounts(ok=n)
 
 
 def _no_frames(layout: FrameLayout) -> FrameBatch:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.batch import FrameBatch
 from drivers.frames.description import FrameDescription
-from drivers.frames.layout import IntArray
+from drivers.frames.layout import FrameLayout, IntArray
+
+_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q"}
 
 
 class FrameSequence:
@@ -26,6 +31,7 @@ class FrameSequence:
         self._last: int | None = None  # counter (or time) of the last frame
         self._sequence = -1  # its unwrapped number, in frames
         self._continuous = True
+        self._read: Callable[[bytes], Iterator[tuple[int, ...]]] | None = None
 
     def interrupt(self) -> None:
         """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
@@ -51,6 +57,38 @@ class FrameSequence:
             batch.sequence = sequence
             return batch, lost, 0
         return batch.select(~repeated, sequence[~repeated]), lost, int(repeated.sum())
+
+    def steady(self, layout: FrameLayout) -> bool:
+        """Tell whether `advance` can follow frames of this layout: by a plain counter, or by none at all."""
+        self._read = None
+        if self._counter is None:
+            return self._time is None
+        field = layout.numeric.get(self._counter.field)
+        if field is None or field.type not in _CODES or field.mask is not None:
+            return False
+        at, order = layout.offsets[self._counter.field], "<" if layout.order(field) == "little" else ">"
+        record = f"{order}{at}x{_CODES[field.type]}{layout.length - at - field.width}x"
+        self._read = struct.Struct(record).iter_unpack
+        return True
+
+    def advance(self, data: bytes, n: int) -> int | None:
+        """Follow the n frames in `data` that are each one step ahead of the one before; return the number of the first.
+
+        Return None, and change nothing, where they are not so: then `take` must decide.
+        """
+        counter, read, last = self._counter, self._read, self._last
+        if counter is not None and read is not None:
+            if last is None:
+                return None
+            values = [value for (value,) in read(data)]
+            step, modulus = counter.step, counter.modulus
+            if values != [(last + step * number) % modulus for number in range(1, n + 1)]:
+                return None
+            self._last = values[-1]
+        first = self._sequence + 1
+        self._sequence += n
+        self._continuous = True
+        return first
 
     def _take_told(self, batch: FrameBatch, told: NDArray[np.bool_], field: str) -> tuple[FrameBatch, int, int]:
         """Follow the frames that tell their counter; the others get the number of the one before."""
