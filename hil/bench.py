@@ -9,7 +9,7 @@ devices and cannot tell.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -74,6 +74,7 @@ def build_bench(
     *,
     start_utc: datetime | None = None,
     first_run: int = 1,
+    visited: Sequence[str] = (),
     session: int = 0,
     ask: AskOperator | None = None,
 ) -> LiveBench:
@@ -81,9 +82,9 @@ def build_bench(
 
     `start_utc` is where a virtual clock begins (a fixed instant where it is not given), so that a night that is
     carried on goes on in time; its simulated chamber begins at the start temperature of the simulation section, as one
-    that nobody controlled meanwhile. `first_run` and `session` are those of `simulate_devices`. `ask` puts questions to
-    the operator of a bench without indexing. Raises `InputError` for a port that does not exist or a file that cannot
-    be used, `DeviceError` for a port that cannot be opened; nothing stays open then.
+    that nobody controlled meanwhile. `first_run`, `visited` and `session` are those of `simulate_devices`. `ask` puts
+    questions to the operator of a bench without indexing. Raises `InputError` for a port that does not exist or a file
+    that cannot be used, `DeviceError` for a port that cannot be opened; nothing stays open then.
     """
     description = load_frames(bench)
     if bench.imu.positioner == "operator" and ask is None:
@@ -95,7 +96,9 @@ def build_bench(
 
     @cache
     def simulators() -> SimulatedBench:
-        return simulate_devices(bench, description, begins_s=clock.now(), first_run=first_run, session=session)
+        return simulate_devices(
+            bench, description, begins_s=clock.now(), first_run=first_run, visited=visited, session=session
+        )
 
     def transport(url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         if url.startswith(SIMULATED_SCHEME):

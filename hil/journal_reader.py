@@ -115,14 +115,20 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, kind, message, evidence FROM events WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(Event(*columns, evidence=_mapping(evidence)) for *columns, evidence in rows)
+        return tuple(
+            Event(number, controller, at_s, kind, message, _mapping(evidence))
+            for number, controller, at_s, kind, message, evidence in rows
+        )
 
     def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
         """Return the signs of life, in order; only those with a number above `after`."""
         rows = self._connection.execute(
             "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(Heartbeat(*columns, readings=_mapping(readings)) for *columns, readings in rows)
+        return tuple(
+            Heartbeat(number, controller, at_s, step_key, _mapping(readings))
+            for number, controller, at_s, step_key, readings in rows
+        )
 
     def last_heartbeat(self) -> Heartbeat | None:
         """Return the newest sign of life, or None before the first."""

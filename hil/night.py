@@ -41,7 +41,7 @@ from hil.journal_reader import reading
 from hil.journal_records import Night
 from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
-from procedures.plan import make_plan
+from procedures.plan import StepKind, make_plan
 from procedures.progress import Progress
 from procedures.sequencer import Sequencer, SweepOutcome, SweepState
 from procedures.stop import StopRequest
@@ -126,11 +126,15 @@ def resume_night(
         return NightOutcome(folder, "complete", "every planned step was done before", 0)
     last_s = max((controller.seen_s for controller in controllers), default=0.0)
     first_run = next((n for n, steps in plan.self_calibrations.items() if any(s.key not in done for s in steps)), 1)
+    half_done = plan.self_calibrations.get(first_run, ())
+    visited = [s.position for s in half_done if s.kind is StepKind.COLLECT and s.key in done and s.position]
     lock = FolderLock(folder).acquire()
     try:
         bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
         start = night.utc(last_s + down_s)
-        live = build_bench(bench, start_utc=start, first_run=first_run, session=len(controllers), ask=ask)
+        live = build_bench(
+            bench, start_utc=start, first_run=first_run, visited=visited, session=len(controllers), ask=ask
+        )
     except BaseException:
         lock.release()
         raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.frames.description import StreamDescription
@@ -26,13 +27,20 @@ class SimulatedBench:
 
 
 def simulate_devices(
-    bench: Bench, description: StreamDescription, *, begins_s: float, first_run: int = 1, session: int = 0
+    bench: Bench,
+    description: StreamDescription,
+    *,
+    begins_s: float,
+    first_run: int = 1,
+    visited: Sequence[str] = (),
+    session: int = 0,
 ) -> SimulatedBench:
     """Return the devices that the bench's simulation section describes, at rest at `begins_s` on the caller's clock.
 
     The chamber begins at the start temperature, whatever it held before: a chamber cools (or warms) while nobody
-    controls it. `first_run` and `session` carry on a night: the number of the self-calibration that comes next or is
-    half done, which keeps its run-to-run scatter, and a number that no earlier part of the night had, for new noise.
+    controls it. `first_run`, `visited` and `session` carry on a night: the number of the self-calibration that comes
+    next or is half done, which keeps its run-to-run scatter; the positions whose collects it has; and a number that no
+    earlier part of the night had, for new noise.
     Raises `InputError` where the section, the model and the description do not go together.
     """
     settings, roles, model = bench.simulation, description.roles, bench.simulation_model
@@ -62,6 +70,7 @@ def simulate_devices(
         sample_rate_hz=rate_hz,
         begins_s=begins_s,
         first_run=first_run,
+        visited=visited,
         session=session,
         setpoints=plant,
     )

@@ -6,7 +6,7 @@ orders of magnitude above what is measured, so that a single sample of it in a c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,11 +52,12 @@ class Timeline:
         position: str,
         *,
         first_run: int,
+        visited: Sequence[str] = (),
         new_run_after_s: float,
     ) -> None:
         self._orientations = orientations
         self._new_run_after_s = new_run_after_s
-        self._visited: set[str] = set()
+        self._visited = set(visited)  # positions of the present run
         here = self._axes_at(position)
         self.legs = [Leg(position, -np.inf, -np.inf, first_run, here, here, np.zeros(3))]
 

@@ -15,7 +15,7 @@ point before it, along the slope, plus white noise. The rates are R = B + K·f +
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +49,7 @@ class Truth:
 
 
 class SimulatedUnit:
-    """The physics of the simulated unit. `first_run` and `session` carry on a night (see `hil.bench.build_bench`)."""
+    """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`."""
 
     def __init__(
         self,
@@ -61,6 +61,7 @@ class SimulatedUnit:
         sample_rate_hz: float,
         begins_s: float = 0.0,
         first_run: int = 1,
+        visited: Sequence[str] = (),
         session: int = 0,
         setpoints: Setpoints | None = None,
     ) -> None:
@@ -96,6 +97,7 @@ class SimulatedUnit:
             {n: bench.orientations(n) for n in self._sensors},
             settings.start.position,
             first_run=first_run,
+            visited=visited,
             new_run_after_s=settings.noise.new_run_after_rest,
         )
         self._white = WhiteNoise(settings.seed, session, len(self._columns.names))

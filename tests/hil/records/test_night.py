@@ -173,8 +173,8 @@ start_night(sys.argv[1], parse_sweep(sys.argv[2], "short.yaml"), load_bench("sim
 """
 
 
-def test_a_night_whose_controller_was_killed_is_carried_on(tmp_path: Path) -> None:
-    """After SIGKILL what was done stays as it was, the cut-off attempt is redone, and time has passed."""
+def test_a_night_whose_controller_was_killed_is_carried_on(finished: Path, tmp_path: Path) -> None:
+    """After SIGKILL what was done stays, the cut-off attempt is redone, time has passed, and the rates are the same."""
     folder = tmp_path / "night"
     child = subprocess.run([sys.executable, "-c", _CHILD, str(folder), SWEEP], check=False)
     assert child.returncode == -signal.SIGKILL
@@ -199,6 +199,13 @@ def test_a_night_whose_controller_was_killed_is_carried_on(tmp_path: Path) -> No
         assert starts == sorted(starts)
         attempts = [each for each in journal.attempts() if each.outcome is Outcome.DONE]
         assert len({each.step_key for each in attempts}) == len(attempts)
+    with SqliteJournal.open_readonly(finished) as journal:
+        undisturbed = journal.completed()
+    for key in (step for step in after if "collect" in step):
+        rates, expected = (each[key].data["sensors"]["2"]["rates"] for each in (after, undisturbed))
+        for channel, rate in rates.items():
+            difference = rate["mean_deg_per_hr"] - expected[channel]["mean_deg_per_hr"]
+            assert abs(difference) < 4.0 * np.hypot(rate["se_deg_per_hr"], expected[channel]["se_deg_per_hr"])
 
 
 def test_a_resume_uses_the_configuration_of_the_beginning(tmp_path: Path) -> None:

@@ -167,6 +167,15 @@ def test_a_night_that_is_carried_on_keeps_the_scatter_of_its_self_calibrations(t
         assert resumed._sensors[number].scatter(5) == straight._sensors[number].scatter(5)
 
 
+def test_the_self_calibration_after_a_resumed_one_is_another_run(tmp_path: Path) -> None:
+    """A controller that died between two collects does not make the unit repeat itself in the next self-calibration."""
+    straight = _unit(changed_bench(tmp_path))
+    resumed = _unit(changed_bench(tmp_path), first_run=5, visited=("1",), session=1)
+    _runs_of(straight, [(3000.0 * n + dt, position) for n in range(1, 7) for dt, position in ((0, "1"), (90, "2"))])
+    assert _runs_of(resumed, [(3000.0, "2"), (6000.0, "1"), (6090.0, "2")]) == [5, 6, 6]
+    assert resumed._sensors[2].scatter(6) == straight._sensors[2].scatter(6)
+
+
 def test_run_to_run_scatter_can_be_switched_off(tmp_path: Path) -> None:
     """Then the truth is the model."""
     bench = changed_bench(
