@@ -14,7 +14,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class StreamCounts:
-    """What happened to the bytes. Counts add: `before + after` is the sum over both intervals."""
+    """What happened to the bytes. Counts add: `before + after` is the sum over both intervals.
+
+    `overflow_bytes` arrived while nobody read for so long that they could not be kept.
+    """
 
     ok: int = 0
     bad_checksum: int = 0
@@ -25,6 +28,7 @@ class StreamCounts:
     lost: int = 0
     duplicate: int = 0
     timed_out: int = 0
+    overflow_bytes: int = 0
 
     def __add__(self, other: StreamCounts) -> StreamCounts:
         mine, theirs = vars(self), vars(other)

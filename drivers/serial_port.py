@@ -10,7 +10,10 @@ survives a cable that came loose.
 from __future__ import annotations
 
 import errno
+import io
 import re
+import select
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -32,7 +35,8 @@ _MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that neve
 class SerialTransport:
     """A `drivers.transport.Transport` over pyserial. Deadlines are the injected clock's.
 
-    The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O).
+    The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O). With
+    `low_latency`, adapters that can are asked to pass bytes on at once instead of every 16 ms.
     Opening happens here; raise `TransportError` where the port cannot be opened, saying why and what to do.
     """
 
@@ -45,6 +49,7 @@ class SerialTransport:
         bytesize: int = 8,
         parity: str = "N",
         stopbits: float = 1,
+        low_latency: bool = False,
     ) -> None:
         self._url = url
         self._clock = clock
@@ -56,9 +61,11 @@ class SerialTransport:
             "timeout": 0,
             "write_timeout": _WRITE_TIMEOUT_S,
         }
+        self._low_latency = low_latency
         self._arrived = bytearray()
         self._closed = False
         self._port: Any = None
+        self._opening = threading.Lock()  # one thread may write while another reads
         self._open()
 
     @property
@@ -103,6 +110,12 @@ class SerialTransport:
         """Throw away and return what has arrived."""
         return self.read_available()
 
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until bytes have arrived, at most `timeout_s`; tell whether they have. Costs nothing meanwhile."""
+        if self._arrived:
+            return True
+        return self._guarded(lambda port: bool(_ready(port, self._clock, timeout_s)))
+
     def close(self) -> None:
         """Release the port. Closing twice is allowed."""
         self._closed = True
@@ -125,10 +138,12 @@ class SerialTransport:
         """Do something with the open port; a failure closes it and becomes a `TransportError`."""
         if self._closed:
             raise TransportError(f"{self._url}: the port is closed")
-        if self._port is None:
-            self._open()
+        with self._opening:
+            if self._port is None:
+                self._open()
+            port = self._port
         try:
-            return act(self._port)
+            return act(port)
         except serial.SerialTimeoutException:
             raise TransportError(
                 f"{self._url}: the port takes no bytes ({_WRITE_TIMEOUT_S:g} s); check flow control and the cable"
@@ -146,6 +161,9 @@ class SerialTransport:
             self._port = serial.serial_for_url(self._url, **settings)
         except (serial.SerialException, OSError, ValueError) as error:
             raise TransportError(_why_not_open(self._url, error)) from error
+        if self._low_latency:
+            with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # not every port can
+                self._port.set_low_latency_mode(True)
 
     def _release(self) -> None:
         port, self._port = self._port, None
@@ -163,9 +181,32 @@ def open_port(
     bytesize: int = 8,
     parity: str = "N",
     stopbits: float = 1,
+    low_latency: bool = False,
 ) -> SerialTransport:
     """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot."""
-    return SerialTransport(url, clock=clock, baudrate=baudrate, bytesize=bytesize, parity=parity, stopbits=stopbits)
+    return SerialTransport(
+        url,
+        clock=clock,
+        baudrate=baudrate,
+        bytesize=bytesize,
+        parity=parity,
+        stopbits=stopbits,
+        low_latency=low_latency,
+    )
+
+
+def _ready(port: Any, clock: Clock, timeout_s: float) -> bool:
+    """Tell whether bytes arrive within `timeout_s`; ports without a descriptor are asked again and again."""
+    try:
+        descriptor = port.fileno()
+    except (AttributeError, io.UnsupportedOperation):
+        descriptor = None
+    if isinstance(descriptor, int):
+        return bool(select.select([descriptor], [], [], timeout_s)[0])
+    deadline_s = clock.now() + timeout_s
+    while not port.in_waiting and clock.now() < deadline_s:
+        clock.sleep(_POLL_S)
+    return bool(port.in_waiting)
 
 
 def existing_ports() -> list[str]:

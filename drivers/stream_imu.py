@@ -19,6 +19,7 @@ from drivers.frames.batch import FrameBatch
 from drivers.frames.decoder import Decoded, StreamDecoder
 from drivers.frames.description import StreamDescription
 from drivers.imu import FloatArray, ImuIdentity, SampleBlock, SensorChannels, StreamCounts
+from drivers.live_reader import LiveReader
 from drivers.sample_clock import SampleClock
 from drivers.transport import Transport
 
@@ -166,6 +167,8 @@ class StreamImu:
     def _block(self, raw: bytes, arrival_s: float) -> SampleBlock:
         decoded, times_s = self._take(raw, arrival_s)
         counts, batch = decoded.counts, decoded[self._roles.frame]
+        if isinstance(self._transport, LiveReader) and (overflow := self._transport.take_overflow()):
+            counts += StreamCounts(overflow_bytes=overflow)
         return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
     def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
