@@ -56,7 +56,7 @@ def driver_columns(expression: str) -> frozenset[str]:
 
 def _part(part: str, conditions: Conditions, reference: float | None) -> FloatArray:
     if label := _LABEL.match(part):
-        return (conditions.position == label.group(1)).astype(np.float64)
+        return np.asarray(conditions.position == label.group(1), dtype=np.float64)
     if step := _ABOVE.match(part):
         values, edge = _column(step.group(1), conditions), float(step.group(3))
         beyond = values > edge if step.group(2) == ">" else values <= edge
