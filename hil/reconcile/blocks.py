@@ -29,7 +29,8 @@ class Block:
     `rows` (N,) index the sensor's collects and `channel` (N,) its channels; `y` (N,) is the measured rate less what the
     model takes as known, deg/hr; `base` (N, p) the base columns that act here; `sigma` (N,) the stated white noise
     (ones where nothing is stated); `run` (N,) the place of the row's run in the order of runs; `order` (N,) the place
-    of the collect; `f_random` (N, k) the accelerations whose sensitivity may change from run to run.
+    of the collect; `f_random` (N, k) the accelerations whose sensitivity may change from run to run. `sigma_trusted`
+    says that the stated noise is all there is to judge by: nothing was measured twice.
     """
 
     sensor: int
@@ -43,6 +44,7 @@ class Block:
     order: IntArray
     station: IntArray
     f_random: FloatArray
+    sigma_trusted: bool = False
 
     def take(self, keep: BoolArray) -> Block:
         """Return the block with only the rows where `keep` is true; base columns that vanish are dropped."""

@@ -25,6 +25,7 @@ from hil.reconcile.noise import NoiseGrid, covariances, noise_grid, whiteners
 
 _G = (8.0, 64.0, 512.0, 4096.0)
 _STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
+_TRUSTED_DOF = 12.0  # and where they are all there is to judge by
 _INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted
 _DEPTH = 9.0  # noise points this much (in log probability) below the best are left out
 _MOST_POINTS = 36
@@ -98,7 +99,8 @@ class ScalePrior:
         """Return the prior of a block."""
         if not block.sigma_stated:
             return cls(0.0, 1e-12)
-        return cls(0.5 * _STATED_DOF, 0.5 * _STATED_DOF * float(np.mean(block.sigma**2)))
+        strength = _TRUSTED_DOF if block.sigma_trusted else _STATED_DOF
+        return cls(0.5 * strength, 0.5 * strength * float(np.mean(block.sigma**2)))
 
 
 class BlockEvidence:
@@ -197,6 +199,7 @@ class BlockEvidence:
         for point in np.unique(chosen):
             where = np.flatnonzero(chosen == point)
             scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom - 1.0, 0.5)
+            scale = self.prior.b / self.prior.a if self.block.sigma_trusted and self.block.sigma_stated else scale
             factor = np.linalg.cholesky(covariance[point])
             out[:, where] = np.sqrt(scale) * (factor @ rng.standard_normal((out.shape[0], len(where))))
         return out

@@ -44,9 +44,9 @@ def next_experiment(
     leader = naming.leader
     if leader.tier != 1 or not rivals:
         return None
-    unit = leader.added.units[0]
-    sensor = sensors[unit.candidate.sensor]
-    rival = max(rivals, key=lambda r: r.probability)
+    rival = max(rivals, key=lambda r: (bool(r.same_on), r.probability))
+    touched = [unit.candidate.sensor for unit in leader.added.units]
+    sensor = sensors[next((number for number in touched if number in rival.same_on), touched[0])]
     scored = []
     for addition in additions(sensor):
         outcome = separation(leader, rival, sensor, addition, sigma[sensor.number])

@@ -22,6 +22,10 @@ from hil.reconcile.prove import HeldOut
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival
 from hil.reconcile.search import Scan
 
+NOT_HELD_OUT = (
+    "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
+)
+
 
 @dataclass(frozen=True)
 class Step:
@@ -42,6 +46,7 @@ def gap_of(
     blocks: Sequence[Block],
     *,
     reverted: bool,
+    unjudged: bool = False,
     rng: np.random.Generator,
 ) -> Gap:
     """Return the held-out gap; as it was before where what was found was taken back."""
@@ -54,6 +59,10 @@ def gap_of(
     before, after = runs.rms
     scaled_before, scaled_after = runs.standardised
     folds = len(runs.rows)
+    if unjudged:
+        nothing = "not held out (one run per temperature): residuals of the fit itself"
+        after = before if reverted else after
+        return Gap(before, after, floor, nothing, scaled_before, scaled_before if reverted else scaled_after, np.nan)
     kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
     return Gap(
         before=before,
@@ -125,7 +134,7 @@ def _stated(step: Step, weighed: Weighed) -> float:
 
 def _rival(step: Step, rival: Weighed) -> Rival:
     name = rival.name if rival.tier == 1 else f"empirical: {rival.name}"
-    return Rival(name, _stated(step, rival), rival.overlap, rival.title)
+    return Rival(name, _stated(step, rival), rival.overlap, rival.title, rival.same_on)
 
 
 def _physics(effect: Effect | None) -> str:

@@ -13,6 +13,7 @@ from hil.effects.drivers import driver_reference
 from hil.effects.empirical import empirical
 from hil.linear_forms import LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
+from hil.reconcile.calibration import PerTemperatureForm
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.fit import Added, Fit
 from hil.reconcile.hypotheses import Unit
@@ -98,6 +99,12 @@ def improved(
 
 
 def _base_curves(form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Curve]:
+    if isinstance(form, PerTemperatureForm):
+        own = values.reshape(len(form.plain_names), len(form.centres_degC))
+        return {
+            name: Table(unit=unit, table=TableRows(temperature_degC=form.centres_degC, value=tuple(map(float, row))))
+            for name, unit, row in zip(form.plain_names, form.plain_units, own, strict=True)
+        }
     if form.reference_degC is None:
         return {n: Constant(unit=u, value=float(v)) for n, u, v in zip(form.names, form.units, values, strict=True)}
     return {

@@ -42,11 +42,15 @@ _UNHEARD_OF = 20.0
 _CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
+_SHOWS = 5.0  # norm in units of the noise from which an effect shows on a sensor
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader."""
+    """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader.
+
+    `same_on` are the sensors of several on which it cannot be told from the leader.
+    """
 
     name: str
     tier: int
@@ -57,6 +61,7 @@ class Weighed:
     overlap: float
     added: Added
     fit: Fit
+    same_on: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,8 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     leader = _more_plausible(leader, ranked, blocks, noise)
     rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
     if leader.tier == 1:
-        same = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_narrow(leader, w, blocks, noise)]
+        rivals = [_by_sensor(leader, w, blocks, noise) if w.tier == 1 else w for w in rivals]
+        same = [w for w in rivals if w.same_on or (w.tier == 1 and _same(leader, w, blocks, noise))]
         stronger = [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > leader.probability]
         same += [w for w in stronger if w not in same]
         possible = [
@@ -130,6 +136,10 @@ def _standing(name: str) -> float:
 def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
     """Whether a rival is improbable, and the same only because of how these collects were taken."""
     return rival.name in _INCIDENTAL and leader.name not in _INCIDENTAL and rival.probability < _NEGLIGIBLE
+
+
+def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
+    return rival.overlap > SAME and _as_narrow(leader, rival, blocks, noise)
 
 
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
@@ -244,15 +254,49 @@ def plausibility(excess: float) -> float:
 
 def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """How much of the leader's fitted effect the rival's columns reproduce beside the base, 0 to 1."""
-    parts = []
-    for b, block in enumerate(blocks):
-        basis = _orthonormal(noise[b].whitening @ block.base)
-        white = noise[b].whitening @ leader.fit.effect[b]
-        parts.append(white - basis @ (basis.T @ white))
-    target = np.concatenate(parts)
+    target = np.concatenate(
+        [_beside(effect, block, n) for effect, block, n in zip(leader.fit.effect, blocks, noise, strict=True)]
+    )
     total = float(target @ target)
     span = _span(rival.added, blocks, noise)
     return float(np.sqrt(np.sum((span.T @ target) ** 2) / total)) if total > 0 else 0.0
+
+
+def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
+    """State on which sensors of several the rival is the leader: another sensor cannot speak for them."""
+    numbers = sorted({block.sensor for block in blocks})
+    if len(numbers) < 2:
+        return rival
+    found, largest = [], rival.overlap
+    for number in numbers:
+        own = [b for b, block in enumerate(blocks) if block.sensor == number]
+        target = np.concatenate([_beside(leader.fit.effect[b], blocks[b], noise[b]) for b in own])
+        theirs, ours = _on_sensor(rival.added, own), _on_sensor(leader.added, own)
+        if float(target @ target) < _SHOWS**2 or not theirs.units or not ours.units:
+            continue
+        here, loud = [blocks[b] for b in own], [noise[b] for b in own]
+        span, mine = _span(theirs, here, loud), _span(ours, here, loud)
+        alike = float(np.sqrt(np.sum((span.T @ target) ** 2) / (target @ target)))
+        if alike > SAME and span.shape[1] <= mine.shape[1]:
+            found.append(number)
+            largest = max(largest, alike)
+    return replace(rival, same_on=tuple(found), overlap=largest)
+
+
+def _on_sensor(added: Added, own: Sequence[int]) -> Added:
+    """The units of an effect that act in the blocks `own`, renumbered; all of its units there, touched or not."""
+    units = [
+        replace(unit, blocks=tuple(own.index(b) for b in unit.blocks))
+        for unit in added.hypothesis.units
+        if all(b in own for b in unit.blocks)
+    ]
+    return replace(added, units=tuple(units))
+
+
+def _beside(effect: FloatArray, block: Block, noise: BlockNoise) -> FloatArray:
+    basis = _orthonormal(noise.whitening @ block.base)
+    white = noise.whitening @ effect
+    return np.asarray(white - basis @ (basis.T @ white))
 
 
 def _orthonormal(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:

@@ -54,12 +54,15 @@ class NoiseGrid:
 
 
 def noise_grid(block: Block) -> NoiseGrid:
-    """Return the grid of noise models that the block's layout can tell apart."""
+    """Return the grid of noise models that the block's layout can tell apart (where the stated noise is trusted: that alone)."""
     runs = len(np.unique(block.run))
     rows_per_run = len(block.y) / runs / len(np.unique(block.channel))
     many_runs = runs >= 4 and rows_per_run > 1.5
     run_bias = _RUN_BIAS if many_runs else (0.0,)
     run_sensitivity = _RUN_SENSITIVITY if many_runs else (0.0,)
+    if block.sigma_trusted:
+        one, zero = np.ones(1), np.zeros(1)
+        return NoiseGrid(zero, zero, zero, zero, _COLLECT_CORRELATION[0] * one, zero, zero)
     unequal = float(np.ptp(block.sigma)) > 1e-6 * float(np.mean(block.sigma))
     levelling = (_LEVELLING if block.sigma_stated else _LEVELLING[::2]) if unequal else (1.0,)
     points, priors = [], []

@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.linear_forms import LinearForm, named_form
 from hil.model import Model
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
+from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, per_temperature
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 
 _RICH_ORDER = 5
@@ -50,20 +51,25 @@ class Problem:
     notes: Sequence[str] = field(default_factory=tuple)
 
 
-def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
+def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibration: str = ONE_SET) -> Problem:
     """Fit the model's form to every sensor, cut the rows into blocks, and list the candidates.
 
-    Raises `InputError` where the form does not fit a sensor or needs a column that the campaign lacks.
+    `calibration` is one set of values for the campaign, or one per temperature. Raises `InputError` where the form does
+    not fit a sensor or needs a column that the campaign lacks.
     """
     sensors, blocks, candidates, notes = {}, [], [], []
     for number, collects in campaign.sensors.items():
         form, note = _form(model, collects.conditions)
         notes += note
+        if calibration == PER_TEMPERATURE:
+            form = per_temperature(form, collects.conditions)
         sensor = _sensor(number, collects, model, form)
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
         known = collects.conditions.w_channels_deg_per_hr
-        blocks += sensor_blocks(number, collects, known, columns)
+        own = sensor_blocks(number, collects, known, columns)
+        alone = calibration == PER_TEMPERATURE and not is_repeated(own)
+        blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base, catalogue))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))

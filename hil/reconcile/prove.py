@@ -116,8 +116,13 @@ def held_out(
     steps: int,
     threshold: float,
     points: Sequence[IntArray],
+    designs: Sequence[FloatArray],
 ) -> HeldOut:
-    """Predict every fold from the others, before and after; `steps` is how many effects are searched for in each."""
+    """Predict every fold from the others, before and after; `steps` is how many effects are searched for in each.
+
+    `designs[b]` (N, p) are base and effects together. A fold that the others cannot predict at all (the only run at its
+    temperature, where values belong to temperatures) is not counted: it could not judge anything.
+    """
     count = len(folds)
     sums = np.zeros((5, count))
     rows = np.zeros(count, dtype=np.int64)
@@ -126,6 +131,8 @@ def held_out(
     for i, fold in enumerate(folds):
         keep = [~held for held in fold]
         if any(k.sum() <= b.base.shape[1] + 2 for k, b in zip(keep, blocks, strict=True)):
+            continue
+        if any(_is_beyond(design, held) for design, held in zip(designs, fold, strict=True)):
             continue
         added = _select(keep, blocks, tables, hypotheses, steps, threshold, points)
         plain, full = refit(blocks, noise, [], keep), refit(blocks, noise, added, keep)
@@ -142,6 +149,35 @@ def held_out(
             sums[4, i] += _expected(blocks[b], noise[b], added, b, len(blocks), held)
     used = rows > 0
     return HeldOut(sums[0, used], sums[1, used], sums[2, used], sums[3, used], rows[used], before, after, sums[4, used])
+
+
+def in_sample(blocks: Sequence[Block], noise: Sequence[BlockNoise], steps: Sequence[Added]) -> tuple[HeldOut, HeldOut]:
+    """Residuals of the fits themselves, before and after, as one fold: where nothing can be held out."""
+    plain, full = refit(blocks, noise, []), refit(blocks, noise, steps)
+    sums = np.zeros(5)
+    for b in range(len(blocks)):
+        for row, fitted in ((0, plain), (1, full)):
+            error = fitted.residual[b]
+            sums[row] += float(error @ error)
+            sums[row + 2] += float(np.sum((noise[b].whitening @ error) ** 2))
+        sums[4] += float(np.trace(noise[b].covariance))
+    rows = np.array([sum(len(block.y) for block in blocks)])
+    out = HeldOut(
+        sums[0:1], sums[1:2], sums[2:3], sums[3:4], rows, list(plain.residual), list(full.residual), sums[4:5]
+    )
+    return out, out
+
+
+def _is_beyond(design: FloatArray, held: BoolArray) -> bool:
+    """Whether a held-out row asks for something that the other rows say nothing about."""
+    if not np.any(held) or design.shape[1] == 0:
+        return False
+    scaled = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    _, singular, v = np.linalg.svd(scaled[~held], full_matrices=False)
+    span = v[singular > 1e-6 * singular.max(initial=0.0)]
+    rows = scaled[held]
+    rest = rows - (rows @ span.T) @ span
+    return bool(np.linalg.norm(rest) > 0.1 * np.linalg.norm(rows))
 
 
 def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: BoolArray) -> float:

@@ -35,16 +35,21 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another name for the same data: its probability, and how much of the added effect it can reproduce."""
+    """Another name for the same data: its probability, and how much of the added effect it can reproduce.
+
+    `same_on` are the sensors, of several, whose own data cannot tell the two apart.
+    """
 
     id: str
     probability: float
     overlap: float
     title: str = ""
+    same_on: Sequence[int] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        return {"id": self.id, "probability": self.probability, "overlap": self.overlap, "title": self.title}
+        document = {"id": self.id, "probability": self.probability, "overlap": self.overlap, "title": self.title}
+        return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,7 @@ class Reconciliation:
     as_it_stands: Mapping[str, Any] | None = None
     notes: Sequence[str] = ()
     simulated: bool = False
+    calibration: str = "one set"
     picture: Mapping[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
@@ -138,6 +144,7 @@ class Reconciliation:
             "model_after": "model.yaml",
             "verdict": self.verdict,
             "p_value": self.p_value,
+            "calibration": self.calibration,
             "disagreements": [d.document() for d in self.disagreements],
             "effects": [effect.document() for effect in self.effects],
             "gap": self.gap.document(),

@@ -22,9 +22,11 @@ from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.reconcile.blocks import Block
-from hil.reconcile.evidence import NoiseTable
+from hil.reconcile.branches import CERTAIN, Branch, joined_columns, other_calibration, posed, pursue
+from hil.reconcile.calibration import ONE_SET
 from hil.reconcile.experiment import next_experiment
 from hil.reconcile.findings import (
+    NOT_HELD_OUT,
     Step,
     as_it_stands,
     channels_touched,
@@ -37,23 +39,18 @@ from hil.reconcile.findings import (
     swap_findings,
     verdict_of,
 )
-from hil.reconcile.fit import Added, BlockNoise, Fit, estimate_noise, refit
+from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import improved
-from hil.reconcile.naming import Naming, weigh
 from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
-from hil.reconcile.problem import Problem, pose, rich_columns
-from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, noise_points
+from hil.reconcile.problem import Problem
+from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
 from hil.reconcile.result import Reconciliation
-from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
+from hil.reconcile.search import Scan, Search
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import within_collects
 
-_MOST_EFFECTS = 5
 _DRAWS = 300
-_LEAST_FREEDOM = 3
-_ROUNDS = 3
-_CERTAIN = 4.0  # log evidence above the threshold from which a disagreement that nothing mends is called certain
 
 
 def reconcile(
@@ -79,16 +76,22 @@ def reconcile(
     rng = np.random.default_rng(seed)
     clean, problem, search, faults = _prepare(campaign, chosen, effects)
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-    first, threshold, stricter, chance = _detect(search, alpha, draws, rng)
-    steps = _find(search, first, stricter) if first is not None and first.statistic > threshold else []
+    branch = _choose(pursue(problem, search, alpha, draws, rng), clean, chosen, effects, alpha, draws, rng)
+    problem, search, steps = branch.problem, branch.search, branch.steps
+    first, threshold, stricter, chance = branch.first, branch.threshold, branch.stricter, branch.chance
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
     proof = _prove(search, steps, noise, stricter, first) if prove else None
+    unjudged = proof is not None and len(proof[0].rows) == 0
+    if unjudged:
+        proof = in_sample(blocks, noise, [step.added for step in steps])
     spoiled = proof[0].spoiling_fold() if steps and proof is not None else None
     if proof is not None and spoiled is not None:
         proof = (proof[0].without(spoiled), proof[1])
     reverted = bool(steps) and proof is not None and not _shrank(proof)
-    notes = [*campaign.warnings, *problem.notes]
+    notes = [*campaign.warnings, *problem.notes, *_about(branch)]
+    if unjudged and steps:
+        notes.append(NOT_HELD_OUT)
     if reverted:
         names = ", ".join(step.naming.leader.name for step in steps)
         notes.append(f"{names}: the gap on held-out data did not shrink, so nothing was added")
@@ -98,11 +101,11 @@ def reconcile(
         )
     kept = [] if reverted else steps
     final = refit(blocks, noise, [step.added for step in kept])
-    certain = reverted and first is not None and first.statistic > threshold + _CERTAIN
+    certain = reverted and first is not None and first.statistic > threshold + CERTAIN
     found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
     found = found or channels_touched(blocks, noise, conditions, final, chance)
     verdict = verdict_of(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
-    gap = gap_of(proof, noise, blocks, reverted=reverted, rng=rng)
+    gap = gap_of(proof, noise, blocks, reverted=reverted, unjudged=unjudged, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
     results = [*swap_findings(faults["exchanges"]), *results]
     experiment = _next(kept, problem, noise, blocks)
@@ -129,110 +132,63 @@ def reconcile(
         as_it_stands=as_it_stands(chosen, campaign),
         notes=notes,
         simulated=campaign.simulated,
+        calibration=branch.calibration,
         picture=picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
     )
+
+
+def _choose(
+    plain: Branch,
+    campaign: Campaign,
+    model: Model,
+    effects: Sequence[Effect],
+    alpha: float,
+    draws: int,
+    rng: np.random.Generator,
+) -> Branch:
+    """Take the more probable of the calibrations, each with what was found beside it."""
+    other = other_calibration(plain, campaign, model, effects, alpha, draws, rng)
+    return plain.preferred(other)
+
+
+def _about(branch: Branch) -> list[str]:
+    """What is to be said about the calibration."""
+    if branch.calibration == ONE_SET:
+        return []
+    said = [
+        (
+            "the model's parameters differ from temperature to temperature in no simple way: they were calibrated at each "
+            "temperature, and what is reported is what the model's form lacks beside that"
+        )
+    ]
+    if not branch.is_repeated:
+        said.append(
+            "one run per temperature: how far a value repeats is known from the stated standard errors only, "
+            "and the finding rests on them"
+        )
+    return said
 
 
 def _prepare(
     campaign: Campaign, model: Model, effects: Sequence[Effect]
 ) -> tuple[Campaign, Problem, Search, dict[str, Any]]:
     """Pose the problem; mend exchanged labels, leave outliers out, and pose it again where that changed anything."""
-    problem, tables, rich = _posed(campaign, model, effects)
+    problem, tables, rich = posed(campaign, model, effects)
     swapped = exchanges(campaign, problem.blocks, tables)
     clean = mended(campaign, swapped)
     if swapped:
-        problem, tables, rich = _posed(clean, model, effects)
+        problem, tables, rich = posed(clean, model, effects)
     outliers = find_outliers(problem.blocks, tables, rich)
     if outliers:
         clean = left_out(clean, outliers)
-        problem, tables, rich = _posed(clean, model, effects)
+        problem, tables, rich = posed(clean, model, effects)
     search = Search(problem.blocks, tables, rich, hypotheses(problem.candidates, problem.blocks))
     return clean, problem, search, {"outliers": outliers, "exchanges": swapped}
 
 
-def _posed(
-    campaign: Campaign, model: Model, effects: Sequence[Effect]
-) -> tuple[Problem, list[NoiseTable], list[list[FloatArray]]]:
-    """Pose the problem, with the noise tables of its blocks and rich models of their means."""
-    problem = pose(campaign, model, effects)
-    tables = [NoiseTable.of(block) for block in problem.blocks]
-    rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
-    return problem, tables, rich
-
-
-def _detect(
-    search: Search, alpha: float, draws: int, rng: np.random.Generator
-) -> tuple[Scan | None, float, float, float]:
-    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/5, and the p-value."""
-    freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
-    if not search.hypotheses or freedom < _LEAST_FREEDOM:
-        return None, np.inf, np.inf, 1.0
-    scan = search.scan()
-    null = null_statistics(scan, search.blocks, draws, rng)
-    threshold = level(null, alpha)
-    return scan, threshold, max(level(null, alpha / 5.0), threshold + 1.0), p_value(null, scan.statistic)
-
-
-def _find(search: Search, first: Scan, threshold: float) -> list[Step]:
-    """Add what is found, one effect after the other, then look at each again beside all the others.
-
-    `threshold` is for every effect after the first: the first has passed its own.
-    """
-    steps: list[Step] = []
-    scan, present = first, search
-    while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold):
-        steps.append(Step(scan, _name(scan, present)))
-        present = search.with_base(_columns([s.added for s in steps], len(search.blocks)))
-        if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
-            break
-        scan = present.scan()
-    return _refined(search, steps, threshold) if len(steps) > 1 else steps
-
-
-def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
-    """Name each effect again with the others in the base, and drop what the others made superfluous.
-
-    What was named first may have carried part of another.
-    """
-    for _ in range(_ROUNDS):
-        names = [step.naming.leader.name for step in steps]
-        place = 0
-        while place < len(steps) and len(steps) > 1:
-            others = [s.added for i, s in enumerate(steps) if i != place]
-            present = search.with_base(_columns(others, len(search.blocks)))
-            scan = present.scan()
-            if scan.statistic > threshold:
-                steps[place] = Step(scan, _name(scan, present))
-                place += 1
-            else:
-                del steps[place]
-        if [step.naming.leader.name for step in steps] == names:
-            break
-    return steps
-
-
-def _name(scan: Scan, present: Search) -> Naming:
-    noise = []
-    candidate, _ = scan.best(next(iter(scan.shares)))
-    columns = _columns([Added(candidate, candidate.units)], len(present.blocks))
-    for block, table, extra in zip(present.blocks, present.noise, columns, strict=True):
-        noise.append(estimate_noise(block if extra is None else block.with_base(extra), table))
-    return weigh(scan, present.blocks, noise)
-
-
-def _columns(added: Sequence[Added], count: int) -> list[FloatArray | None]:
-    out: list[FloatArray | None] = [None] * count
-    for effect in added:
-        for b, columns in enumerate(effect.columns(count)):
-            if columns is not None:
-                present = out[b]
-                out[b] = columns if present is None else np.hstack([present, columns])
-    return out
-
-
 def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
     """The noise as estimated with everything that was found in the base."""
-    full = search.with_base(_columns([s.added for s in steps], len(search.blocks)))
+    full = search.with_base(joined_columns([s.added for s in steps], len(search.blocks)))
     return [estimate_noise(block, table) for block, table in zip(full.blocks, full.noise, strict=True)]
 
 
@@ -242,7 +198,7 @@ def _prove(
     """Held-out comparison by run and by contiguous block."""
     if first is None:
         return None
-    full = search.with_base(_columns([step.added for step in steps], len(search.blocks)))
+    full = search.with_base(joined_columns([step.added for step in steps], len(search.blocks)))
     points = [
         np.unique(np.concatenate([noise_points(with_all, table), noise_points(block, table)]))
         for with_all, block, table in zip(full.blocks, search.blocks, search.noise, strict=True)
@@ -256,6 +212,7 @@ def _prove(
         len(steps),
         threshold,
         points,
+        [block.base for block in full.blocks],
     )
     return (
         held_out(by_run(search.blocks, runs), *arguments),

@@ -1,0 +1,208 @@
+"""One calibration pursued to its end: is anything missing beside it, what, and what else; and how probable all that is.
+
+The plain calibration (one set of values) is pursued first. Where it needs more than one ordinary name, the same form
+calibrated at each temperature is pursued too, and the more probable of the two is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import Campaign, FloatArray
+from hil.effects.base import Effect
+from hil.model import Model
+from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, log_evidence, may_differ
+from hil.reconcile.evidence import NoiseTable
+from hil.reconcile.findings import Step
+from hil.reconcile.fit import Added, estimate_noise
+from hil.reconcile.hypotheses import build_evidence, hypotheses
+from hil.reconcile.naming import Naming, weigh
+from hil.reconcile.problem import Problem, pose, rich_columns
+from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
+
+_MOST_EFFECTS = 5
+_LEAST_FREEDOM = 3
+_ROUNDS = 3
+_TEMPERATURE = "temperature_degC"
+CERTAIN = 4.0  # log evidence above the threshold from which a disagreement is called certain
+
+
+@dataclass(frozen=True)
+class Branch:
+    """What the search found beside one calibration. `log_evidence` is against the plain calibration alone."""
+
+    calibration: str
+    problem: Problem
+    search: Search
+    first: Scan | None
+    threshold: float
+    stricter: float
+    chance: float
+    steps: Sequence[Step]
+    log_evidence: float = 0.0
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether a run can be held out without losing its setpoint altogether."""
+        return is_repeated(self.search.blocks)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether one name of the catalogue is all that is missing."""
+        if len(self.steps) != 1 or self.steps[0].naming.leader.tier != 1:
+            return False
+        return self.is_repeated or self.steps[0].added.hypothesis.candidate.form == "constant"
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether what was found is far beyond what noise does."""
+        return bool(self.steps) and self.first is not None and self.first.statistic > self.threshold + CERTAIN
+
+    def preferred(self, other: Branch | None) -> Branch:
+        """Return this or the other calibration, whichever is more probable.
+
+        Without a second run at any temperature the two rest on different noise and cannot be compared: what changes
+        from run to run and what changes with temperature are one. Then the other is kept if it is certain of something.
+        """
+        if other is None:
+            return self
+        if not self.is_repeated:
+            return other if other.is_certain else self
+        in_pieces = self.calibrates_in_pieces and other.log_evidence > 0.0 and len(other.steps) < len(self.steps)
+        return other if in_pieces or other.log_evidence > self.log_evidence else self
+
+    @property
+    def calibrates_in_pieces(self) -> bool:
+        """Whether the steps only say, one by one, that several parameters have their own value at each setpoint.
+
+        Two parameters or more follow temperature, and one of them at least in no smooth way.
+        """
+        candidates = [step.added.hypothesis.candidate for step in self.steps]
+        follow = {c.target or c.name for c in candidates if c.form != "constant" or _TEMPERATURE in c.driver}
+        irregular = any(c.form == "table" or c.name.endswith(f"curve over {_TEMPERATURE}") for c in candidates)
+        return irregular and len(follow) > 1
+
+
+def pursue(problem: Problem, search: Search, alpha: float, draws: int, rng: np.random.Generator) -> Branch:
+    """Search beside one calibration."""
+    first, threshold, stricter, chance = detect(search, alpha, draws, rng)
+    steps = find(search, first, stricter) if first is not None and first.statistic > threshold else []
+    return Branch(ONE_SET, problem, search, first, threshold, stricter, chance, steps, _weight(search, steps))
+
+
+def other_calibration(
+    plain: Branch,
+    campaign: Campaign,
+    model: Model,
+    effects: Sequence[Effect],
+    alpha: float,
+    draws: int,
+    rng: np.random.Generator,
+) -> Branch | None:
+    """Pursue the form calibrated at each temperature; None where it cannot or need not be asked about."""
+    asked = plain.steps or (not plain.is_repeated and all(block.sigma_stated for block in plain.search.blocks))
+    if not asked or plain.is_settled or not may_differ(model, campaign):
+        return None
+    problem, tables, rich = posed(campaign, model, effects, PER_TEMPERATURE)
+    gain = log_evidence(plain.search.blocks, problem.blocks, plain.search.noise, plain.search.rich)
+    if gain is None:
+        return None
+    search = Search(problem.blocks, tables, rich, hypotheses(problem.candidates, problem.blocks))
+    found = pursue(problem, search, alpha, draws, rng)
+    return replace(found, calibration=PER_TEMPERATURE, log_evidence=found.log_evidence + gain)
+
+
+def _weight(search: Search, steps: Sequence[Step]) -> float:
+    """Log evidence of the steps, one on top of the other, with what each had to pay to be chosen."""
+    total, present = 0.0, search
+    for step in steps:
+        hypothesis = step.added.hypothesis
+        evidence = build_evidence([hypothesis], present.blocks, present.noise, present.rich)
+        factors, _ = evidence.log_factors([block.y[:, None] for block in present.blocks])
+        total += float(factors[0, 0]) + hypothesis.log_prior
+        present = present.with_base(joined_columns([step.added], len(present.blocks)))
+    return total
+
+
+def posed(
+    campaign: Campaign, model: Model, effects: Sequence[Effect], calibration: str = ONE_SET
+) -> tuple[Problem, list[NoiseTable], list[list[FloatArray]]]:
+    """Pose the problem, with the noise tables of its blocks and rich models of their means."""
+    problem = pose(campaign, model, effects, calibration)
+    tables = [NoiseTable.of(block) for block in problem.blocks]
+    rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
+    return problem, tables, rich
+
+
+def detect(
+    search: Search, alpha: float, draws: int, rng: np.random.Generator
+) -> tuple[Scan | None, float, float, float]:
+    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/5, and the p-value."""
+    freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
+    if not search.hypotheses or freedom < _LEAST_FREEDOM:
+        return None, np.inf, np.inf, 1.0
+    scan = search.scan()
+    null = null_statistics(scan, search.blocks, draws, rng)
+    threshold = level(null, alpha)
+    return scan, threshold, max(level(null, alpha / 5.0), threshold + 1.0), p_value(null, scan.statistic)
+
+
+def find(search: Search, first: Scan, threshold: float) -> list[Step]:
+    """Add what is found, one effect after the other, then look at each again beside all the others.
+
+    `threshold` is for every effect after the first: the first has passed its own.
+    """
+    steps: list[Step] = []
+    scan, present = first, search
+    while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold):
+        steps.append(Step(scan, _name(scan, present)))
+        present = search.with_base(joined_columns([s.added for s in steps], len(search.blocks)))
+        if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
+            break
+        scan = present.scan()
+    return _refined(search, steps, threshold) if len(steps) > 1 else steps
+
+
+def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
+    """Name each effect again with the others in the base, and drop what the others made superfluous.
+
+    What was named first may have carried part of another.
+    """
+    for _ in range(_ROUNDS):
+        names = [step.naming.leader.name for step in steps]
+        place = 0
+        while place < len(steps) and len(steps) > 1:
+            others = [s.added for i, s in enumerate(steps) if i != place]
+            present = search.with_base(joined_columns(others, len(search.blocks)))
+            scan = present.scan()
+            if scan.statistic > threshold:
+                steps[place] = Step(scan, _name(scan, present))
+                place += 1
+            else:
+                del steps[place]
+        if [step.naming.leader.name for step in steps] == names:
+            break
+    return steps
+
+
+def _name(scan: Scan, present: Search) -> Naming:
+    noise = []
+    candidate, _ = scan.best(next(iter(scan.shares)))
+    columns = joined_columns([Added(candidate, candidate.units)], len(present.blocks))
+    for block, table, extra in zip(present.blocks, present.noise, columns, strict=True):
+        noise.append(estimate_noise(block if extra is None else block.with_base(extra), table))
+    return weigh(scan, present.blocks, noise)
+
+
+def joined_columns(added: Sequence[Added], count: int) -> list[FloatArray | None]:
+    """Return the columns of several added effects in each block, side by side."""
+    out: list[FloatArray | None] = [None] * count
+    for effect in added:
+        for b, columns in enumerate(effect.columns(count)):
+            if columns is not None:
+                present = out[b]
+                out[b] = columns if present is None else np.hstack([present, columns])
+    return out
