@@ -72,7 +72,10 @@ class Samples:
     def good(self) -> NDArray[np.bool_]:
         """Which samples were averaged: those in which every rate is a finite number, shape (n,)."""
         rates = [self.fields[field] for field, meaning in self.meanings.items() if meaning.role == "rate"]
-        return np.isfinite(np.stack(rates)).all(axis=0) if rates else np.ones(len(self.time_s), dtype=np.bool_)
+        good: NDArray[np.bool_] = (
+            np.isfinite(np.stack(rates)).all(axis=0) if rates else np.ones(len(self.time_s), np.bool_)
+        )
+        return good
 
     def of(self, role: str, sensor: int) -> Mapping[str, FloatArray]:
         """Return a sensor's columns of one role by channel or axis: `of("rate", 2)` has RA and RB, shape (n,) each."""
