@@ -72,9 +72,8 @@ class Samples:
     def good(self) -> NDArray[np.bool_]:
         """Which samples were averaged: those in which every rate is a finite number, shape (n,)."""
         rates = [self.fields[field] for field, meaning in self.meanings.items() if meaning.role == "rate"]
-        good: NDArray[np.bool_] = (
-            np.isfinite(np.stack(rates)).all(axis=0) if rates else np.ones(len(self.time_s), np.bool_)
-        )
+        everything = np.ones(len(self.time_s), dtype=np.bool_)
+        good: NDArray[np.bool_] = np.logical_and.reduce([everything, *map(np.isfinite, rates)])
         return good
 
     def of(self, role: str, sensor: int) -> Mapping[str, FloatArray]:
