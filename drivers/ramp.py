@@ -17,6 +17,7 @@ from typing import Protocol, runtime_checkable
 from drivers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading
 from drivers.clock import Clock
 from drivers.setpoint_checks import clamped
+from drivers.write_wear import wear_of
 
 _LEAST_STEP_DEGC = 0.5
 _LEAST_INTERVAL_S = 30.0
@@ -29,6 +30,12 @@ class NativeRamp(Protocol):
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound the ramp and confirm it; False where the host must step the setpoint."""
+
+
+def steps_of_a_ramp(span_degC: float, degC_per_min: float) -> int:
+    """Return how often the setpoint is written, at most, to move it by `span_degC` from here."""
+    per_step_degC = max(_LEAST_STEP_DEGC, degC_per_min / 60.0 * _LEAST_INTERVAL_S)
+    return max(1, math.ceil(abs(span_degC) / per_step_degC) + 1)
 
 
 class RampedChamber:
@@ -58,6 +65,16 @@ class RampedChamber:
     def native(self) -> bool:
         """Whether the controller ramps by itself; known once it is prepared."""
         return self._native
+
+    @property
+    def ramping(self) -> bool:
+        """Whether steps are still to be made from here."""
+        return self._target is not None and self._step != self._target
+
+    @property
+    def wear_warning(self) -> str | None:
+        """What the chamber itself says about the wear of its memory."""
+        return wear_of(self._chamber)
 
     def identify(self) -> ChamberIdentity:
         """Ask who is there."""

@@ -21,7 +21,7 @@ from typing import Self
 from drivers.chamber import Chamber, ChamberLimits
 from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions, SerialLine
 from drivers.clock import Clock, SystemClock, VirtualClock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, TransportError
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.imu import ImuIdentity
 from drivers.operator import AskOperator, OperatorPositioner
@@ -33,10 +33,14 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.stream_imu import IndexingPositioner, StreamImu
 from drivers.transport import Transport
+from hil.closed_port import ClosedPort
 from hil.config.bench import SIMULATED_SCHEME, Bench
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from procedures.bench import BenchDevices
+
+Unopened = Callable[[str, DeviceError], None]
+"""Is told the key of the bench file whose port could not be opened, and why."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ def build_bench(
     visited: Sequence[str] = (),
     session: int = 0,
     ask: AskOperator | None = None,
+    unopened: Unopened | None = None,
 ) -> LiveBench:
     """Put a bench together and open its ports.
 
@@ -91,7 +96,8 @@ def build_bench(
         raise InputError(
             f"{bench.source or bench.name}: imu.positioner: an operator moves the unit, and none is there to ask"
         )
-    check_ports(bench)
+    if unopened is None:
+        check_ports(bench)
     clock = _clock(bench, start_utc)
 
     @cache
@@ -100,25 +106,11 @@ def build_bench(
             bench, description, begins_s=clock.now(), first_run=first_run, visited=visited, session=session
         )
 
-    def transport(url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
-        if url.startswith(SIMULATED_SCHEME):
-            return MemoryTransport(device(), clock, url)
-        if line.data_bits == 8 and line.parity == "N":
-            return owned(url, lambda: open_port(url, clock=clock, baudrate=line.baud))
-        return owned(
-            url, lambda: open_port(url, clock=clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity)
-        )
-
     with ExitStack() as opened:
+        ports = _Ports(bench, clock, opened, unopened)
         baud = bench.imu.baud or description.baudrate
-        imu_port = transport(bench.imu.port, SerialLine(baud), lambda: simulators().imu)
-        opened.callback(imu_port.close)
-        chamber_port = transport(bench.chamber.port, bench.chamber.line, lambda: simulators().chamber)
-        opened.callback(chamber_port.close)
-        ramp_url = bench.chamber.ramp_port
-        ramp_port = None if ramp_url is None else owned(ramp_url, lambda: open_port(ramp_url, clock=clock))
-        if ramp_port is not None:
-            opened.callback(ramp_port.close)
+        imu_port = ports.open("imu.port", bench.imu.port, SerialLine(baud), lambda: simulators().imu)
+        chamber = _chamber(bench, ports, clock, lambda: simulators().chamber)
         imu = StreamImu(
             imu_port,
             description,
@@ -126,12 +118,42 @@ def build_bench(
             sample_rate_hz=bench.imu.rate,
             expected=ImuIdentity(bench.unit.model, bench.unit.serial),
         )
-        devices = BenchDevices(
-            clock, imu, _chamber(bench, chamber_port, ramp_port, clock), _positioner(bench, imu, clock, ask)
-        )
+        devices = BenchDevices(clock, imu, chamber, _positioner(bench, imu, clock, ask))
         opened.pop_all()
     in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
     return LiveBench(bench, description, devices, simulators() if in_process else None)
+
+
+@dataclass(frozen=True)
+class LiveChamber:
+    """The chamber of a bench, open, and nothing else of it: the unit's port is left alone."""
+
+    bench: Bench
+    clock: Clock
+    chamber: Chamber
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(DeviceError):
+            self.chamber.close()
+
+
+def open_chamber(bench: Bench) -> LiveChamber:
+    """Open the chamber of a bench alone; raise `InputError` and `DeviceError` as `build_bench` does."""
+    _check_port(bench, "chamber.port", bench.chamber.port)
+    clock = _clock(bench, None)
+
+    def simulated() -> SimulatedDevice:
+        return simulate_devices(bench, load_frames(bench), begins_s=clock.now()).chamber
+
+    with ExitStack() as opened:
+        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated)
+        opened.pop_all()
+    return LiveChamber(bench, clock, chamber)
 
 
 def load_frames(bench: Bench) -> StreamDescription:
@@ -145,11 +167,62 @@ def load_frames(bench: Bench) -> StreamDescription:
 def check_ports(bench: Bench) -> None:
     """Raise `InputError` for a port that this machine does not have. Nothing is opened."""
     for key, port in (("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)):
-        if "://" not in port and not port.upper().startswith("COM") and not Path(port).exists():
-            there = ", ".join(existing_ports()) or "none"
-            raise InputError(
-                f"{bench.source or bench.name}: {key}: the port {port} does not exist; ports on this machine: {there}"
+        _check_port(bench, key, port)
+
+
+def port_is_missing(port: str) -> bool:
+    """Tell a path that this machine does not have. Network and simulated ports are no paths."""
+    return "://" not in port and not port.upper().startswith("COM") and not Path(port).exists()
+
+
+def _check_port(bench: Bench, key: str, port: str) -> None:
+    if port_is_missing(port):
+        there = ", ".join(existing_ports()) or "none"
+        raise InputError(
+            f"{bench.source or bench.name}: {key}: the port {port} does not exist; ports on this machine: {there}"
+        )
+
+
+class _Ports:
+    """Opens the ports of a bench and leaves closing them to `opened`, until that is emptied."""
+
+    def __init__(self, bench: Bench, clock: Clock, opened: ExitStack, unopened: Unopened | None) -> None:
+        self._bench = bench
+        self._clock = clock
+        self._opened = opened
+        self._unopened = unopened
+
+    def open(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
+        """Open `url`, or what it simulates."""
+        if url.startswith(SIMULATED_SCHEME):
+            port: Transport = MemoryTransport(device(), self._clock, url)
+        elif line.data_bits == 8 and line.parity == "N":
+            port = self._real(key, url, lambda: open_port(url, clock=self._clock, baudrate=line.baud))
+        else:
+            port = self._real(
+                key,
+                url,
+                lambda: open_port(
+                    url, clock=self._clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity
+                ),
             )
+        self._opened.callback(port.close)
+        return port
+
+    def open_second(self, key: str, url: str) -> Transport:
+        """Open a second, real port of a device."""
+        port = self._real(key, url, lambda: open_port(url, clock=self._clock))
+        self._opened.callback(port.close)
+        return port
+
+    def _real(self, key: str, url: str, open_transport: Callable[[], Transport]) -> Transport:
+        try:
+            return owned(url, open_transport)
+        except TransportError as error:
+            if self._unopened is None:
+                raise
+            self._unopened(key, error)
+            return ClosedPort(url, error)
 
 
 def _clock(bench: Bench, start_utc: datetime | None) -> Clock:
@@ -158,8 +231,10 @@ def _clock(bench: Bench, start_utc: datetime | None) -> Clock:
     return VirtualClock() if start_utc is None else VirtualClock(start_utc)
 
 
-def _chamber(bench: Bench, port: Transport, ramp_port: Transport | None, clock: Clock) -> Chamber:
+def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedDevice]) -> Chamber:
     section = bench.chamber
+    port = ports.open("chamber.port", section.port, section.line, simulated)
+    ramp_port = None if section.ramp_port is None else ports.open_second("chamber.ramp_port", section.ramp_port)
     options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,

@@ -1,77 +1,137 @@
-"""Look at a bench before anything moves: each finding says what was looked at, what was found, and whether it will do.
+"""Look at a bench before anything moves: what was looked at, what was found, whether it will do, and what to do if not.
 
 Nothing is written to a device except questions. The chamber is read, never set; the unit is asked who it is, never
-indexed.
+indexed. A device that fails is a finding, and the others are still looked at.
 """
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+from drivers.chamber import ChamberReading
 from drivers.errors import DeviceError
-from drivers.imu import StreamCounts
-from hil.bench import LiveBench, build_bench
+from drivers.imu import SampleBlock, StreamCounts
+from drivers.ramp import steps_of_a_ramp
+from drivers.write_wear import ENDURANCE_WRITES
+from hil.advice import Device, advice_for, closed_port_advice, line_words
+from hil.bench import LiveBench, build_bench, port_is_missing
+from hil.clock_check import EARLIEST, synchronised
 from hil.config import Bench, Sweep
-from procedures.plan import Plan, make_plan
+from hil.config.bench import SIMULATED_SCHEME
+from procedures.plan import Plan, StepKind, make_plan
 
 _LISTEN_S = 2.0
 _BYTES_PER_SAMPLE = 160.0  # samples in Parquet and raw bytes, compressed; measured on simulated nights, rounded up
 _SPARE_BYTES = 200e6
-_MOST_LOST = 0.001
 _MOST_OFF_RATE = 0.05
+_UNKNOWN_NIGHT_S = 24 * 3600.0  # of samples without a pause, where no sweep says how long
+_NIGHTS_PER_YEAR = 365.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at. `good` is False where a night must not begin like this."""
+    """One thing that was looked at. `good` is False where a night must not begin like this.
+
+    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
+    """
 
     subject: str
     good: bool
     message: str
+    advice: str = ""
 
 
-def preflight(sweep: Sweep, bench: Bench, folder: Path) -> Sequence[Finding]:
+@dataclass(frozen=True)
+class Preflight:
+    """What was found. `missing_ports` are paths of the bench file that this machine does not have: bad input."""
+
+    findings: Sequence[Finding]
+    missing_ports: Sequence[str] = field(default_factory=tuple)
+
+    @property
+    def good(self) -> bool:
+        """True where a night may begin."""
+        return all(finding.good for finding in self.findings)
+
+
+def preflight(sweep: Sweep | None, bench: Bench, folder: Path) -> Preflight:
     """Look at everything that can be looked at; `folder` is where the night would be written.
 
-    Raises `InputError` for a port that does not exist and `DeviceError` for one that cannot be opened: then there is
-    nothing to look at.
+    Without a sweep, what depends on one (its temperatures, how long it takes) is left out. Raises `InputError` where
+    the bench file's descriptions cannot be used.
     """
-    plan = make_plan(sweep.procedure())
-    with build_bench(bench, ask=None if bench.imu.positioner == "indexing" else _nobody) as live:
-        return [
-            *_guarded("unit", lambda: _unit(live)),
-            *_guarded("stream", lambda: _stream(live)),
-            *_guarded("chamber", lambda: _chamber(live, sweep)),
+    plan = None if sweep is None else make_plan(sweep.procedure())
+    closed: dict[str, DeviceError] = {}
+    ask = None if bench.imu.positioner == "indexing" else _nobody
+    with build_bench(bench, ask=ask, unopened=closed.__setitem__) as live:
+        findings = [
+            *_ports(live, closed),
+            *([] if "imu.port" in closed else _unit_and_stream(live)),
+            *([] if {"chamber.port", "chamber.ramp_port"} & set(closed) else _guarded(live, "chamber", _chamber)),
+            _limits(sweep, live),
+            *_wear(plan, sweep, bench),
             _disk(plan, live, folder),
+            _clock(live),
             _duration(plan, live),
         ]
+    missing = [f"{key}: {port}" for key, port in _urls(bench) if port_is_missing(port)]
+    return Preflight(findings, missing)
+
+
+def check_document(found: Preflight, *, simulated: bool) -> dict[str, Any]:
+    """Return the findings as `hil check --json` prints them (schema hil.check/1)."""
+    return {
+        "schema": "hil.check/1",
+        "good": found.good,
+        "simulated": simulated,
+        "findings": [asdict(finding) for finding in found.findings],
+    }
 
 
 def _nobody(question: str, timeout_s: float) -> None:
     """Nobody is asked: nothing moves here."""
 
 
-def check_document(findings: Sequence[Finding], *, simulated: bool) -> dict[str, Any]:
-    """Return the findings as `hil check --json` prints them (schema hil.check/1)."""
-    return {
-        "schema": "hil.check/1",
-        "good": all(finding.good for finding in findings),
-        "simulated": simulated,
-        "findings": [asdict(finding) for finding in findings],
-    }
+def _urls(bench: Bench) -> list[tuple[str, str]]:
+    """Return key and port of everything that the bench file connects."""
+    urls = [("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)]
+    return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
 
 
-def _guarded(subject: str, look: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+def _guarded(live: LiveBench, subject: Device, look: Callable[[LiveBench], Iterator[Finding]]) -> Iterator[Finding]:
     """Turn a device's failure into a finding, so that the other devices are still looked at."""
     try:
-        yield from look()
+        yield from look(live)
     except DeviceError as error:
-        yield Finding(subject, False, str(error))
+        yield Finding(subject, False, str(error), advice_for(error, live.bench, subject))
+
+
+def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]:
+    for key, url in _urls(live.bench):
+        if key in closed:
+            yield Finding(key, False, str(closed[key]), closed_port_advice(url))
+        elif url.startswith(SIMULATED_SCHEME):
+            yield Finding(key, True, f"{url}: simulated in this process")
+        elif key == "chamber.ramp_port":
+            yield Finding(key, True, f"{url}: opened")
+        else:
+            baud = live.bench.imu.baud or live.description.baudrate
+            line = line_words(live.bench, "unit" if key == "imu.port" else "chamber", baud)
+            yield Finding(key, True, f"{line}: opened")
+
+
+def _unit_and_stream(live: LiveBench) -> Iterator[Finding]:
+    yield from _guarded(live, "unit", _unit)
+    try:
+        yield from _stream(live)
+    except DeviceError as error:
+        yield Finding("stream", False, str(error), advice_for(error, live.bench, "unit"))
 
 
 def _unit(live: LiveBench) -> Iterator[Finding]:
@@ -81,51 +141,185 @@ def _unit(live: LiveBench) -> Iterator[Finding]:
 
 
 def _stream(live: LiveBench) -> Iterator[Finding]:
-    """Listen for two seconds: frames must be whole, and as many as the bench file says."""
+    """Listen for two seconds: frames must be whole, all of them, and as many as the bench file says."""
     imu, clock = live.devices.imu, live.devices.clock
     imu.discard()
-    begins_s, samples, counts = clock.now(), 0, StreamCounts()
+    begins_s, samples, counts, last = clock.now(), 0, StreamCounts(), None
     while clock.now() - begins_s < _LISTEN_S:
         clock.sleep(0.1)
         block = imu.read_block()
         samples += len(block)
         counts += block.counts
+        last = block if len(block) else last
     rate_hz = samples / (clock.now() - begins_s)
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
     told = (
         f"{samples} samples in {_LISTEN_S:g} s ({rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected), {bad} bad or lost"
     )
     enough = abs(rate_hz - imu.sample_rate_hz) <= max(_MOST_OFF_RATE * imu.sample_rate_hz, 2.0 / _LISTEN_S)
-    yield Finding("stream", enough and bad <= _MOST_LOST * max(samples, 1), told)
+    yield Finding("stream", enough and not bad, told, _stream_advice(samples, bad, enough=enough))
+    if last is not None:
+        yield from _unit_temperature(live, last)
+    yield from _index(live)
 
 
-def _chamber(live: LiveBench, sweep: Sweep) -> Iterator[Finding]:
+def _stream_advice(samples: int, bad: int, *, enough: bool) -> str:
+    if not samples:
+        return "see the finding about the unit; where it answers but does not stream, set it to stream by itself"
+    if bad:
+        return (
+            "see that the cable is shielded and its ground connected, away from the chamber's power, that the adapter "
+            "keeps up at this baud rate (latency timer 1 ms), and that imu.baud is the unit's to the digit"
+        )
+    if not enough:
+        return "write the rate that the unit is set to under imu.rate, or set the unit to the rate that stands there"
+    return ""
+
+
+def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
+    """Say what the unit's own thermometers show, and whether an interlock would end the night at once."""
+    sensors = live.devices.imu.sensors
+    shown = {
+        f"sensor {number}": float(block.fields[channels.temperature][-1])
+        for number, channels in sensors.items()
+        if channels.temperature is not None and channels.temperature in block.fields
+    }
+    if not shown:
+        yield Finding("unit temperature", True, "the stream has none", "a soak is judged by the chamber's air alone")
+        return
+    rules = live.bench.interlocks
+    good = all(rules.unit_low_degC <= value <= rules.unit_high_degC for value in shown.values())
+    told = ", ".join(f"{name} {value:.1f} °C" for name, value in shown.items())
+    advice = (
+        f"the interlocks allow {rules.unit_low_degC:g} … {rules.unit_high_degC:g} °C: let the unit come into that "
+        "range, or see whether the frame description scales its temperature as the unit is set"
+    )
+    yield Finding("unit temperature", good, told, "" if good else advice)
+
+
+def _index(live: LiveBench) -> Iterator[Finding]:
+    """Say where the unit says that it lies; one that is turned by hand, or does not tell, has no finding."""
+    if live.bench.imu.positioner != "indexing":
+        return
+    position = live.devices.positioner.position()
+    if position is None:
+        advice = "the first move of the night finds it; where it stays like this, look at the unit's index"
+        yield Finding("index", True, "the unit moves, or does not know its position", advice)
+    else:
+        yield Finding("index", True, f"the unit lies in position {position}")
+
+
+def _chamber(live: LiveBench) -> Iterator[Finding]:
     chamber = live.devices.chamber
     identity, reading = chamber.identify(), chamber.read()
-    alarms = f", alarms: {', '.join(reading.alarms)}" if reading.alarms else ""
+    inside, why = _air(live, reading)
     yield Finding(
         "chamber",
-        not reading.alarms,
-        f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C{alarms}",
+        inside,
+        f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C",
+        why,
     )
+    yield _mode(live, reading)
+    if reading.alarms:
+        advice = "clear the cause, then acknowledge it at the chamber's panel; nothing here acknowledges an alarm"
+        yield Finding("alarms", False, ", ".join(reading.alarms), advice)
+    else:
+        yield Finding("alarms", True, "none")
+    yield _native_limits(reading)
+
+
+def _air(live: LiveBench, reading: ChamberReading) -> tuple[bool, str]:
+    limits, margin = live.devices.chamber.limits, live.bench.interlocks.chamber_margin_degC
+    if limits.low_degC - margin <= reading.temperature_degC <= limits.high_degC + margin:
+        return True, ""
+    return False, (
+        f"the air is outside the bench's {limits.low_degC:g} … {limits.high_degC:g} °C and an interlock would end the "
+        "night: let the chamber come back to room temperature, or correct chamber.limits"
+    )
+
+
+def _mode(live: LiveBench, reading: ChamberReading) -> Finding:
+    told = f"{reading.mode}, setpoint {reading.setpoint_degC:.1f} °C"
+    if reading.mode == "RUN":
+        return Finding("mode", False, told, "a program is running: end it at the chamber's panel")
+    limits = live.devices.chamber.limits
+    if not limits.low_degC <= reading.setpoint_degC <= limits.high_degC:
+        left = "somebody left a setpoint outside the bench's limits; the night does not drive to it, it sets its own"
+        return Finding("mode", True, told, left)
+    return Finding("mode", True, told)
+
+
+def _native_limits(reading: ChamberReading) -> Finding:
+    low, high = reading.low_limit_degC, reading.high_limit_degC
+    if not (math.isfinite(low) and math.isfinite(high)):
+        advice = "set the chamber's own temperature limiter by hand, and test it: the software cannot"
+        return Finding("native limits", True, "the controller has none that can be set from here", advice)
+    return Finding("native limits", True, f"the controller's own are {low:g} … {high:g} °C now; a night sets them anew")
+
+
+def _limits(sweep: Sweep | None, live: LiveBench) -> Finding:
+    limits = live.devices.chamber.limits
+    allowed = f"the bench allows {limits.low_degC:g} … {limits.high_degC:g} °C"
+    if sweep is None:
+        return Finding("limits", True, allowed)
     coldest, hottest = min(sweep.temperatures), max(sweep.temperatures)
-    limits = chamber.limits
-    yield Finding(
-        "limits",
-        limits.low_degC <= coldest and hottest <= limits.high_degC,
-        f"the sweep asks for {coldest:.1f} … {hottest:.1f} °C, the bench allows {limits.low_degC:g} … "
-        f"{limits.high_degC:g} °C",
+    good = limits.low_degC <= coldest and hottest <= limits.high_degC
+    advice = (
+        "" if good else "take those temperatures out of the sweep, or widen chamber.limits if the chamber allows it"
     )
+    return Finding("limits", good, f"the sweep asks for {coldest:.1f} … {hottest:.1f} °C, {allowed}", advice)
 
 
-def _disk(plan: Plan, live: LiveBench, folder: Path) -> Finding:
-    collects_s = sum(step.duration_s for step in plan.steps if step.position is not None)
+def _wear(plan: Plan | None, sweep: Sweep | None, bench: Bench) -> Iterator[Finding]:
+    """Estimate how often the controller's memory is written in this night, and how many such nights it stands."""
+    if plan is None or sweep is None:
+        return
+    setpoints = [step.temperature_degC for step in plan.of_kind(StepKind.SETPOINT) if step.temperature_degC is not None]
+    writes, ramp = len(setpoints), bench.chamber.ramp
+    if ramp is not None:
+        befores = [sweep.start, *setpoints[:-1]]
+        spans = [abs(after - before) for before, after in zip(befores, setpoints, strict=True)]
+        writes = sum(steps_of_a_ramp(span, ramp) for span in spans)
+    nights = ENDURANCE_WRITES / max(writes, 1)
+    told = (
+        f"at most {writes} setpoint writes in this night; a controller that keeps setpoints in a memory of "
+        f"{ENDURANCE_WRITES:,} writes stands {nights:,.0f} such nights"
+    ).replace(",", " ")
+    advice = "" if nights >= _NIGHTS_PER_YEAR else "use a faster ramp, or a controller that ramps by itself"
+    yield Finding("wear", True, told, advice)
+
+
+def _disk(plan: Plan | None, live: LiveBench, folder: Path) -> Finding:
+    collects_s = _UNKNOWN_NIGHT_S
+    if plan is not None:
+        collects_s = sum(step.duration_s for step in plan.steps if step.position is not None)
     needed = _SPARE_BYTES + collects_s * live.devices.imu.sample_rate_hz * _BYTES_PER_SAMPLE
     free = shutil.disk_usage(folder).free
-    return Finding("disk", free > needed, f"{free / 1e9:.1f} GB free in {folder}, {needed / 1e9:.1f} GB wanted")
+    wanted = "wanted" if plan is not None else "wanted for 24 h of samples"
+    advice = "" if free > needed else "free some space, or run from a folder on another disk"
+    message = f"{free / 1e9:.1f} GB free in {folder}, {needed / 1e9:.1f} GB {wanted}"
+    return Finding("disk", free > needed, message, advice)
 
 
-def _duration(plan: Plan, live: LiveBench) -> Finding:
+def _clock(live: LiveBench) -> Finding:
+    now = live.devices.clock.utc()
+    if live.bench.clock == "virtual":
+        return Finding("clock", True, f"virtual, begins {now:%Y-%m-%d %H:%M} UTC")
+    told = f"{now:%Y-%m-%d %H:%M:%S} UTC"
+    if now < EARLIEST:
+        return Finding("clock", False, f"{told}, which cannot be", "set the computer's date and time (timedatectl)")
+    known = synchronised()
+    if known is None:
+        return Finding("clock", True, f"{told}; whether it is synchronised cannot be told", "compare it with a watch")
+    if known:
+        return Finding("clock", True, f"{told}, synchronised")
+    advice = "records carry this time: compare it with a watch, or switch synchronisation on (timedatectl set-ntp true)"
+    return Finding("clock", True, f"{told}, not synchronised", advice)
+
+
+def _duration(plan: Plan | None, live: LiveBench) -> Finding:
+    if plan is None:
+        return Finding("duration", True, "no sweep was given", "add --sweep SWEEP to see when it would end")
     ends = live.devices.clock.utc() + timedelta(seconds=plan.total_s)
     hours, minutes = divmod(round(plan.total_s / 60.0), 60)
     simulated = " (simulated time)" if live.simulated else ""

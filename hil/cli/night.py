@@ -55,21 +55,74 @@ def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     )
 
 
-def check(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> int:
-    """Look before anything moves: ports, frames, identity, chamber units and limits, disk, duration."""
-    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+def check(
+    target: Annotated[
+        str,
+        typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False),
+    ],
+    bench: Annotated[
+        str | None, typer.Option("--bench", help="The bench, where the argument is the sweep.", show_default=False)
+    ] = None,
+    sweep: Annotated[
+        str | None, typer.Option("--sweep", help="What is to be run: a sweep file, or a name.", show_default=False)
+    ] = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
+
+    `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
+    """
+    from hil.config import check_sweep_against_bench
     from hil.preflight import check_document, preflight
 
-    asked, on = load_sweep(sweep), load_bench(bench)
-    check_sweep_against_bench(asked, on)
-    findings = preflight(asked, on, Path.cwd())
+    asked, on = _bench_and_sweep(target, bench, sweep)
+    if asked is not None:
+        check_sweep_against_bench(asked, on)
+    found = preflight(asked, on, Path.cwd())
     if as_json:
-        print_json(check_document(findings, simulated=on.simulated))
+        print_json(check_document(found, simulated=on.simulated))
     else:
         console = results()
-        for finding in findings:
+        console.print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
+        for finding in found.findings:
             console.print(f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}")
-    return Exit.DONE if all(finding.good for finding in findings) else Exit.STOPPED_SAFE
+            if finding.advice:
+                console.print(f"     {'note' if finding.good else 'TO DO'}: {finding.advice}")
+    if found.missing_ports:
+        raise InputError(f"{on.source or on.name}: {'; '.join(found.missing_ports)}: there is no such port here")
+    return Exit.DONE if found.good else Exit.STOPPED_SAFE
+
+
+def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple[Sweep | None, Bench]:
+    """Read what `hil check` was given, in whichever of its forms."""
+    from hil.config import load_bench, load_sweep
+
+    if bench is not None:
+        if sweep is not None:
+            raise InputError(
+                f"{target} cannot be a third: write hil check BENCH --sweep SWEEP, or hil check SWEEP --bench BENCH"
+            )
+        return load_sweep(target), load_bench(bench)
+    try:
+        on = load_bench(target)
+    except InputError as error:
+        if not _is_sweep(target):
+            raise
+        raise InputError(
+            f"{target} is a sweep, not a bench; write hil check BENCH --sweep {target}, or hil check {target} "
+            "--bench BENCH"
+        ) from error
+    return (None if sweep is None else load_sweep(sweep)), on
+
+
+def _is_sweep(name: str) -> bool:
+    from hil.config import load_sweep
+
+    try:
+        load_sweep(name)
+    except InputError:
+        return False
+    return True
 
 
 def run(

@@ -102,19 +102,3 @@ def test_resuming_a_complete_night_changes_nothing(hil: Any, night: Path) -> Non
     ended = hil("resume", night)
     assert ended.returncode == 0
     assert "complete" in ended.stderr
-
-
-def test_check_looks_at_everything_and_moves_nothing(hil: Any, short_sweep: Path) -> None:
-    """The pre-flight names unit, stream, chamber, limits, disk and duration."""
-    ended = hil("check", short_sweep, "--bench", "simulated", "--json")
-    told = json.loads(ended.stdout)
-    assert ended.returncode == 0
-    assert told["good"] is True
-    assert [finding["subject"] for finding in told["findings"]] == [
-        "unit",
-        "stream",
-        "chamber",
-        "limits",
-        "disk",
-        "duration",
-    ]

@@ -1,0 +1,46 @@
+"""A port that could not be opened, in a bench that is looked at all the same: whatever uses it gets the reason."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from drivers.errors import DeviceError, TransportError
+
+
+class ClosedPort:
+    """A `Transport` that never opened. Every use raises a `TransportError` with the sentence of `reason`."""
+
+    def __init__(self, url: str, reason: DeviceError) -> None:
+        self._url = url
+        self._reason = reason
+
+    @property
+    def name(self) -> str:
+        """The port as the bench file names it."""
+        return self._url
+
+    def write(self, data: bytes) -> NoReturn:  # noqa: ARG002 - the signature of a transport
+        """Say why not."""
+        self._refuse()
+
+    def read_available(self) -> NoReturn:
+        """Say why not."""
+        self._refuse()
+
+    def read(self, size: int, timeout_s: float) -> NoReturn:  # noqa: ARG002
+        """Say why not."""
+        self._refuse()
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> NoReturn:  # noqa: ARG002
+        """Say why not."""
+        self._refuse()
+
+    def drain(self) -> NoReturn:
+        """Say why not."""
+        self._refuse()
+
+    def close(self) -> None:
+        """Do nothing: nothing is open."""
+
+    def _refuse(self) -> NoReturn:
+        raise TransportError(str(self._reason)) from self._reason
