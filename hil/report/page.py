@@ -86,17 +86,19 @@ def write_page(content: ReportContent, path: Path) -> None:
 
 def _page(content: ReportContent) -> dict[str, Any]:
     campaign, night = content.campaign, content.night
-    names = list(dict.fromkeys(name for sensor in content.sensors for name in sensor.parameter_names))
+    solutions = [each for sensor in content.sensors for each in sensor.solutions]
+    units = {name: found.unit for each in solutions for name, found in each.parameters.items()}
     return {
         "title": campaign.title,
         "subtitle": campaign.source,
         "simulated": campaign.simulated,
         "headline": headline(content),
         "summary": list(_summary(content)),
-        "sensors": [_sensor(sensor) for sensor in content.sensors],
+        # The report's own sensor, beside which the contractor's solution stands, before any other.
+        "sensors": [_sensor(sensor) for sensor in sorted(content.sensors, key=lambda each: not each.has_contractor)],
         "night_svg": _night_svg(night),
-        "parameter_names": names,
-        "runs": list(_runs(content, names)),
+        "parameters": [{"name": name, "unit": unit} for name, unit in units.items()],
+        "runs": list(_runs(content, list(units))),
         "uncertainty_note": _UNCERTAINTY,
         "missing": list(night.missing) if night else [],
         "warnings": [*campaign.warnings, *campaign.notes.splitlines()],
@@ -254,13 +256,20 @@ def _cannot_tell(content: ReportContent) -> list[str]:
     told = [f"run {each.run}, sensor {each.sensor}: {text}" for each in solutions for text in each.unobservable]
     if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
         told = [*_THREE_COLLECTS, *told]
-    temperatures = [repeat for sensor in content.sensors for repeat in sensor.repeats]
-    if len(temperatures) > 1:
+    if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):
         told.append(
             "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
             "cycle; a second visit from the other direction could."
         )
     return told or ["nothing that the model asks for is left open by these collects"]
+
+
+def _visited_once(sensor: SensorContent) -> bool:
+    """Whether no temperature was come back to after another: the runs of each follow one another."""
+    order = sorted(run for repeat in sensor.repeats for run in repeat.runs)
+    return all(
+        order.index(repeat.runs[-1]) - order.index(repeat.runs[0]) < len(repeat.runs) for repeat in sensor.repeats
+    )
 
 
 def _night_svg(night: NightContent | None) -> str:

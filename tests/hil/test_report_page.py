@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from yaml import safe_dump, safe_load
 
 from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
@@ -99,3 +100,48 @@ def test_a_triad_has_a_report_of_its_own(reference_data: Path) -> None:
     page = render(gather(read_campaign(reference_data / "campaigns" / "mpu9150-unit0")))
     assert "GXY" in page
     assert "contractor" not in page
+
+
+def test_every_number_of_the_list_has_its_unit(folder: Path) -> None:
+    """The head of the list of self-calibrations names each parameter with its unit."""
+    page = render(gather(read_campaign(folder)))
+    listed = page[page.index("<h2>Self-calibrations</h2>") :]
+    head = re.sub(r"<[^>]+>", " ", listed[: listed.index("</thead>")]).split()
+    for name, unit in (("BA", "deg/hr"), ("GSB", "deg/hr/g"), ("MUA", "deg/hr/g")):
+        assert head[head.index(name) + 1] == unit
+
+
+def test_the_report_s_own_sensor_comes_first(folder: Path) -> None:
+    """The sensor beside which the contractor's solution stands is the published one: it is not to be scrolled for."""
+    table = folder / "collects.csv"
+    header, *rows = table.read_text().splitlines()
+    names = header.split(",")
+    others = []
+    for number, row in enumerate(rows, start=1001):
+        cells = dict(zip(names, row.split(","), strict=True)) | {"collect": str(number), "sensor": "1"}
+        for quantity, unit in (("f", "g"), ("w", "deg_per_hr")):  # turned about B: not the report's orientations
+            a, s = f"{quantity}_A_{unit}", f"{quantity}_S_{unit}"
+            cells[a], cells[s] = cells[s], cells[a]
+        others.append(",".join(cells.values()))
+    table.write_text("\n".join([header, *rows, *others]) + "\n")
+    yaml = folder / "campaign.yaml"
+    described = safe_load(yaml.read_text())
+    described["sensors"] = {1: described["sensors"][2], **described["sensors"]}
+    yaml.write_text(safe_dump(described, sort_keys=False))
+    page = render(gather(read_campaign(folder)))
+    assert page.index("<h2>Sensor 2</h2>") < page.index("<h2>Sensor 1</h2>")
+
+
+def test_a_temperature_that_was_visited_twice_is_not_said_to_have_been_visited_once(folder: Path) -> None:
+    """A second visit from the other direction is what tells temperature from elapsed time."""
+    once = "Each temperature was visited once"
+    assert once in render(gather(read_campaign(folder)))
+    table = folder / "collects.csv"
+    header, *rows = table.read_text().splitlines()
+    again = [
+        ",".join([str(900 + place), str(90 + int(run)), *cells])
+        for place, row in enumerate(rows[:9])
+        for _, run, *cells in [row.split(",")]
+    ]
+    table.write_text("\n".join([header, *rows, *again]) + "\n")
+    assert once not in render(gather(read_campaign(folder)))
