@@ -55,6 +55,9 @@ def test_a_night_is_complete_and_sound(finished: Path) -> None:
         assert set(journal.night.versions or {}) >= {"hil", "numpy", "python", "sqlite"}
         assert "temperatures: [" in SWEEP
         assert "Two short self-calibrations" in journal.night.configuration
+        samples = [row.block for row in journal.blocks() if row.block.kind == SAMPLES]
+    assert len(samples) == 4
+    assert all(read_samples(finished, block).simulated for block in samples)
 
 
 def test_the_same_seed_gives_the_same_samples_and_another_seed_others(finished: Path, tmp_path: Path) -> None:
