@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TextIO
 
 import structlog
 
@@ -20,22 +20,45 @@ from drivers.positioner import Positioner
 LOG_NAME = "log.jsonl"
 
 
+class Log(Protocol):
+    """Takes what is said: a night's file, or a stream."""
+
+    def say(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Write one line."""
+
+
+def _lines_to(stream: TextIO, clock: Clock, who: str) -> Any:
+    """Return a logger that writes one JSON object per line, with who and when."""
+
+    def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
+        return {"utc": clock.utc().isoformat(), **facts}
+
+    return structlog.wrap_logger(
+        structlog.WriteLogger(stream),
+        processors=[stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
+        wrapper_class=structlog.BoundLogger,
+        who=who,
+    )
+
+
+class StreamLog:
+    """The log of a single command, on a stream that somebody else closes."""
+
+    def __init__(self, stream: TextIO, clock: Clock, who: str) -> None:
+        self._logger = _lines_to(stream, clock, who)
+
+    def say(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Write one line."""
+        self._logger.info(what, **facts)
+
+
 class NightLog:
     """The log file of a night, appended to. Close it."""
 
     def __init__(self, folder: Path, clock: Clock, who: str) -> None:
-        self._clock = clock
         # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
         self._file: TextIOWrapper = (folder / LOG_NAME).open("a", encoding="utf-8", buffering=1)
-        self._logger: Any = structlog.wrap_logger(
-            structlog.WriteLogger(self._file),
-            processors=[self._stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
-            wrapper_class=structlog.BoundLogger,
-            who=who,
-        )
-
-    def _stamp(self, logger: object, method: str, facts: Any) -> Any:  # noqa: ARG002 - the signature of a processor
-        return {"utc": self._clock.utc().isoformat(), **facts}
+        self._logger = _lines_to(self._file, clock, who)
 
     def say(self, what: str, facts: Mapping[str, Any]) -> None:
         """Write one line. A full disk must not end a night on account of its log: what cannot be written is lost."""
@@ -55,7 +78,7 @@ class NightLog:
 class LoggedChamber:
     """A chamber whose commands are logged before they are sent."""
 
-    def __init__(self, chamber: Chamber, log: NightLog) -> None:
+    def __init__(self, chamber: Chamber, log: Log) -> None:
         self._chamber = chamber
         self._log = log
 
@@ -95,7 +118,7 @@ class LoggedChamber:
 class LoggedPositioner:
     """A positioner whose moves are logged before they begin."""
 
-    def __init__(self, positioner: Positioner, log: NightLog) -> None:
+    def __init__(self, positioner: Positioner, log: Log) -> None:
         self._positioner = positioner
         self._log = log
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import data, device, frames, model, night
+from hil.cli import chamber, data, device, frames, model, night
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -23,6 +23,8 @@ app = typer.Typer(
 for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS):
     app.command()(with_status(command))
 app.command("import")(with_status(data.import_table))
+# An argument such as -20 is a temperature, not an option that nobody knows.
+app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 frames.frames_app.command()(with_status(frames.check))
 frames.frames_app.callback()(lambda: None)  # with one command only, the group would otherwise swallow its name
 app.add_typer(frames.frames_app)

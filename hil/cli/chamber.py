@@ -1,0 +1,184 @@
+"""The chamber of a bench by itself: `hil chamber BENCH read`, `set TEMPERATURE`, `stop`.
+
+Only the chamber's port is opened. A night that runs on the bench holds that port, so this command is refused then.
+"""
+
+from __future__ import annotations
+
+import getpass
+import math
+import sys
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from drivers.chamber import ChamberIdentity, ChamberReading
+    from hil.bench import LiveChamber
+    from hil.config import Bench
+
+_LOOK_S = 5.0  # between looks at a ramp that is stepped from here
+
+
+class Action(StrEnum):
+    """What `hil chamber` can do."""
+
+    READ = "read"
+    SET = "set"
+    STOP = "stop"
+
+
+def chamber(
+    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.", show_default=False)],
+    action: Annotated[Action, typer.Argument(help="What to do.", show_default=False)],
+    temperature: Annotated[
+        str | None, typer.Argument(help="For set: -20 degC, 68 degF; a bare number is °C.", show_default=False)
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the chamber is set.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Read a bench's chamber, set its temperature, or bring it to its safe state; the unit is left alone.
+
+    `set` is refused outside the bench's limits, asks before it drives a real chamber, and reads back. `stop` is the
+    bench file's safe state, and never asks. What is sent is logged on standard error, with who and when.
+    """
+    from hil.bench import open_chamber
+    from hil.config import load_bench
+
+    on = load_bench(bench)
+    if action is Action.SET:
+        target = _target(temperature, on)
+        _ask(on, target, yes=yes)
+    elif temperature is not None:
+        raise InputError(f"{action.value} takes no temperature, and {temperature!r} was given")
+    if action is not Action.READ:
+        _warn_of_others(on)
+    with open_chamber(on) as live:
+        if action is Action.SET:
+            _set(live, target)
+        elif action is Action.STOP:
+            _logged(live).safe_state()
+        identity, reading = live.chamber.identify(), live.chamber.read()
+        _show(on, action, identity, reading, as_json=as_json)
+
+
+def _target(given: str | None, bench: Bench) -> float:
+    """Return the temperature in °C; raise `InputError` where it is none, or outside the limits."""
+    from hil.config.units import TEMPERATURE, to_number
+
+    if given is None:
+        raise InputError("set needs a temperature, such as: hil chamber BENCH set '-20 degC'")
+    try:
+        value = _bare(given)
+        value = to_number(given, TEMPERATURE) if value is None else to_number(f"{value} degC", TEMPERATURE)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    limits = bench.chamber.limits
+    if not limits.low <= value <= limits.high:
+        raise InputError(
+            f"{value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, {limits.low:.4g} … "
+            f"{limits.high:.4g} °C; nothing was sent"
+        )
+    return value
+
+
+def _bare(given: str) -> float | None:
+    try:
+        value = float(given.replace("−", "-"))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
+    """Ask whoever sits there before a real chamber is driven."""
+    if bench.simulated or yes:
+        return
+    messages().print(
+        f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and stay there."
+    )
+    try:
+        agreed = typer.confirm("Set it?", err=True)
+    except typer.Abort:
+        agreed = False
+    if not agreed:
+        raise InputError("not set: answer yes, or give --yes where nobody can be asked")
+
+
+def _warn_of_others(bench: Bench) -> None:
+    """Programs on this machine are kept off an open port; on a network nobody can tell for other machines."""
+    if bench.chamber.port.startswith(("socket://", "rfc2217://")):
+        warn([f"{bench.chamber.port}: another computer may be using this chamber, and that cannot be told from here"])
+
+
+def _logged(live: LiveChamber) -> Any:
+    from hil.log import LoggedChamber, StreamLog
+
+    return LoggedChamber(live.chamber, StreamLog(sys.stderr, live.clock, getpass.getuser()))
+
+
+def _set(live: LiveChamber, target_degC: float) -> None:
+    """Prepare, set and read back; a ramp that the controller cannot bound itself is stepped to its end from here.
+
+    What could not be confirmed must not stay: the chamber is brought to its safe state then.
+    """
+    from drivers.errors import CommandRefused, DeviceError
+    from drivers.ramp import RampedChamber
+
+    chamber = _logged(live)
+    chamber.prepare()
+    try:
+        chamber.set_temperature(target_degC)
+    except DeviceError:
+        chamber.safe_state()
+        raise
+    ramped = live.chamber
+    if not isinstance(ramped, RampedChamber):
+        return
+    if ramped.ramping:
+        messages().print("the setpoint is stepped from here; stopped early, the chamber stays at the last step")
+    while ramped.ramping:
+        live.clock.sleep(_LOOK_S)
+        found = ramped.read().setpoint_degC
+        if found != target_degC:
+            raise CommandRefused(
+                f"{live.bench.chamber.port}: somebody set {found:.2f} °C during the ramp; it is left at that"
+            )
+
+
+def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading, *, as_json: bool) -> None:
+    if as_json:
+        print_json(_document(bench, action, identity, reading))
+        return
+    console = results()
+    console.print(f"{bench.name}: {identity.model}{'  SIMULATED' if bench.simulated else ''}")
+    console.print(f"air {reading.temperature_degC:.2f} °C, setpoint {reading.setpoint_degC:.2f} °C, {reading.mode}")
+    low, high = _known(reading.low_limit_degC), _known(reading.high_limit_degC)
+    if low is not None and high is not None:
+        console.print(f"the controller's own limits {low:g} … {high:g} °C")
+    console.print(f"alarms: {', '.join(reading.alarms) or 'none'}")
+
+
+def _document(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading) -> dict[str, Any]:
+    """Return schema hil.chamber/1; a limit that the controller does not have is null."""
+    return {
+        "schema": "hil.chamber/1",
+        "bench": bench.name,
+        "simulated": bench.simulated,
+        "action": action.value,
+        "model": identity.model,
+        "temperature_degC": reading.temperature_degC,
+        "setpoint_degC": reading.setpoint_degC,
+        "mode": reading.mode,
+        "low_limit_degC": _known(reading.low_limit_degC),
+        "high_limit_degC": _known(reading.high_limit_degC),
+        "alarms": list(reading.alarms),
+    }
+
+
+def _known(limit_degC: float) -> float | None:
+    return limit_degC if math.isfinite(limit_degC) else None
