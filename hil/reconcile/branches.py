@@ -15,7 +15,7 @@ from hil.campaign import Campaign, FloatArray
 from hil.effects.base import Effect
 from hil.model import Model
 from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, log_evidence, may_differ
-from hil.reconcile.evidence import NoiseTable
+from hil.reconcile.evidence import NoiseTable, pruned
 from hil.reconcile.findings import Step
 from hil.reconcile.fit import Added, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
@@ -132,8 +132,8 @@ def posed(
 ) -> tuple[Problem, list[NoiseTable], list[list[FloatArray]]]:
     """Pose the problem, with the noise tables of its blocks and rich models of their means."""
     problem = pose(campaign, model, effects, calibration)
-    tables = [NoiseTable.of(block) for block in problem.blocks]
     rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
+    tables = [pruned(block, NoiseTable.of(block), extra) for block, extra in zip(problem.blocks, rich, strict=True)]
     return problem, tables, rich
 
 

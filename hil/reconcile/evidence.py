@@ -29,6 +29,8 @@ _TRUSTED_DOF = 12.0  # and where they are all there is to judge by
 _INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted
 _DEPTH = 9.0  # noise points this much (in log probability) below the best are left out
 _MOST_POINTS = 36
+_OUT_OF_THE_QUESTION = 15.0
+_MOST_KEPT = 160
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,33 @@ class ScalePrior:
             return cls(0.0, 1e-12)
         strength = _TRUSTED_DOF if block.sigma_trusted else _STATED_DOF
         return cls(0.5 * strength, 0.5 * strength * float(np.mean(block.sigma**2)))
+
+
+def restricted_likelihood(
+    noise: NoiseTable, bases: Sequence[FloatArray], y: FloatArray, prior: ScalePrior
+) -> list[tuple[FloatArray, FloatArray]]:
+    """For each of several bases (N, p): log marginal likelihood (t,) up to a constant, and RSS (t,), at every point.
+
+    The same as `Projection.log_null`, for one data set `y` (N,) and without what only candidates need.
+    """
+    spans = [np.linalg.qr(base)[0] if base.shape[1] else base for base in bases]
+    white = noise.whitening @ np.column_stack([*spans, y])
+    out, start = [], 0
+    target = white[:, :, -1]
+    whole = np.einsum("tn,tn->t", target, target)
+    for span in spans:
+        p = span.shape[1]
+        own = white[:, :, start : start + p]
+        start += p
+        log_weight, rss = noise.grid.log_prior - noise.half_log_det, whole
+        if p:
+            factor = np.linalg.cholesky(np.swapaxes(own, 1, 2) @ own)
+            score = np.linalg.solve(factor, np.einsum("tnp,tn->tp", own, target)[..., None])[..., 0]
+            log_weight = log_weight - np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+            rss = np.maximum(whole - np.sum(score**2, axis=1), 1e-12 * whole)
+        power = prior.a + 0.5 * (len(y) - p)
+        out.append((log_weight - power * np.log(prior.b + 0.5 * rss), rss))
+    return out
 
 
 class BlockEvidence:
@@ -218,20 +247,29 @@ def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray])
     A missing effect looks like run-to-run noise to the base alone; a flexible model of the means shows how quiet the
     unit might really be. What lies between is judged by evidence.
     """
-    prior = ScalePrior.of(block)
+    best = _best_of_any(block, noise, rich)
     keep = np.zeros(len(noise.grid), dtype=bool)
-    shares = []
-    for extra in ([np.zeros((len(block.y), 0))], *[[columns] for columns in rich]):
-        base = independent_columns(np.hstack([block.base, *extra]), 1e-6)
-        if len(block.y) - base.shape[1] < 4 and extra[0].shape[1]:
-            continue
-        projection = Projection.of(noise, base)
-        log_null = projection.log_null(block.y[:, None], prior)[2][:, 0]
-        shares.append(log_null - log_null.max())
-    best = np.max(shares, axis=0)
     order = np.argsort(-best)
     keep[order[:_MOST_POINTS]] = True
     return np.flatnonzero(keep & (best > -_DEPTH))
+
+
+def pruned(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> NoiseTable:
+    """Return the table without the noise points that are out of the question for these data, whatever is missing."""
+    best = _best_of_any(block, noise, rich)
+    likely = np.sort(np.argsort(-best)[:_MOST_KEPT])
+    return noise.take(likely[best[likely] > -_OUT_OF_THE_QUESTION])
+
+
+def _best_of_any(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> FloatArray:
+    """Log probability of each noise point below the best, under whichever model of the means suits it most, (t,)."""
+    bases = []
+    for extra in ([np.zeros((len(block.y), 0))], *[[columns] for columns in rich]):
+        base = independent_columns(np.hstack([block.base, *extra]), 1e-6)
+        if len(block.y) - base.shape[1] >= 4 or not extra[0].shape[1]:
+            bases.append(base)
+    found = restricted_likelihood(noise, bases, block.y, ScalePrior.of(block))
+    return np.asarray(np.max([log_null - log_null.max() for log_null, _ in found], axis=0))
 
 
 def _log_sum(values: FloatArray) -> FloatArray:

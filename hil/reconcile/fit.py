@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
-from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
+from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.noise import covariances
 
@@ -60,10 +60,10 @@ class BlockNoise:
 def estimate_noise(block: Block, table: NoiseTable) -> BlockNoise:
     """Return the most probable noise of a block given its present base, with the scale estimated."""
     prior = ScalePrior.of(block)
-    projection = Projection.of(table, block.base)
-    _, rss, log_null = projection.log_null(block.y[:, None], prior)
-    point = np.array([int(np.argmax(log_null[:, 0]))])
-    scale = (prior.b + 0.5 * rss[point[0], 0]) / max(prior.a + 0.5 * projection.freedom, 0.5)
+    (log_null, rss), *_ = restricted_likelihood(table, [block.base], block.y, prior)
+    point = np.array([int(np.argmax(log_null))])
+    freedom = len(block.y) - block.base.shape[1]
+    scale = (prior.b + 0.5 * rss[point[0]]) / max(prior.a + 0.5 * freedom, 0.5)
     return BlockNoise.of(scale * covariances(block, table.grid.take(point))[0])
 
 

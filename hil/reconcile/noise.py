@@ -54,7 +54,7 @@ class NoiseGrid:
 
 
 def noise_grid(block: Block) -> NoiseGrid:
-    """Return the grid of noise models that the block's layout can tell apart (where the stated noise is trusted: that alone)."""
+    """Return the grid of noise models that the layout can tell apart; where stated noise is trusted, that alone."""
     runs = len(np.unique(block.run))
     rows_per_run = len(block.y) / runs / len(np.unique(block.channel))
     many_runs = runs >= 4 and rows_per_run > 1.5

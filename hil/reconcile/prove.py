@@ -13,7 +13,7 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
-from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
+from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit, without_rows
 from hil.reconcile.hypotheses import Evidence, Hypothesis, Unit, build_evidence
 from hil.reconcile.noise import NoiseGrid
@@ -248,5 +248,5 @@ def _less(unit: Unit, keep: Sequence[BoolArray]) -> Unit:
 
 def noise_points(block: Block, table: NoiseTable) -> IntArray:
     """Return the most probable noise points of a block with its present base, most probable first."""
-    log_null = Projection.of(table, block.base).log_null(block.y[:, None], ScalePrior.of(block))[2][:, 0]
+    (log_null, _), *_ = restricted_likelihood(table, [block.base], block.y, ScalePrior.of(block))
     return np.asarray(np.argsort(-log_null)[:_KEPT_POINTS])

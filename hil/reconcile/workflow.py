@@ -157,8 +157,8 @@ def _about(branch: Branch) -> list[str]:
         return []
     said = [
         (
-            "the model's parameters differ from temperature to temperature in no simple way: they were calibrated at each "
-            "temperature, and what is reported is what the model's form lacks beside that"
+            "the model's parameters differ from temperature to temperature in no simple way: they were calibrated at "
+            "each temperature, and what is reported is what the model's form lacks beside that"
         )
     ]
     if not branch.is_repeated:
