@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,10 +50,7 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     for effect in document["effects"]:
         yield f"\n{effect['id']}: {effect['title']}, probability {effect['probability']:.2f}"
         yield f"  {effect['equation']}"
-        for parameter in effect["parameters"]:
-            se = "" if parameter["se"] is None else f" ± {parameter['se']:.3g}"
-            at = parameter.get("at") or ""
-            yield f"  {parameter['name']} = {parameter['value']:.4g}{se} {parameter['unit']} {at}"
+        yield from _values(effect["parameters"])
         for rival in effect["confusable_with"][:4]:
             yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}"
     gap = document["gap"]
@@ -65,6 +62,18 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         yield f"measure next: {document['next_experiment']['why']}"
     for note in document.get("notes", []):
         yield f"note: {note}"
+
+
+def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """One line per parameter and sensor, however many temperatures it has a value at."""
+    lines: dict[str, list[str]] = {}
+    for each in parameters:
+        sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
+        se = "" if each["se"] is None else f" ± {each['se']:.2g}"
+        at = "" if not each.get("at") else f" at {each['at']}"
+        lines.setdefault(f"{each['name']}{sensor}, {each['unit']}", []).append(f"{each['value']:.4g}{se}{at}")
+    for name, values in lines.items():
+        yield f"  {name}: {'; '.join(values)}"
 
 
 def visibility(

@@ -1,0 +1,83 @@
+"""Reconcile, visibility and effects from the command line: documents in the contract's keys, files written whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.night import Design
+from hil.model import load_model
+
+FOUR = Design(temperatures_degC=(23.0,), runs_per_temperature=8, positions=("1", "2", "3", "4"))
+
+
+@pytest.fixture
+def contractors(tmp_path: Path) -> Path:
+    """A unit with a spin-axis drift, at one temperature, four collects in each of eight runs."""
+    case = make_case(4, ("MU_real",), 30.0, model="collins-4", design=FOUR)
+    return write_case(case, tmp_path / "campaign")
+
+
+def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """What the contractor took for zero is named; the document printed is the file; the model gains a term."""
+    out = tmp_path / "out"
+    ended = hil("reconcile", contractors, "--model", "collins-4", "--out", out, "--json")
+    assert ended.returncode == 0, ended.stderr
+    told = json.loads(ended.stdout)
+    assert told == json.loads((out / "reconciliation.json").read_text())
+    assert told["schema"] == "hil.reconciliation/1"
+    assert told["verdict"] == "named"
+    assert [effect["id"] for effect in told["effects"]] == ["MU_real"]
+    assert told["gap"]["after"] < told["gap"]["before"]
+    assert told["simulated"] is True
+    assert [term.effect for term in load_model(out / "model.yaml").terms] == ["MU_real"]
+    assert "SIMULATED" in (out / "reconciliation.html").read_text()
+
+
+def test_applied_twice_it_finds_nothing_more(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """The improved model, compared with the same data, lacks nothing."""
+    hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "first")
+    again = hil(
+        "reconcile", contractors, "--model", tmp_path / "first" / "model.yaml", "--out", tmp_path / "2", "--json"
+    )
+    assert json.loads(again.stdout)["verdict"] == "none"
+
+
+def test_for_people_it_is_a_screenful(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """Verdict, name, values with units, gap before and after; not more lines than a terminal has."""
+    ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "out")
+    assert "verdict: named" in ended.stdout
+    assert "MU_real" in ended.stdout
+    assert "deg/hr/g" in ended.stdout
+    assert len(ended.stdout.splitlines()) < 40
+
+
+def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """One sentence, and no folder."""
+    ended = hil("reconcile", contractors, "--model", "nonsense", "--out", tmp_path / "out")
+    assert ended.returncode == 2
+    assert "nonsense" in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_visibility_of_a_sweep_and_of_a_campaign(hil: Any, contractors: Path) -> None:
+    """Both give a map in the contract's keys."""
+    for arguments in (("quick", "--bench", "simulated"), (contractors,)):
+        told = json.loads(hil("visibility", *arguments, "--json").stdout)
+        assert told["schema"] == "hil.visibility/1"
+        for effect in told["effects"]:
+            assert 0.0 <= effect["kept"] <= 1.0
+            assert effect["id"] in effect["class"]
+
+
+def test_the_catalogue_lists_every_effect(hil: Any) -> None:
+    """Each with its equation; the words for people name the same ids."""
+    told = json.loads(hil("effects", "--json").stdout)
+    ids = {effect["id"] for effect in told["effects"]}
+    assert {"MU_real", "k2", "hyst", "settle", "arw"} <= ids
+    words = hil("effects").stdout
+    assert all(identifier in words for identifier in ids)
