@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Protocol
+from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, TransportError
@@ -26,18 +26,15 @@ _REOPEN_S = 0.25  # between attempts to open a port that failed
 _POLL_S = 0.002  # between looks at the queue while a read waits
 
 
-class DrainedPort(Transport, Protocol):
-    """A transport that can wait for bytes without asking for them."""
-
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until bytes have arrived, at most `timeout_s`; tell whether they have."""
-
-
 class LiveReader:
-    """A `drivers.transport.Transport` that drains `port` in a thread of its own until it is closed."""
+    """A `drivers.transport.Transport` that drains `port` in a thread of its own until it is closed.
 
-    def __init__(self, port: DrainedPort, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
+    A port that can `wait(timeout_s)` for bytes, as a serial port can, costs nothing while none arrive.
+    """
+
+    def __init__(self, port: Transport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
         self._port = port
+        self._wait: Any = getattr(port, "wait", None)
         self._clock = clock
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
@@ -131,7 +128,7 @@ class LiveReader:
         """Read until the end. Nothing else happens here: what takes long would let the port run over."""
         while not self._ending.is_set():
             try:
-                data = self._port.read_available() if self._port.wait(_LOOK_S) else b""
+                data = self._next()
             except TransportError as failure:
                 self._note(failure)
                 self._ending.wait(_REOPEN_S)
@@ -142,6 +139,13 @@ class LiveReader:
                     self._queue.append(data)
                     self._queued += len(data)
                 self._bound()
+
+    def _next(self) -> bytes:
+        """Return what arrives next, within the time between two looks."""
+        if self._wait is not None:
+            return self._port.read_available() if self._wait(_LOOK_S) else b""
+        first = self._port.read(1, _LOOK_S)
+        return first + self._port.read_available() if first else b""
 
     def _bound(self) -> None:
         """Drop the oldest bytes that are too many, and no failure among them."""

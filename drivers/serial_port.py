@@ -49,7 +49,7 @@ class SerialTransport:
         bytesize: int = 8,
         parity: str = "N",
         stopbits: float = 1,
-        low_latency: bool = False,
+        low_latency: bool = True,
     ) -> None:
         self._url = url
         self._clock = clock
@@ -181,7 +181,7 @@ def open_port(
     bytesize: int = 8,
     parity: str = "N",
     stopbits: float = 1,
-    low_latency: bool = False,
+    low_latency: bool = True,
 ) -> SerialTransport:
     """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot."""
     return SerialTransport(

@@ -24,6 +24,7 @@ from drivers.clock import Clock, SystemClock, VirtualClock
 from drivers.errors import DeviceError, TransportError
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.imu import ImuIdentity
+from drivers.live_reader import LiveReader
 from drivers.operator import AskOperator, OperatorPositioner
 from drivers.port_owner import owned
 from drivers.positioner import Positioner
@@ -109,7 +110,7 @@ def build_bench(
     with ExitStack() as opened:
         ports = _Ports(bench, clock, opened, unopened)
         baud = bench.imu.baud or description.baudrate
-        imu_port = ports.open("imu.port", bench.imu.port, SerialLine(baud), lambda: simulators().imu)
+        imu_port = ports.open_stream(SerialLine(baud), lambda: simulators().imu)
         chamber = _chamber(bench, ports, clock, lambda: simulators().chamber)
         imu = StreamImu(
             imu_port,
@@ -159,7 +160,7 @@ def open_chamber(bench: Bench) -> LiveChamber:
 def load_frames(bench: Bench) -> StreamDescription:
     """Load the IMU's frame description; raise `InputError` where it cannot be used."""
     try:
-        return load_description(bench.imu_description)
+        return load_description(bench.imu_description, parameters=bench.imu.parameters, sample_rate_hz=bench.imu.rate)
     except DescriptionError as error:
         raise InputError(str(error)) from error
 
@@ -208,6 +209,16 @@ class _Ports:
             )
         self._opened.callback(port.close)
         return port
+
+    def open_stream(self, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
+        """Open the IMU's port. A real one is drained by a thread from then on; a simulated one needs none."""
+        url = self._bench.imu.port
+        port = self.open("imu.port", url, line, device)
+        if url.startswith(SIMULATED_SCHEME) or isinstance(port, ClosedPort) or isinstance(self._clock, VirtualClock):
+            return port
+        reader = LiveReader(port, self._clock)
+        self._opened.callback(reader.close)
+        return reader
 
     def open_second(self, key: str, url: str) -> Transport:
         """Open a second, real port of a device."""

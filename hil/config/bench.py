@@ -164,7 +164,8 @@ class SensorSection(Section):
 class ImuSection(Section):
     """The IMU's port and stream, and who turns the unit. Baud and rate are the description's where they are not given.
 
-    `codes` are the unit's own numbers for the positions (position "3" is its number 3 where nothing is said), and
+    `parameters` are what the description asks for and the stream does not tell (a range, a unit of the rates). `codes`
+    are the unit's own numbers for the positions (position "3" is its number 3 where nothing is said), and
     `instructions` tell an operator how the unit lies at each.
     """
 
@@ -172,6 +173,7 @@ class ImuSection(Section):
     port: ImuPort
     baud: PositiveInt | None = None
     rate: Annotated[Hertz, Field(gt=0.0)] | None = None
+    parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)
     positioner: Literal["indexing", "operator"]
     codes: Annotated[dict[str, int], BeforeValidator(_labels)] = Field(default_factory=dict)
     instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
