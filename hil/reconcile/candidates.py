@@ -25,6 +25,9 @@ _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity"
 """Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
 _REMEMBERS = frozenset({"hyst", "soak_insufficient"})
 _ROOM_DEGC = 20.0
+_COLD_DEGC = -80.0
+_HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
+"""Where a unit with hysteresis may have come from before the first collect: the room, or somewhere colder."""
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 """Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
@@ -54,6 +57,7 @@ class Candidate:
     target: str = ""
     sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
+    before_degC: float = _ROOM_DEGC
 
     @property
     def size(self) -> int:
@@ -64,7 +68,7 @@ class Candidate:
         """Return the columns of the same effect, shape and form on other rows, shape (n, c, p)."""
         if self.effect is None:
             raise ValueError(f"{self.name} has no effect to be rebuilt from")
-        columns = effect_columns(self.effect, conditions, base, self.shape)
+        columns = effect_columns(self.effect, conditions, base, self.shape, self.before_degC)
         columns = columns[:, :, list(self.kept)] if self.kept else columns
         return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
 
@@ -77,28 +81,41 @@ def catalogue_candidates(
         if effect.id in _SEARCHED_ELSEWHERE or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         for shape in effect.shape_grid(conditions):
-            columns = effect_columns(effect, conditions, base, shape)
-            if not np.any(columns):
-                continue
-            plain = Candidate(
-                name=_ONE_NAME.get(effect.id, effect.id),
-                tier=1,
-                sensor=number,
-                columns=columns,
-                parameters=effect.parameters_for(conditions),
-                shape=shape,
-                title=effect.title,
-                equation=effect.equation,
-                effect=effect,
-                sensor_axes=conditions.sensor.axes,
-            )
-            if effect.id != "bias":
-                yield plain
-            if effect.id in _TEMPERATURE_FORMS:
-                yield from _over_temperature(plain, conditions)
+            yield from _of_shape(number, conditions, base, effect, shape)
 
 
-def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
+def _of_shape(
+    number: int, conditions: Conditions, base: Base, effect: Effect, shape: Mapping[str, float]
+) -> Iterator[Candidate]:
+    """Yield the candidates of one effect at one shape: one per history it may have had, in every form."""
+    tried: list[FloatArray] = []
+    for before_degC in _HISTORIES.get(effect.id, (_ROOM_DEGC,)):
+        columns = effect_columns(effect, conditions, base, shape, before_degC)
+        if not np.any(columns) or any(np.allclose(columns, other) for other in tried):
+            continue
+        tried.append(columns)
+        plain = Candidate(
+            name=_ONE_NAME.get(effect.id, effect.id),
+            tier=1,
+            sensor=number,
+            columns=columns,
+            parameters=effect.parameters_for(conditions),
+            shape=shape,
+            title=effect.title,
+            equation=effect.equation,
+            effect=effect,
+            sensor_axes=conditions.sensor.axes,
+            before_degC=before_degC,
+        )
+        if effect.id != "bias":
+            yield plain
+        if effect.id in _TEMPERATURE_FORMS:
+            yield from _over_temperature(plain, conditions)
+
+
+def effect_columns(
+    effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float], before_degC: float = _ROOM_DEGC
+) -> FloatArray:
     """Return an effect's columns, zero where it is not asked about, shape (n, c, p).
 
     What remembers temperature (hysteresis, the step before a plateau) is given the room that the unit came from: the
@@ -106,17 +123,17 @@ def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Ma
     """
     if effect.id not in _REMEMBERS or not {"temperature_degC", "setpoint_degC"} & set(conditions.columns):
         return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
-    rows = joined(_in_the_room(conditions), conditions)
+    rows = joined(_before(conditions, before_degC), conditions)
     return np.nan_to_num(np.asarray(effect.columns(rows, None, shape), dtype=np.float64))[1:]
 
 
-def _in_the_room(conditions: Conditions) -> Conditions:
-    """One row before the campaign: the same orientation at room temperature."""
+def _before(conditions: Conditions, temperature_degC: float) -> Conditions:
+    """One row before the campaign: the same orientation at another temperature, the room's as a rule."""
     row = conditions.rows(np.array([int(np.argmin(conditions.start_s))]))
     columns = {name: np.full(1, np.nan) for name in row.columns}
     for name in ("temperature_degC", "setpoint_degC"):
         if name in columns:
-            columns[name] = np.full(1, _ROOM_DEGC)
+            columns[name] = np.full(1, temperature_degC)
     return replace(row, run=row.run - 1, collect=row.collect - 1, start_s=row.start_s - 7200.0, columns=columns)
 
 
