@@ -38,7 +38,8 @@ def read_header(path: Path) -> Header:
     """Read and check campaign.yaml; raise InputError with the file and the key."""
     keys = _load(path)
     if keys.get("schema") != SCHEMA:
-        raise InputError(f"{path}, key schema: it is {keys.get('schema')!r}; this program reads {SCHEMA}")
+        found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
+        raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
     series = _mapping(path, keys, "series")
     block = series.get("block_s")
     return Header(
@@ -69,7 +70,7 @@ def _load(path: Path) -> dict[Any, Any]:
     except yaml.YAMLError as error:
         raise InputError(f"{path}: it is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(keys, dict):
-        raise InputError(f"{path}: it must be a list of keys and values that begins with `schema: {SCHEMA}`")
+        raise InputError(f"{path}: it must hold keys with values (`title: …`), the first `schema: {SCHEMA}`")
     return keys
 
 

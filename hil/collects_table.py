@@ -42,10 +42,9 @@ class Table:
         """Refuse the file where one of `columns` is missing."""
         missing = [name for name in columns if name not in self._index]
         if missing:
-            hint = " (the file seems to be separated by semicolons; commas are needed)" if ";" in self.header[0] else ""
             raise InputError(
                 f"{self.path}, row {self.header_row}: column{'s' if len(missing) > 1 else ''} {', '.join(missing)} "
-                f"{'are' if len(missing) > 1 else 'is'} missing{hint}"
+                f"{'are' if len(missing) > 1 else 'is'} missing"
             )
 
     def texts(self, column: str) -> list[str]:
@@ -75,6 +74,11 @@ class Table:
         return InputError(f"{self.path}, row {self.rows[line]}, column {column}: {what}")
 
     def _check_header(self) -> None:
+        if len(self.header) == 1 and ";" in self.header[0]:
+            raise InputError(
+                f"{self.path}, row {self.header_row}: the columns are separated by semicolons; commas are needed "
+                "between columns and points in numbers (a spreadsheet set to English saves CSV so)"
+            )
         for j, name in enumerate(self.header):
             if not name:
                 raise InputError(f"{self.path}, row {self.header_row}: column number {j + 1} has no name")

@@ -259,8 +259,8 @@ def _whole_or_nothing(target: Path) -> Iterator[Path]:
         yield partial
         target.parent.mkdir(parents=True, exist_ok=True)
         RealDisk().rename(partial, target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be made ({error.strerror or error})") from error
+    except (OSError, sqlite3.OperationalError) as error:
+        raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     RealDisk().synchronise_folder(target.parent)

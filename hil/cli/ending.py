@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import sqlite3
 import sys
 import tempfile
 import traceback
@@ -56,6 +57,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
         # The reader (head, less) has gone; keep the interpreter from complaining when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE
+    except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
+        return _say(f"the journal: {error}", Exit.FAILED)
     except OSError as error:
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", Exit.FAILED)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -202,10 +203,13 @@ def status(folder: Folder, as_json: JsonFlag = False) -> int:
         console.print(f"{document['steps_done']} of {document['steps_total']} steps")
         done, total = document["self_calibrations_done"], document["self_calibrations_total"]
         console.print(f"{done} of {total} self-calibrations")
-        if document["state"] == "running":
-            console.print(f"expected end {document['eta_utc']}")
+        if document["reason"]:
+            console.print(f"reason: {document['reason']}")
+        working = document["state"] in {"running", "paused"}
+        if working and document["eta_utc"]:
+            console.print(f"expected end {datetime.fromisoformat(document['eta_utc']):%Y-%m-%d %H:%M} UTC")
         for line in document["missing"]:
-            console.print(f"missing: {line}")
+            console.print(f"{'to do' if working else 'missing'}: {line}")
     return Exit.DONE if document["state"] in {"complete", "running", "paused"} else Exit.INCOMPLETE
 
 
@@ -236,6 +240,8 @@ def demo(
     from hil.config import load_bench, load_sweep
     from hil.journal_reader import JOURNAL_NAME
 
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; the night needs a folder, give another with --out")
     if out.exists() and any(out.iterdir()):
         from hil.journal_reader import open_readonly
 

@@ -168,6 +168,7 @@ REFUSED_TABLES = {
     "missing earth rate": (without("w_S_deg_per_hr"), r"row 1: column w_S_deg_per_hr is missing"),
     "missing sensor": (without("sensor"), r"row 1: column sensor is missing"),
     "semicolons": (table(*ROWS).replace(",", ";"), "semicolons"),
+    "decimal commas": (table(*ROWS).replace(",", ";").replace(".", ","), "semicolons"),
     "text for a number": (cell(3, "RA_deg_per_hr", "n/a"), r"row 3, column RA_deg_per_hr: 'n/a' is not a number"),
     "decimal comma": (cell(3, "RA_deg_per_hr", '"80,3"'), r"row 3, .*'80,3' is not a number \(use a point"),
     "underscore": (cell(3, "RA_deg_per_hr", "8_0"), "row 3, column RA_deg_per_hr: '8_0' is not a number"),
@@ -230,10 +231,10 @@ def test_rows_are_counted_as_a_spreadsheet_does(folder: Path) -> None:
 
 REFUSED_HEADERS = {
     "unknown schema": (YAML.replace("campaign/1", "campaign/2"), "key schema: it is 'hil.campaign/2'"),
-    "no schema": (YAML.replace("schema: hil.campaign/1\n", ""), "key schema: it is None"),
+    "no schema": (YAML.replace("schema: hil.campaign/1\n", ""), "key schema: it is missing"),
     "no sensors": ("schema: hil.campaign/1\n", "key sensors"),
     "not YAML": ("schema: [", "not YAML"),
-    "a list": ("- 1\n", "keys and values"),
+    "a list": ("- 1\n", "keys with values"),
     "two axes": (YAML.replace("[A, B, S]", "[A, B]"), r"sensors\.2\.axes: it must be a list of three"),
     "axes alike": (YAML.replace("[A, B, S]", "[A, B, B]"), r"sensors\.2\.axes: .* not three different"),
     "unknown axis": (YAML.replace("RB: B", "RB: Q"), r"sensors\.2\.channels\.RB: 'Q' is not one of the axes"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 from hil.config import find_config
+from hil.journal import SqliteJournal
 
 
 def shipped(kind: str, name: str) -> dict[str, Any]:
@@ -95,3 +97,19 @@ def test_the_demo_does_not_replace_what_is_not_a_demo(hil: Any, tmp_path: Path) 
     keep.write_text("mine")
     refused(hil("demo", "--out", tmp_path), str(tmp_path))
     assert keep.read_text() == "mine"
+    refused(hil("demo", "--out", keep), str(keep), "is a file")
+    assert keep.read_text() == "mine"
+
+
+def test_a_disk_without_room_for_the_journal_is_one_sentence(
+    hil: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The night cannot even begin: refused, and nothing is left behind."""
+
+    def full(*_arguments: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(SqliteJournal, "create", full)
+    out = tmp_path / "night"
+    refused(hil("run", "quick", "--bench", "simulated", "--out", out), str(out), "disk is full")
+    assert list(tmp_path.iterdir()) == []

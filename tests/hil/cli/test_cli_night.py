@@ -102,3 +102,29 @@ def test_resuming_a_complete_night_changes_nothing(hil: Any, night: Path) -> Non
     ended = hil("resume", night)
     assert ended.returncode == 0
     assert "complete" in ended.stderr
+
+
+def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
+    hil: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is missing yet while it runs; the finishing time is one that people read; a stop has its reason."""
+    told: dict[str, Any] = {
+        "state": "running",
+        "reason": "",
+        "simulated": False,
+        "steps_done": 1,
+        "steps_total": 9,
+        "self_calibrations_done": 0,
+        "self_calibrations_total": 1,
+        "eta_utc": "2026-03-01T05:59:43.559+00:00",
+        "missing": ["self-calibration 1 at 23.0 °C: all of it"],
+    }
+    monkeypatch.setattr("hil.status.night_status", lambda _folder: told)
+    running = hil("status", tmp_path)
+    assert running.returncode == 0
+    assert "expected end 2026-03-01 05:59 UTC\nto do: self-calibration 1" in running.stdout
+    told |= {"state": "aborted", "reason": "stopped by SIGTERM", "eta_utc": None}
+    stopped = hil("status", tmp_path)
+    assert stopped.returncode == 4
+    assert "reason: stopped by SIGTERM\n" in stopped.stdout
+    assert "missing: self-calibration 1" in stopped.stdout
