@@ -22,6 +22,8 @@ from drivers.transport import Transport
 
 _MOST_BYTES = 1 << 24  # three minutes of 2000 frames per second of 40 bytes
 _LOOK_S = 0.05  # between looks whether the reader shall end
+_GATHER_S = 0.005  # between reads of a slow stream: one waking for many frames, far from what the system can hold
+_GATHERED = 2048  # bytes of a read after which the next follows at once
 _REOPEN_S = 0.25  # between attempts to open a port that failed
 _POLL_S = 0.002  # between looks at the queue while a read waits
 
@@ -139,6 +141,8 @@ class LiveReader:
                     self._queue.append(data)
                     self._queued += len(data)
                 self._bound()
+            if 0 < len(data) < _GATHERED:
+                self._ending.wait(_GATHER_S)
 
     def _next(self) -> bytes:
         """Return what arrives next, within the time between two looks."""
