@@ -284,3 +284,43 @@ def test_arbitrary_bytes_mean_the_same_to_every_description_however_they_are_cut
     stream = b"".join(data.draw(st.lists(some, max_size=12)))
     outcome = same_however_it_is_cut(description, stream, data.draw(st.lists(st.integers(0, 10**6), max_size=5)))
     assert outcome.counts.skipped_bytes <= len(stream)
+
+
+@pytest.mark.parametrize(
+    ("name", "frame"),
+    [
+        ("mfs", "sample"),
+        ("kvh1750", "format_A"),
+        ("kvh1750", "format_C"),
+        ("stim300", "rate_acc_incl_temp"),
+        ("dmu11", "message"),
+        ("epson-g3xx", "burst"),
+        ("hg4930", "control"),
+        ("vectornav-binary", "start_imu"),
+        ("aceinna", "scaled_1"),
+    ],
+)
+def test_few_frames_have_the_same_values_to_the_digit_as_many(name: str, frame: str) -> None:
+    """Columns, wire values, places and numbers: fed one by one, three at a time, thirty at a time, and at once."""
+    description, rng, n = shipped(name), np.random.default_rng(5), 120
+    described = description.frames[frame]
+    columns = {field: rng.normal(0.0, 300.0, n) * f.scale for field, f in described.fields.items()}
+    if described.counter is not None:
+        columns[described.counter.field] = np.arange(n) * described.counter.step % described.counter.modulus
+    if described.time is not None:
+        columns[described.time.field] = np.arange(n) / description.sample_rate_hz + 0.01
+    sent = encode(description, frame, columns)
+    size = len(sent) // n
+    whole = StreamDecoder(description).feed(sent + b"\x00" * 40)[frame]
+    assert len(whole) == n
+    for together in (1, 3, 30):
+        decoder = StreamDecoder(description)
+        batches = [decoder.feed(sent[at : at + together * size])[frame] for at in range(0, len(sent), together * size)]
+        batches.append(decoder.finish()[frame])
+        for field in whole.columns:
+            parts = np.concatenate([batch.columns[field] for batch in batches])
+            assert np.array_equal(parts, whole.columns[field], equal_nan=True), (together, field)
+            assert np.array_equal(np.concatenate([b.wire(field) for b in batches]), whole.wire(field), equal_nan=True)
+        for which in ("starts", "sequence"):
+            parts = np.concatenate([getattr(batch, which) for batch in batches])
+            assert parts.tolist() == getattr(whole, which).tolist()
