@@ -22,7 +22,7 @@ from hil.reconcile.evidence import BlockEvidence, NoiseTable
 ONE_SET = "one set"
 PER_TEMPERATURE = "per temperature"
 _LEAST_STATIONS = 3
-_FORMS = frozenset({"constant", "collins-4", "matrix-6", "triad-12"})
+CALIBRATED = frozenset({"constant", "collins-4", "matrix-6", "triad-12"})
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def may_differ(model: Model, campaign: Campaign) -> bool:
 
     `matrix-6-thermal` says itself how its values follow temperature.
     """
-    if model.form not in _FORMS or model.sensors or model.terms:
+    if model.form not in CALIBRATED or model.sensors or model.terms:
         return False
     return any(
         (temperature := collects.conditions.columns.get("temperature_degC")) is not None

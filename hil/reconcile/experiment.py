@@ -20,7 +20,7 @@ from hil.effects.base import Base
 from hil.effects.history import joined
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.naming import Naming, Weighed
-from hil.reconcile.problem import SensorProblem, base_at
+from hil.reconcile.problem import SensorProblem
 
 _EASY = 9.0
 _INDEX_ANGLES = {"4": 180.0, "at 45 deg": 45.0, "at 135 deg": 135.0}
@@ -114,7 +114,7 @@ def separation(
     """Return non-centrality and largest difference in deg/hr after an addition; None where columns are lacking."""
     before = sensor.collects.conditions
     both = joined(before, addition.rows)
-    base = base_at(sensor.form, both, sensor.values)
+    base = sensor.base_on(both)
     truth = _signal(leader, sensor.number, both, base)
     other = _columns(rival, sensor.number, both, base)
     if truth is None or other is None:

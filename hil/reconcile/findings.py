@@ -61,7 +61,8 @@ def gap_of(
     folds = len(runs.rows)
     if unjudged:
         nothing = "not held out (one run per temperature): residuals of the fit itself"
-        after = before if reverted else after
+        after = before if reverted else round(after, 6)  # as many values as rows leave nothing but rounding
+        scaled_after = round(scaled_after, 6)
         return Gap(before, after, floor, nothing, scaled_before, scaled_before if reverted else scaled_after, np.nan)
     kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
     return Gap(

@@ -90,7 +90,12 @@ def improved(
     for index, effect in enumerate(added):
         for number in sorted({unit.candidate.sensor for unit in effect.units}):
             terms += _terms(index, number, effect, fit, sensors[number], record[index])
-    base = {number: _base_curves(sensors[number].form, values[number]) for number in sensors}
+    base = {
+        number: _base_curves(sensor.form, values[number])
+        if sensor.given is None
+        else _shifted(model.sensors[number], sensor.form, values[number])
+        for number, sensor in sensors.items()
+    }
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
     changes: dict[str, Any] = {"terms": tuple(terms), "version": model.version + 1}
     if comparable:
@@ -115,6 +120,22 @@ def _base_curves(form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Cu
         )
         for i in range(0, len(form.names), 3)
     }
+
+
+def _shifted(given: Mapping[str, Curve], form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Curve]:
+    """Return the curves that stood, each with its fitted correction."""
+    out: dict[str, Curve] = {}
+    for name, correction in zip(form.names, values, strict=True):
+        curve, shift = given[name], float(correction)
+        if isinstance(curve, Polynomial):
+            change: dict[str, Any] = {"polynomial": (curve.polynomial[0] + shift, *curve.polynomial[1:])}
+        elif isinstance(curve, Table):
+            rows = curve.table.model_copy(update={"value": tuple(v + shift for v in curve.table.value)})
+            change = {"table": rows}
+        else:
+            change = {"value": curve.value + shift}
+        out[name] = curve.model_copy(update=change)
+    return out
 
 
 def _terms(

@@ -20,7 +20,7 @@ from hil.errors import InputError
 from hil.linear_forms import LinearForm, named_form
 from hil.model import Model
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
-from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, per_temperature
+from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, is_repeated, per_temperature
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 
 _RICH_ORDER = 5
@@ -28,7 +28,10 @@ _RICH_ORDER = 5
 
 @dataclass(frozen=True)
 class SensorProblem:
-    """One sensor: its collects, the form that is fitted, the fitted values (p,), and the base at each row."""
+    """One sensor: its collects, the form that is fitted, the fitted values (p,), and the base at each row.
+
+    `given` is the model whose own values follow temperature: they stand, and what is fitted is a correction to them.
+    """
 
     number: int
     collects: Collects
@@ -37,6 +40,17 @@ class SensorProblem:
     base: Base
     term_columns: FloatArray
     predicted: FloatArray
+    given: Model | None = None
+
+    def base_on(self, conditions: Conditions) -> Base:
+        """Return the base on other rows of this sensor."""
+        return _added(base_at(self.form, conditions, self.values), self.given, conditions)
+
+    def known_rates(self) -> FloatArray:
+        """Return what is not fitted at each row, (n, c): the earth rate, and the values that stand."""
+        conditions = self.collects.conditions
+        earth = conditions.w_channels_deg_per_hr
+        return earth if self.given is None else self.given.base_for(conditions).rates
 
 
 @dataclass(frozen=True)
@@ -66,8 +80,7 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
         sensor = _sensor(number, collects, model, form)
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-        known = collects.conditions.w_channels_deg_per_hr
-        own = sensor_blocks(number, collects, known, columns)
+        own = sensor_blocks(number, collects, sensor.known_rates(), columns)
         alone = calibration == PER_TEMPERATURE and not is_repeated(own)
         blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base, catalogue))
@@ -92,17 +105,43 @@ def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:
     conditions = collects.conditions
+    given = _given(model, conditions)
     columns = form.columns(conditions)
-    rates = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+    known = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
+    rates = collects.rates_deg_per_hr - known
     values = _fit(columns, rates, collects.rates_se_deg_per_hr)
-    base = base_at(form, conditions, values)
+    base = _added(base_at(form, conditions, values), given, conditions)
     terms = _term_columns(model, conditions, base)
     if terms.shape[2]:
         joint = _fit(np.concatenate([columns, terms], axis=2), rates, collects.rates_se_deg_per_hr)
         values = joint[: columns.shape[2]]
-        base = base_at(form, conditions, values)
+        base = _added(base_at(form, conditions, values), given, conditions)
         terms = _term_columns(model, conditions, base)
-    return SensorProblem(number, collects, form, values, base, terms, base.rates)
+    return SensorProblem(number, collects, form, values, base, terms, base.rates, given)
+
+
+def _given(model: Model, conditions: Conditions) -> Model | None:
+    """Return the model where its values for this sensor follow temperature in a way that its form does not refit."""
+    number = conditions.sensor.number
+    if model.form not in CALIBRATED or number not in model.sensors:
+        return None
+    temperature = conditions.columns.get("temperature_degC")
+    follows = any(curve.depends_on_temperature for curve in model.sensors[number].values())
+    known = temperature is not None and bool(np.all(np.isfinite(temperature)))
+    return model if follows and known else None
+
+
+def _added(correction: Base, given: Model | None, conditions: Conditions) -> Base:
+    """Return the values that stand with the fitted correction."""
+    if given is None:
+        return correction
+    own = given.base_for(conditions)
+    slopes = [
+        a if b is None else b if a is None else a + b
+        for a, b in ((correction.bias_slope, own.bias_slope), (correction.k_slope, own.k_slope))
+    ]
+    rates = correction.rates + own.rates - conditions.w_channels_deg_per_hr
+    return Base(correction.bias + own.bias, correction.k + own.k, rates, slopes[0], slopes[1])
 
 
 def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArray:

@@ -249,7 +249,7 @@ def _base_values(problem: Problem, steps: Sequence[Step], fit: Fit) -> dict[int,
     """Refit the base parameters of every sensor to what the added effects leave."""
     out = {}
     for number, sensor in problem.sensors.items():
-        rates = sensor.collects.rates_deg_per_hr - sensor.collects.conditions.w_channels_deg_per_hr
+        rates = sensor.collects.rates_deg_per_hr - sensor.known_rates()
         target = rates.copy()
         for b, block in enumerate(problem.blocks):
             if block.sensor == number and steps:
