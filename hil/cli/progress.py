@@ -132,16 +132,18 @@ class TerminalProgress(Progress):
         table = Table.grid(padding=(0, 2))
         table.add_column(style="dim", no_wrap=True)
         table.add_column(overflow="fold")
+        bar = ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=40)
+        table.add_row("done", bar)
         table.add_row("now", f"{step_in_words(now.step)}{', ' + now.note if now.note else ''}")
-        table.add_row("step", f"{hours_minutes(now.step_elapsed_s)} gone, {hours_minutes(now.step_remaining_s)} to go")
+        left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
+        table.add_row("step", f"{hours_minutes(now.step_elapsed_s)} gone, {left}")
         table.add_row("temperatures", _temperatures(now))
         if now.rates_deg_per_hr:
             rates = now.rates_deg_per_hr.items()
             table.add_row("rates, deg/hr", "  ".join(f"{name} {rate:+.2f}" for name, rate in rates))
-        table.add_row("finished", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}")
-        bar = ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=40)
+        table.add_row("finishing", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}")
         head = Text(f"{self._title}{mark}   {now.steps_done} of {now.steps_total} steps", style="bold")
-        return Group(head, bar, table)
+        return Group(head, table)
 
 
 def _temperatures(now: Snapshot) -> str:
