@@ -38,6 +38,7 @@ from drivers.setpoint_checks import (
     writes_in_order,
 )
 from drivers.transport import Transport
+from drivers.write_wear import WriteWear
 
 Reply = TypeVar("Reply")
 
@@ -89,12 +90,18 @@ class EspecChamber:
         self._device = f"chamber on {transport.name}"
         self._exchange = LineExchange(transport, clock, device=self._device, terminator=terminator, timing=self._timing)
         self._replies = ReplyParser(self._device)
+        self._wear = WriteWear(clock)
         self._identity: ChamberIdentity | None = None
 
     @property
     def limits(self) -> ChamberLimits:
         """The limits given by the bench file."""
         return self._limits
+
+    @property
+    def wear_warning(self) -> str | None:
+        """Say so where the controller's memory would be worn out within a year at this rate."""
+        return self._wear.warning()
 
     def identify(self) -> ChamberIdentity:
         """Ask model and type, and look whether it can be speaking °C.
@@ -254,7 +261,11 @@ class EspecChamber:
             except DeviceError:
                 # The native limits could not be had: the setpoint alone matters now.
                 pass
-        self._command(f"TEMP,S{setpoint:.1f}")
+        self._write("setpoint", setpoint)
+
+    def _write(self, which: str, value_degC: float) -> None:
+        self._wear.note(which if which == "setpoint" else f"{which} limit")
+        self._command(f"TEMP,{_SETTING[which]}{value_degC:.1f}")
 
     def _safe_setpoint(self) -> float:
         if self._safe.temperature_degC is None:
@@ -297,7 +308,7 @@ class EspecChamber:
         limits = limits_around(self._native, present.temperature_degC, self._native_margin_degC)
         wanted = Settings(limits.low_degC, setpoint_degC, limits.high_degC)
         for write in writes_in_order(_settings_of(present), wanted, _RESOLUTION_DEGC):
-            self._command(f"TEMP,{_SETTING[write.which]}{write.value_degC:.1f}")
+            self._write(write.which, write.value_degC)
         for look in range(1, self._timing.attempts + 1):
             try:
                 confirm_settings(_settings_of(self._temperatures()), wanted, _RESOLUTION_DEGC, self._device)

@@ -13,6 +13,7 @@ from drivers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberRead
 from drivers.clock import Clock
 from drivers.errors import SensorFault
 from drivers.reading_watch import ReadingWatch, WatchSettings
+from drivers.write_wear import wear_of
 
 _ATTEMPTS = 3
 
@@ -30,6 +31,11 @@ class WatchedChamber:
     def limits(self) -> ChamberLimits:
         """The limits given by the bench file."""
         return self._chamber.limits
+
+    @property
+    def wear_warning(self) -> str | None:
+        """What the chamber itself says about the wear of its memory."""
+        return wear_of(self._chamber)
 
     def identify(self) -> ChamberIdentity:
         """Ask who is there and in which unit it speaks."""

@@ -30,6 +30,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from drivers.operator import AskOperator
+from drivers.write_wear import wear_of
 from hil.bench import LiveBench, build_bench
 from hil.blocks import FieldMeaning
 from hil.config import Bench, Sweep, check_sweep_against_bench
@@ -186,6 +187,9 @@ def _carry_out(
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
         with contextlib.suppress(sqlite3.Error, OSError):  # a full disk: the state is derived without it
+            wear = wear_of(live.devices.chamber)
+            if wear is not None:
+                journal.event("wear", f"chamber: {wear}")
             journal.finish(f"{outcome.state}: {outcome.reason}")
         return outcome
     finally:

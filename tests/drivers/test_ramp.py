@@ -10,10 +10,10 @@ import pytest
 from drivers.chamber import SafeState
 from drivers.clock import VirtualClock
 from drivers.errors import SensorFault, SetpointOutOfLimits
-from drivers.ramp import RampedChamber
+from drivers.ramp import RampedChamber, steps_of_a_ramp
 from drivers.reading_watch import ReadingWatch
 from drivers.supervised_chamber import SupervisedChamber
-from drivers.write_wear import WriteWear
+from drivers.write_wear import WriteWear, wear_of
 from tests.drivers.chamber_benches import ChamberBench
 
 
@@ -189,3 +189,34 @@ def test_one_glitch_is_asked_again() -> None:
 
     bench.device._respond = once
     assert bench.chamber.read().temperature_degC == pytest.approx(22.0, abs=0.2)
+
+
+def test_every_chamber_tells_its_wear_through_what_is_around_it() -> None:
+    """An ESPEC counts its settings too; watch and ramp pass the warning on; what counts nothing has none."""
+    bench = ChamberBench("espec")
+    bench.chamber.prepare()
+    assert wear_of(bench.chamber) is None
+    for step in range(400):
+        bench.chamber.set_temperature(30.0 + 0.1 * (step % 2))
+    warning = wear_of(RampedChamber(bench.chamber, bench.clock, degC_per_min=1.0))
+    assert warning is not None
+    assert warning.startswith("setpoint was written 40")
+    assert wear_of(bench.clock) is None
+
+
+def test_a_ramp_says_whether_steps_are_left() -> None:
+    """And how many writes it takes, at most, before it begins."""
+    bench = ChamberBench("watlow-f4")
+    ramped = RampedChamber(bench.chamber, bench.clock, degC_per_min=1.0)
+    ramped.prepare()
+    assert not ramped.ramping
+    ramped.set_temperature(30.0)
+    looks = 0
+    while ramped.ramping:
+        bench.clock.sleep(10.0)
+        ramped.read()
+        looks += 1
+        assert looks < 200
+    writes = bench.chamber.writes["setpoint"]
+    assert 10 < writes <= steps_of_a_ramp(30.0 - 22.0, 1.0) + 1  # and the one that prepared it
+    assert steps_of_a_ramp(0.0, 1.0) == 1

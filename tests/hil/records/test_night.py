@@ -21,6 +21,7 @@ from hil.export import campaign_of_night, export_campaign
 from hil.files import PARTIAL, RealDisk
 from hil.journal import SqliteJournal
 from hil.night import resume_night, start_night
+from hil.report.night import night_content
 from hil.status import night_status
 from hil.verify import verify_night
 from procedures.journal import Outcome
@@ -311,6 +312,19 @@ def test_an_alarm_ends_a_night_with_status_three_and_the_chamber_safe(tmp_path: 
     assert status["state"] == "failed"
     assert "alarm" in status["reason"]
     assert '"chamber: safe state"' in (tmp_path / "night" / "log.jsonl").read_text()
+
+
+def test_a_night_that_wears_its_chamber_out_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A setpoint that was written too often is among the night's events, for the report; a plain night has none."""
+    monkeypatch.setattr("drivers.write_wear._WORTH_SAYING_NIGHTS", 1e9)
+    start_night(tmp_path / "worn", SHORT, load_bench("simulated"))
+    kinds = [(kind, message) for _, kind, message in night_content(tmp_path / "worn").events]
+    assert [message for kind, message in kinds if kind == "wear" and "is worn out in" in message]
+
+
+def test_a_plain_night_wears_nothing_out(finished: Path) -> None:
+    """Two setpoints are nothing."""
+    assert "wear" not in [kind for _, kind, _ in night_content(finished).events]
 
 
 def test_an_export_never_overwrites(finished: Path, tmp_path: Path) -> None:
