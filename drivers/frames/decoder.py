@@ -12,8 +12,9 @@ from drivers.frames.batch import FrameBatch, join
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.few import FewBatch, FewFrames
+from drivers.frames.found import Scan, Standing
 from drivers.frames.layout import FrameLayout
-from drivers.frames.scan import Scan, Scanner, Standing
+from drivers.frames.scan import Scanner
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
 

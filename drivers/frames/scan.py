@@ -16,68 +16,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from drivers.frames.candidates import Candidates, covered, judge
 from drivers.frames.families import Flaw, FrameFamily
+from drivers.frames.found import Group, Scan, Standing
 from drivers.frames.layout import FrameLayout, IntArray
 from drivers.frames.wire import Rows
 
-Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
-
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
 _TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
-
-
-@dataclass(frozen=True)
-class Standing:
-    """Where the reader stands: right behind a good frame or not, and how far the last failed candidate reaches."""
-
-    in_step: bool = True
-    claimed: int = 0
-
-    def moved(self, by: int) -> Standing:
-        """Return the same place, seen from `by` bytes further on."""
-        return Standing(self.in_step, max(0, self.claimed - by))
-
-
-@dataclass
-class Scan:
-    """What was found in a piece. Positions count from the piece's first byte.
-
-    `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
-    `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
-    holds, per frame type, the good frames. `standing` is that of the reader at `stop`. `delimited` says that an
-    optional delimiter follows there that was not expected.
-    """
-
-    stop: int
-    standing: Standing
-    found: list[list[Group]]
-    waits: bool = False
-    waiting_end: int = 0
-    delimited: bool = False
-    bad_checksum: int = 0
-    bad_delimiter: int = 0
-    unknown_id: int = 0
-    resyncs: int = 0
-
-    @property
-    def frames(self) -> int:
-        """How many good frames were found."""
-        return sum(len(starts) for groups in self.found for _, _, starts in groups)
-
-
-@dataclass
-class _Candidates:
-    """All places of one frame type in a piece: whole frames in groups of one length, and what cannot be judged yet."""
-
-    groups: list[tuple[IntArray, Rows, NDArray[np.bool_], FrameLayout]] = field(default_factory=list)
-    failed: list[tuple[IntArray, int, Flaw]] = field(default_factory=list)  # places, length, flaw
-    incomplete: list[tuple[int, int]] = field(default_factory=list)  # place, expected end
 
 
 class Scanner:
@@ -252,7 +202,7 @@ class Scanner:
 
         waiting = [*unfinished, *(each for found in candidates for each in found.incomplete)]
         good_starts, good_ends = ordered[taken], ends[taken]
-        waiting = [each for each in waiting if not _covered(np.array([each[0]]), good_starts, good_ends)[0]]
+        waiting = [each for each in waiting if not covered(np.array([each[0]]), good_starts, good_ends)[0]]
         waiting += [] if doubtful is None else [doubtful]
         stop, waiting_end = min(waiting, default=(len(piece), 0))
         delimited = self._first_watched(piece, good_ends[good_ends <= stop], standing)
@@ -306,7 +256,7 @@ class Scanner:
         places = np.concatenate([unknown, *(places for places, _, _ in failures)])
         reach = np.concatenate([np.zeros(len(unknown), np.int64), *(lengths for _, lengths, _ in failures)])
         kinds = np.concatenate([np.full(len(unknown), -1), *(np.full(len(p), int(flaw)) for p, _, flaw in failures)])
-        open_ = (places < result.stop) & ~_covered(places, good_starts, good_ends)
+        open_ = (places < result.stop) & ~covered(places, good_starts, good_ends)
         order = np.argsort(places[open_], kind="stable")
         places, reach, kinds = places[open_][order], reach[open_][order], kinds[open_][order]
         behind = np.searchsorted(good_starts, places, side="right")
@@ -385,7 +335,7 @@ class Scanner:
                 return place, bool(watched)
         return None
 
-    def _candidates(self, piece: NDArray[np.uint8]) -> tuple[IntArray, list[tuple[int, int]], list[_Candidates]]:
+    def _candidates(self, piece: NDArray[np.uint8]) -> tuple[IntArray, list[tuple[int, int]], list[Candidates]]:
         """Return the places with a sync but an unknown id, unfinished headers, and the candidates of every type."""
         if self._sync:
             places = np.flatnonzero(piece[: max(0, len(piece) - len(self._sync) + 1)] == self._sync[0])
@@ -413,40 +363,5 @@ class Scanner:
         candidates = []
         for family, parts in zip(self._families, of_family, strict=True):
             mine_at = np.sort(np.concatenate([np.empty(0, np.int64), *parts]))
-            candidates.append(_verify(piece, mine_at, family))
+            candidates.append(judge(piece, mine_at, family))
         return (places[~known] if self._sync else places[:0]), unfinished, candidates
-
-
-def _verify(piece: NDArray[np.uint8], places: IntArray, family: FrameFamily) -> _Candidates:
-    found = _Candidates()
-    if not len(places):
-        return found
-    lengths = family.lengths(piece, places)
-    beyond = (lengths < 0) | (places + lengths > len(piece))
-    found.incomplete = [
-        (int(place), int(place + max(length, 1))) for place, length in zip(places[beyond], lengths[beyond], strict=True)
-    ]
-    impossible = lengths == 0
-    if impossible.any():
-        found.failed.append((places[impossible], 0, Flaw.CHECKSUM))
-    judged = ~beyond & ~impossible
-    for length in np.unique(lengths[judged]).tolist():
-        whole = places[judged & (lengths == length)]
-        rows = np.ascontiguousarray(sliding_window_view(piece, length)[whole])
-        verdict = family.forms(rows)
-        wrong_sum, wrong_end = ~verdict.sums_match, verdict.sums_match & ~verdict.ends_match
-        for layout, good in verdict.forms:
-            mine = slice(None) if len(verdict.forms) == 1 else np.flatnonzero(good)
-            found.groups.append((whole[mine], rows[mine], good[mine], layout))
-        for wrong, flaw in ((wrong_sum, Flaw.CHECKSUM), (wrong_end, Flaw.DELIMITER)):
-            if wrong.any():
-                found.failed.append((whole[wrong], length, flaw))
-    return found
-
-
-def _covered(places: IntArray, starts: IntArray, ends: IntArray) -> NDArray[np.bool_]:
-    """Return which places lie in one of the frames [start, end), sorted and without overlap."""
-    if not len(starts):
-        return np.zeros(len(places), np.bool_)
-    before = np.searchsorted(starts, places, side="right") - 1
-    return np.asarray((before >= 0) & (places < ends[before]))

@@ -148,7 +148,10 @@ def test_a_weak_frame_after_damage_waits_for_the_next_header() -> None:
 def test_a_counter_that_goes_on_confirms_a_weak_frame_too() -> None:
     """Damage before and behind it: its number is next in turn, as that of a frame by chance would hardly be."""
     assert decode(weak(), [fixed(254) + b"\x00" + fixed(0) + b"\x55" * 3]).frames["fixed"] == [fixed(254), fixed(0)]
-    assert decode(weak(), [fixed(254) + b"\x00" + fixed(90) + b"\x55" * 3]).frames["fixed"] == [fixed(254)]
+    for stranger in (90, 254, 253):
+        outcome = decode(weak(), [fixed(254) + b"\x00" + fixed(stranger) + b"\x55" * 3])
+        assert outcome.frames["fixed"] == [fixed(254)]
+        assert outcome.counts.duplicate == 0
 
 
 def test_a_weak_frame_at_the_very_end_is_believed() -> None:
@@ -284,6 +287,26 @@ def test_arbitrary_bytes_mean_the_same_to_every_description_however_they_are_cut
     stream = b"".join(data.draw(st.lists(some, max_size=12)))
     outcome = same_however_it_is_cut(description, stream, data.draw(st.lists(st.integers(0, 10**6), max_size=5)))
     assert outcome.counts.skipped_bytes <= len(stream)
+
+
+def test_a_sync_that_no_checksum_covers_is_looked_at_in_every_frame() -> None:
+    """Also on the quick path, where frames of the expected type follow one another."""
+    sent = encode(shipped("aceinna"), "scaled_1", {"counter": np.arange(4)})
+    frames = [sent[at : at + 31] for at in range(0, len(sent), 31)]
+    frames[2] = b"\x54" + frames[2][1:]
+    for pieces in (frames, [b"".join(frames)]):
+        counts = decode(shipped("aceinna"), pieces).counts
+        assert counts == StreamCounts(ok=3, skipped_bytes=31, resyncs=1, lost=1)
+
+
+def test_a_delimiter_is_looked_at_in_every_frame() -> None:
+    """Fixed or optional, however few frames arrive at once."""
+    sent = encode(shipped("stim300"), "rate_acc_incl", {"counter": np.arange(4) * 16})
+    frames = [sent[at : at + 38] + b"\r\n" for at in range(0, len(sent), 38)]
+    frames[2] = frames[2][:-1] + b"\x0b"
+    for pieces in (frames, [b"".join(frames)]):
+        counts = decode(shipped("stim300"), pieces).counts
+        assert counts == StreamCounts(ok=3, bad_delimiter=1, skipped_bytes=40, resyncs=1, lost=1)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,49 @@
+"""What a look at a piece of a stream found, and where the reader stands after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.frames.layout import FrameLayout, IntArray
+from drivers.frames.wire import Rows
+
+Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where the reader stands: right behind a good frame or not, and how far the last failed candidate reaches."""
+
+    in_step: bool = True
+    claimed: int = 0
+
+    def moved(self, by: int) -> Standing:
+        """Return the same place, seen from `by` bytes further on."""
+        return Standing(self.in_step, max(0, self.claimed - by))
+
+
+@dataclass
+class Scan:
+    """What was found in a piece. Positions count from the piece's first byte.
+
+    `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
+    `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
+    holds, per frame type, the good frames. `standing` is that of the reader at `stop`. `delimited` says that an
+    optional delimiter follows there that was not expected.
+    """
+
+    stop: int
+    standing: Standing
+    found: list[list[Group]]
+    waits: bool = False
+    waiting_end: int = 0
+    delimited: bool = False
+    bad_checksum: int = 0
+    bad_delimiter: int = 0
+    unknown_id: int = 0
+    resyncs: int = 0
+
+    @property
+    def frames(self) -> int:
+        """How many good frames were found."""
+        return sum(len(starts) for groups in self.found for _, _, starts in groups)
