@@ -26,7 +26,7 @@ from drivers.simserv import SimServ
 from drivers.supervised_chamber import SupervisedChamber
 from drivers.thermotron import Thermotron
 from drivers.transport import Transport
-from drivers.voetsch_ascii import VoetschAscii
+from drivers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.watched_chamber import WatchedChamber
 from drivers.watlow_f4 import WatlowF4
 from drivers.watlow_f4t import WatlowF4t
@@ -39,7 +39,8 @@ class ChamberOptions:
     `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     `framing` is that of Modbus, the driver's own where it is None.
-    `description` is the file that describes a box. `dead_man_s` arms the controller's own timer.
+    `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are. `dead_man_s`
+    arms the controller's own timer.
     """
 
     limits: ChamberLimits
@@ -53,6 +54,7 @@ class ChamberOptions:
     framing: Framing | None = None
     description: Path | None = None
     dead_man_s: float | None = None
+    layout: AsciiLayout | None = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ def _voetsch_ascii(transport: Transport, clock: Clock, options: ChamberOptions) 
         clock,
         limits=options.limits,
         address=options.address or 0,
+        layout=options.layout,
         terminator=options.terminator or b"\r",
     )
     return supervised(controller, clock, options)

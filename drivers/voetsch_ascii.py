@@ -34,7 +34,10 @@ from drivers.transport import Transport
 
 @dataclass(frozen=True)
 class AsciiLayout:
-    """What the numbers and bits of a chamber mean; bits are counted from 0 on the left. The first pair is the air."""
+    """What the numbers and bits of a chamber mean; bits are counted from 0 on the left. The first pair is the air.
+
+    Raises `ValueError` where it contradicts itself.
+    """
 
     pairs: int = 5
     nominal_first: bool = True
@@ -43,6 +46,13 @@ class AsciiLayout:
     start_bit: int = 1
     channel_bit: int | None = 3  # that of the temperature, None where the start bit is enough
     error_bit: int = 2
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.written <= self.pairs:
+            raise ValueError(f"written ({self.written}) must be 1 to the number of pairs ({self.pairs})")
+        named = [bit for bit in (self.start_bit, self.channel_bit, self.error_bit) if bit is not None]
+        if len(set(named)) != len(named) or not all(0 <= bit < self.bits for bit in named):
+            raise ValueError(f"start_bit, channel_bit and error_bit must be different bits from 0 to {self.bits - 1}")
 
 
 class VoetschAscii:

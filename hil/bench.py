@@ -258,6 +258,7 @@ def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], 
         framing=section.framing,
         description=bench.chamber_description,
         dead_man_s=section.dead_man,
+        layout=section.layout,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)

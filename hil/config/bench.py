@@ -22,6 +22,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, Pos
 
 from drivers.chamber import SafeState
 from drivers.chambers import CHAMBER_DRIVERS, SerialLine
+from drivers.voetsch_ascii import AsciiLayout
 from hil.campaign import Sensor
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.orientation import build_orientations
@@ -204,6 +205,22 @@ def _safe_state(given: object) -> SafeState:
     return SafeState(section.action, section.temperature)
 
 
+class AsciiLayoutSection(Section):
+    """What the values and bits of an ASCII-2 chamber are, for one that is no VT 4002. Bits count from 0 on the left."""
+
+    pairs: PositiveInt = 5
+    nominal_first: bool = True
+    written: PositiveInt = 5
+    bits: PositiveInt = 16
+    start_bit: NonNegativeInt = 1
+    channel_bit: NonNegativeInt | None = 3
+    error_bit: NonNegativeInt = 2
+
+
+def _layout(given: object) -> AsciiLayout | None:
+    return None if given is None else AsciiLayout(**validated_inside(AsciiLayoutSection, given).model_dump())
+
+
 class ChamberSection(Section):
     """The chamber's port, its controller, its limits and its safe state.
 
@@ -212,7 +229,8 @@ class ChamberSection(Section):
     Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
     given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
     `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
-    timer. `description` is the file of a `box`: a chamber without a driver of its own.
+    timer. `description` is the file of a `box`: a chamber without a driver of its own. `layout` says what the
+    values and bits of an ASCII-2 chamber are.
     """
 
     driver: Annotated[str, AfterValidator(_chamber_driver)]
@@ -227,6 +245,7 @@ class ChamberSection(Section):
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] | None = None
     dead_man: Annotated[Seconds, Field(gt=0.0)] | None = None
     description: str | None = None
+    layout: Annotated[AsciiLayout | None, BeforeValidator(_layout)] = None
     model: str = ""
     celsius_confirmed: bool = False
     limits: LimitsSection
@@ -251,6 +270,11 @@ class ChamberSection(Section):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
         if self.driver == "espec" and self.dead_man is not None:
             raise ValueError("dead_man: an ESPEC controller has no timer of its own that is used here")
+        if self.layout is not None:
+            if self.driver != "voetsch-ascii2":
+                raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
+            if self.port.startswith(SIMULATED_SCHEME):
+                raise ValueError("layout: the simulated chamber is a VT 4002; leave the layout out")
         return self
 
     @model_validator(mode="after")

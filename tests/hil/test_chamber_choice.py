@@ -15,8 +15,10 @@ import hil.bench
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, TransportError
+from drivers.simulators.memory import MemoryTransport
+from drivers.simulators.transcript import TranscriptDevice
 from drivers.transport import Transport
-from hil.bench import build_bench
+from hil.bench import build_bench, open_chamber
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
 from hil.configuration import configuration_of, configuration_text
 from hil.errors import InputError
@@ -104,6 +106,12 @@ def test_a_tcp_port_has_one_owner() -> None:
         ({"driver": "espec", "dead_man": "3 h"}, r"chamber: dead_man"),
         ({"ramp": "0 degC/min"}, r"chamber\.ramp"),
         ({"framing": "ascii"}, r"chamber\.framing"),
+        ({"layout": {"pairs": 6}}, r"chamber: layout: only voetsch-ascii2"),
+        ({"driver": "voetsch-ascii2", "layout": {"pairs": 4}}, r"chamber\.layout: written \(5\) must be 1 to"),
+        ({"driver": "voetsch-ascii2", "layout": {"error_bit": 1}}, r"chamber\.layout: .*must be different bits"),
+        ({"driver": "voetsch-ascii2", "layout": {"bits": 2}}, r"chamber\.layout: .*different bits from 0 to 1"),
+        ({"driver": "voetsch-ascii2", "layout": {"bit": 8}}, r"chamber\.layout: unknown key 'bit'"),
+        ({"driver": "voetsch-ascii2", "layout": {"bits": 32}}, r"chamber: layout: the simulated chamber"),
         ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: this port is not simulated"),
     ],
 )
@@ -112,6 +120,24 @@ def test_a_wrong_chamber_is_one_sentence(chamber: dict[str, Any], message: str) 
     driver = chamber.pop("driver", "watlow-f4t")
     with pytest.raises(InputError, match=message):
         bench_with(driver, **chamber)
+
+
+def test_a_layout_reaches_the_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two actual-first pairs and eight bits, as this chamber has them, are read as its manual says."""
+    device = TranscriptDevice([(b"$01I\r", b"0021.5 0050.0 0001.0 0002.0 01000000\r")] * 2)
+
+    def transcript(url: str, *, clock: Clock, **settings: Any) -> Transport:
+        return MemoryTransport(device, clock, url)
+
+    monkeypatch.setattr(hil.bench, "open_port", transcript)
+    document = yaml.safe_load(_SHIPPED.text) | {"clock": "system"}
+    layout = {"pairs": 2, "nominal_first": False, "written": 2, "bits": 8, "channel_bit": None}
+    port = tmp_path / "chamber"
+    port.touch()
+    document["chamber"] |= {"driver": "voetsch-ascii2", "model": "", "address": 1, "layout": layout, "port": str(port)}
+    with open_chamber(parse_bench(yaml.safe_dump(document), "b.yaml")) as live:
+        reading = live.chamber.read()
+    assert (reading.temperature_degC, reading.setpoint_degC, reading.mode) == (21.5, 50.0, "CONSTANT")
 
 
 def test_a_fault_that_no_chamber_has_is_one_sentence() -> None:
