@@ -1,0 +1,31 @@
+"""A handful of sealed cases from the blind benchmark's generator: silent, right or honest, never confidently wrong."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.blind.cases import Noise
+from benchmarks.blind.score import Job, all_right, confidently_wrong, first_is_right, reconcile_job
+
+SINGLES = (("supply", 12.0), ("hyst", 12.0), ("warmup", 12.0), ("k2", 12.0), ("bias_Tdot", 12.0))
+
+
+@pytest.mark.parametrize("kind", ["plain", "heavy", "run_mu"])
+def test_a_night_with_nothing_hidden_gets_no_name(kind: str) -> None:
+    """Run-to-run scatter of three kinds is no effect."""
+    document = reconcile_job(Job(kind, 91_000, noise=Noise(kind=kind)))
+    assert not confidently_wrong(document, ())
+
+
+@pytest.mark.parametrize(("name", "size"), SINGLES)
+def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str, size: float) -> None:
+    """Continuous time constants and a Preisach hysteresis, which the catalogue's columns only approximate."""
+    document = reconcile_job(Job(name, 92_000, (name,), size))
+    assert first_is_right(document, (name,))
+    assert all_right(document, (name,))
+
+
+def test_a_sealed_effect_outside_the_catalogue_is_called_empirical() -> None:
+    """An unbalance that follows the supply has no name, and gets none."""
+    document = reconcile_job(Job("MU × supply", 93_000, ("MU × supply",), 12.0))
+    assert document["verdict"] == "empirical"
