@@ -159,7 +159,7 @@ def test_a_silent_chamber_and_a_silent_unit_are_told_apart(hil: Any, tmp_path: P
 def test_bad_frames_are_not_good_enough(hil: Any, tmp_path: Path) -> None:
     """A single damaged frame in two seconds is a bad line: zero is the number."""
     simulation = yaml.safe_load(load_bench("simulated").text)["simulation"]
-    noisy = {**simulation, "imu_faults": [{"fault": "flipped_bits", "probability": 0.2}]}
+    noisy = {**simulation, "imu_faults": [{"fault": "flipped_bits", "probability": 0.03}]}
     ended = hil("check", bench_file(tmp_path, simulation=noisy), "--json")
     assert ended.returncode == 3
     assert told(ended)["stream"]["good"] is False
