@@ -189,7 +189,7 @@ def test_kvh_frames_have_their_values_in_the_configured_units(reference: Path) -
     assert values(bit, "bit", "012345") == [127.0] * 6
 
 
-def test_kvh_format_c_takes_turns(reference: Path) -> None:
+def test_kvh_format_c_takes_turns() -> None:
     """The same four bytes are temperature or one axis of the magnetic field, as the sequence says; else NaN."""
     description = shipped("kvh1750", format="format_C")
     columns: dict[str, Any] = {"sequence": np.arange(8), "acc_z": 1.0}
