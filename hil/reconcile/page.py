@@ -42,7 +42,54 @@ def page(result: Reconciliation) -> str:
         gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
         rivals=[_candidates(effect) for effect in result.effects],
         places=[_place(d.where) for d in result.disagreements],
+        summary=summary(result),
+        tables=[_by_temperature(effect) for effect in result.effects],
     )
+
+
+def summary(result: Reconciliation) -> list[str]:
+    """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
+    found = [effect for effect in result.effects if effect.id != "swap"]
+    per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
+    if not result.effects:
+        if result.verdict == "none":
+            how = per_temperature or " fitted to these collects"
+            return [f"The model {result.model_before},{how}, leaves nothing but noise."]
+        return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
+    said = []
+    for effect in result.effects:
+        alike = [rival.id for rival in effect.confusable_with if rival.overlap > 0.95]
+        sentence = f"{effect.title} ({effect.id}) is missing from {result.model_before}"
+        if effect.kind == "ambiguous" and alike:
+            sentence += f", or {' or '.join(alike[:3])}: in these collects they look the same"
+        elif effect.kind == "ambiguous":
+            sentence += f" – probably ({_percent(effect.probability)}), not certainly"
+        said.append(sentence + ".")
+    if found and np.isfinite(result.gap.before):
+        proved = np.isfinite(result.gap.improved_p_value)
+        how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
+        said.append(
+            f"With it in the model the gap {how} falls from {_number(result.gap.before)} to "
+            f"{_number(result.gap.after)} deg/hr; noise alone leaves {_number(result.gap.noise_floor)}."
+        )
+    if per_temperature:
+        said.append("The model's other values were calibrated at each temperature.")
+    if result.next_experiment and result.next_experiment.get("what"):
+        said.append(f"Measure next: {result.next_experiment['what']}.")
+    return said
+
+
+def _by_temperature(effect: FoundEffect) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Parameters side by side, one row per temperature: headings and rows; empty where there are few."""
+    places = list(dict.fromkeys(str(p["at"]) for p in effect.parameters))
+    names = list(dict.fromkeys(f"sensor {p['sensor']}: {p['name']}, {p['unit']}" for p in effect.parameters))
+    if len(places) < 3 or len(effect.parameters) < 6:
+        return [], []
+    cells = {
+        (str(p["at"]), f"sensor {p['sensor']}: {p['name']}, {p['unit']}"): f"{_number(p['value'])} ± {_number(p['se'])}"
+        for p in effect.parameters
+    }
+    return names, [(place, [cells.get((place, name), "–") for name in names]) for place in places]
 
 
 def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
@@ -50,6 +97,8 @@ def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
     rows = [(effect.id, effect.probability, "")]
     for rival in effect.confusable_with:
         alike = "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
+        if rival.same_on:
+            alike = f"the same on sensor {' and '.join(map(str, rival.same_on))}, taken by itself"
         rows.append((rival.id, rival.probability, alike))
     return rows
 
