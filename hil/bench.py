@@ -119,7 +119,8 @@ def build_bench(
             sample_rate_hz=bench.imu.rate,
             expected=ImuIdentity(bench.unit.model, bench.unit.serial),
         )
-        devices = BenchDevices(clock, imu, chamber, _positioner(bench, imu, clock, ask))
+        positioner = _positioner(bench, imu, clock, ask)
+        devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated)
         opened.pop_all()
     in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
     return LiveBench(bench, description, devices, simulators() if in_process else None)

@@ -26,6 +26,7 @@ from hil.errors import InputError
 from hil.journal_reader import JournalReader, reading
 from hil.status import missing_in_words
 from procedures.plan import Step, StepKind
+from procedures.verdict import Verdict, self_calibration_verdict
 
 _MEANINGS = {
     "supply_V": "supply voltage at the unit's terminals, volt",
@@ -210,6 +211,11 @@ def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterat
         verdict = row.collect.data.get("verdict", "PASS")
         if verdict != "PASS":
             yield f"Collect {row.number} was judged {verdict}: {row.collect.data.get('reason', '')}."
+    done = journal.completed()
+    for number, steps in journal.plan.self_calibrations.items():
+        judged = self_calibration_verdict(steps, done)
+        if judged.verdict is not Verdict.PASS and any(step.key in done for step in steps):
+            yield f"Self-calibration {number} was judged {judged.verdict}: {judged.reason}."
     yield "Acceleration and earth rate are computed from site and orientation table; 1 g is the local gravity."
     for number, section in bench.sensors.items():
         if section.assumed:

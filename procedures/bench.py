@@ -12,9 +12,14 @@ from drivers.positioner import Positioner
 
 @dataclass(frozen=True)
 class BenchDevices:
-    """One clock, one unit, one chamber, and what moves the unit. Real or simulated: nothing here can tell."""
+    """One clock, one unit, one chamber, and what moves the unit. Real or simulated: nothing here can tell.
+
+    `simulation_declared` says that the bench file calls its devices simulated. A simulated device says so itself when
+    it is asked who it is; one that nobody declared is refused, for its data would pass for measurements.
+    """
 
     clock: Clock
     imu: Imu
     chamber: Chamber
     positioner: Positioner
+    simulation_declared: bool = True

@@ -18,6 +18,7 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -357,4 +358,6 @@ def _why(cause: BaseException | None) -> str:
         return ""
     if isinstance(cause, StopRequested | InterlockTripped | DeviceError):
         return str(cause)
+    if "disk is full" in str(cause) or getattr(cause, "errno", None) == errno.ENOSPC:
+        return f"the disk is full ({getattr(cause, 'strerror', None) or cause}): free some space, then carry on"
     return f"{type(cause).__name__}: {cause}"

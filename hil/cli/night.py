@@ -14,7 +14,7 @@ from rich.table import Table
 
 from hil.cli.ask import ask_on_terminal
 from hil.cli.ending import Exit
-from hil.cli.output import Folder, JsonFlag, messages, print_json, results
+from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, hours_minutes, onlooker, step_in_words
 from hil.errors import InputError
 from procedures.progress import Progress
@@ -32,12 +32,13 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it e
 
 def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     """Show every step and when it would happen. Nothing moves."""
-    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
     from hil.plan_document import plan_document
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
     check_sweep_against_bench(asked, on)
+    warn(cautions(asked, on))
     steps = make_plan(asked.procedure())
     if as_json:
         print_json(plan_document(steps, simulated=on.simulated))
@@ -134,11 +135,12 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Carry out a sweep. Ctrl-C brings the chamber to its safe state; `hil resume` carries on."""
-    from hil.config import check_sweep_against_bench, load_bench, load_sweep
+    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
     check_sweep_against_bench(asked, on)
+    warn(cautions(asked, on))
     if not on.simulated and not yes:
         steps = make_plan(asked.procedure())
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from hil.config.bench import Bench, load_bench, parse_bench
 from hil.config.files import find_config
-from hil.config.sweep import Sweep, check_sweep_against_bench, load_sweep, parse_sweep
+from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, load_sweep, parse_sweep
 
 __all__ = [
     "Bench",
     "Sweep",
+    "cautions",
     "check_sweep_against_bench",
     "find_config",
     "load_bench",

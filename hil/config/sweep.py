@@ -101,3 +101,14 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
                     f"{sweep.source}: positions: bench {bench.name} gives no orientation of sensor {number} at "
                     f"position {label}; it knows {', '.join(section.built)}"
                 )
+
+
+def cautions(sweep: Sweep, bench: Bench) -> list[str]:
+    """Say what is allowed but deserves a second look: collects that cannot support every parameter."""
+    different = list(dict.fromkeys(sweep.positions))
+    rotors = [number for number in bench.sensors if bench.sensor(number).is_rotor]
+    if len(different) >= 3 or not rotors:
+        return []
+    count = f"{len(different)} different position{'s' if len(different) > 1 else ''}"
+    listed = f"{sweep.source}: positions: {', '.join(sweep.positions)}"
+    return [f"{listed} is {count}; bias, GS and MU of a two-channel sensor need three"]

@@ -262,10 +262,13 @@ class FakeBench:
         self.sweep = SWEEP
         self.interlocks = InterlockSettings()
         self.polling = Polling(interval_s=10.0, read_interval_s=10.0)
+        self.simulation_declared = True
 
     @property
     def devices(self) -> BenchDevices:
-        return BenchDevices(self.clock, self.imu, self.chamber, self.table)
+        return BenchDevices(
+            self.clock, self.imu, self.chamber, self.table, simulation_declared=self.simulation_declared
+        )
 
     @property
     def plan(self) -> Plan:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 
+from drivers.imu import ImuIdentity
 from procedures.journal import Outcome
 from procedures.progress import Silent
 from procedures.sequencer import SweepState
@@ -236,3 +238,31 @@ def test_a_stream_that_is_silent_from_the_start_is_lost_however_often_it_is_drai
     assert outcome.state is SweepState.FAILED
     assert "stream-lost" in outcome.reason
     assert bench.clock.now() < 120.0
+
+
+def test_a_simulated_device_on_a_bench_said_to_be_real_is_refused(bench, monkeypatch) -> None:
+    """Its data would pass for measurements: nothing is collected, and the reason says what to do."""
+    monkeypatch.setattr(bench.imu, "identify", lambda: ImuIdentity("MFS", "1", "simulated"))
+    bench.simulation_declared = False
+    outcome = bench.run()
+    assert outcome.state is SweepState.FAILED
+    assert "simulation section" in outcome.reason
+    assert bench.collects() == {}
+
+
+def test_a_simulated_device_on_a_bench_that_says_so_is_welcome(bench, monkeypatch) -> None:
+    """The declared simulation runs to its end."""
+    monkeypatch.setattr(bench.imu, "identify", lambda: ImuIdentity("MFS", "1", "simulated"))
+    assert bench.run().state is SweepState.COMPLETE
+
+
+def test_a_full_disk_is_said_in_words(bench) -> None:
+    """No class name reaches the technician, and the chamber is safe."""
+
+    def full(call: int, when: str) -> None:
+        if call >= 6:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    outcome = bench.run(full)
+    assert outcome.reason == "the disk is full (No space left on device): free some space, then carry on"
+    assert outcome.safe

@@ -128,3 +128,14 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
     assert stopped.returncode == 4
     assert "reason: stopped by SIGTERM\n" in stopped.stdout
     assert "missing: self-calibration 1" in stopped.stdout
+
+
+def test_too_few_positions_are_said_before_the_night(hil: Any, tmp_path: Path, short_sweep: Path) -> None:
+    """Two different positions cannot support bias, GS and MU: a warning, before anything is spent."""
+    sweep = yaml.safe_load(short_sweep.read_text()) | {"positions": [1, 1, 3]}
+    path = tmp_path / "two.yaml"
+    path.write_text(yaml.safe_dump(sweep))
+    ended = hil("plan", path, "--bench", "simulated")
+    assert ended.returncode == 0
+    assert "2 different positions" in ended.stderr
+    assert "warning" not in hil("plan", short_sweep, "--bench", "simulated").stderr
