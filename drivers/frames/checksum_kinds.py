@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
-class _Checksum(BaseModel):
+class _Checksum(BaseModel, ABC):
     """What every kind has. Positions count from the frame's first byte.
 
     `span` is [first byte covered, first byte no longer covered], the latter null for the checksum itself; without a
@@ -25,9 +26,9 @@ class _Checksum(BaseModel):
     confirm: bool = False
 
     @property
+    @abstractmethod
     def size(self) -> int:
         """Bytes on the wire."""
-        raise NotImplementedError
 
     def position(self, body_end: int) -> int:
         """Return where the checksum stands in a frame whose delimiter begins at `body_end`."""

@@ -10,6 +10,7 @@ fields: {yaw: {type: decimal, unit: deg}, pitch: {type: decimal, unit: deg}}
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from functools import reduce
 from operator import xor
 from typing import Annotated, Literal
@@ -24,7 +25,7 @@ _NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _PRINTABLE = re.compile(rb"[\x20-\x7e]*")
 
 
-class _TextChecksum(Described):
+class _TextChecksum(Described, ABC):
     """Digits after the last `mark`. `first` is the first covered byte; the mark itself may be covered too."""
 
     mark: str = Field(min_length=1, max_length=1)
@@ -33,9 +34,9 @@ class _TextChecksum(Described):
     stored: Literal["hex", "decimal"] = "hex"
     digits: int | None = Field(default=None, ge=1)
 
+    @abstractmethod
     def of(self, message: bytes) -> int:
         """Return the checksum of the covered bytes."""
-        raise NotImplementedError
 
     def matches(self, line: bytes) -> bool:
         """Tell whether a line without its delimiter carries the right checksum in this form."""

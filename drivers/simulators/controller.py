@@ -7,6 +7,7 @@ driver.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -74,7 +75,7 @@ class Refusal(Exception):
     """The controller will not; the text is the protocol's own word or number."""
 
 
-class SimulatedController:
+class SimulatedController(ABC):
     """The part of a `SimulatedDevice` that every simulated controller has.
 
     `setpoint_degC`, `limits` and `mode` are as the last user left them. Times are seconds on the caller's clock. A
@@ -141,27 +142,27 @@ class SimulatedController:
 
     # What a protocol says.
 
+    @abstractmethod
     def _next_request(self) -> bytes | None:
         """Cut one complete request off what was received, None where there is none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _name(self, request: bytes) -> str:
         """Return what faults call this request."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _carry_out(self, request: bytes, now_s: float) -> bytes:
         """Do what a request asks and return the reply, nothing where there is none; raise `Refusal`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
         """Return the reply to a request that was refused."""
-        raise NotImplementedError
 
     def _refusal(self) -> str:
         """Return the protocol's usual word for a refusal."""
         return ""
 
-    def _power_up(self) -> None:
+    def _power_up(self) -> None:  # noqa: B027 - most protocols forget nothing of their own
         """Forget what the protocol's own part forgets with its power."""
 
     # What is common.

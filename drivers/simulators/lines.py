@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 from drivers.simulators.chamber_plant import ChamberPlant
@@ -28,9 +29,9 @@ class SimulatedLines(SimulatedController):
         self._encoding = encoding
         super().__init__(plant, **settings)
 
+    @abstractmethod
     def _respond(self, request: str, now_s: float) -> str | None:
         """Return the reply to a request, None for silence; raise `Refusal`."""
-        raise NotImplementedError
 
     def _refuse(self, request: str, refusal: Refusal) -> str | None:
         """Return the reply to a request that was refused, None for silence."""

@@ -43,7 +43,7 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     """The result in a screenful."""
     mark = "  SIMULATED" if document["simulated"] else ""
     yield f"{document['campaign']}, model {document['model_before']}{mark}"
-    yield f"\nverdict: {document['verdict']}"
+    yield f"\nverdict: {document['verdict']} (calibration: {document['calibration']})"
     for each in document["disagreements"][:5]:
         where = ", ".join(f"{name} {value}" for name, value in each["where"].items() if value not in (None, [], ""))
         yield f"  {each['size_deg_per_hr']:+.2f} ± {each['se_deg_per_hr']:.2f} deg/hr  {where}"
@@ -57,7 +57,7 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     if gap["before"] is not None:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
         floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
-        yield f"\ngap, held out: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
+        yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
     if document["next_experiment"]:
         yield f"measure next: {document['next_experiment']['why']}"
     for note in document.get("notes", []):

@@ -77,14 +77,14 @@ def to_number(value: object, kind: Kind) -> float:
 
 
 def _convert(number: float, unit_text: str, kind: Kind) -> float:
-    registry = _registry()
+    known = _registry()
     wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"
     try:
-        unit = str(registry.parse_units(_spell_out(unit_text, kind)))
+        unit = str(known.parse_units(_spell_out(unit_text, kind)))
     except Exception as error:  # pint raises whatever its tokeniser meets: all of it means "not a unit"
         raise ValueError(f"{wrong} ({unit_text!r} is not a unit that is known here)") from error
     try:
-        converted = registry.Quantity(number, _POINTS.get(unit, unit) if kind.is_difference else unit).to(kind.unit)
+        converted = known.Quantity(number, _POINTS.get(unit, unit) if kind.is_difference else unit).to(kind.unit)
     except pint.PintError as error:
         raise ValueError(wrong) from error
     return float(converted.magnitude)

@@ -131,8 +131,8 @@ def test_its_bytes_are_written_down_in_a_test(role: str, kind: type) -> None:
 def test_every_chamber_can_be_named_in_a_bench_file(role: str, kind: type) -> None:
     """A driver that no bench file can name is none."""
     if role in ("chamber", "controller"):
-        registry = (Path(drivers.__path__[0]) / "chambers.py").read_text(encoding="utf-8")
-        assert f"{kind.__name__}(" in registry
+        listed = (Path(drivers.__path__[0]) / "chambers.py").read_text(encoding="utf-8")
+        assert f"{kind.__name__}(" in listed
 
 
 @pytest.mark.parametrize("role_and_kind", [pair for pair in DRIVERS if pair[0] == "positioner"], ids=str)
