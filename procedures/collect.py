@@ -252,10 +252,13 @@ def take_collect(
     start_s = watch.now_s
     blocks, readings, end_s = _sample(devices.imu, watch, start_s + settings.duration_s)
     samples = join(blocks)
+    started_s = watch.campaign_s(start_s)
+    offset_s = started_s - start_s
+    # Before the reduction: what is averaged is what is recorded, so that it can be computed again to the last digit.
+    samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
     data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
     after = devices.positioner.position()
     judgement = combine([judgement, *_confirmed(position, before, after)], passed=judgement.reason)
-    started_s = watch.campaign_s(start_s)
     data |= {
         "position": position,
         "start_s": started_s,
@@ -267,8 +270,6 @@ def take_collect(
         "verdict": judgement.verdict.value,
         "reason": judgement.reason,
     }
-    offset_s = started_s - start_s
-    samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
     return Collected(data, judgement, samples)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import chamber, data, device, frames, model, night
+from hil.cli import chamber, data, device, frames, model, night, replay
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -20,7 +20,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS):
+for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS, *replay.COMMANDS):
     app.command()(with_status(command))
 app.command("import")(with_status(data.import_table))
 # An argument such as -20 is a temperature, not an option that nobody knows.

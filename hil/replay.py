@@ -1,0 +1,228 @@
+"""A recorded night computed again from its raw bytes: every average and every solved parameter, to the last digit.
+
+    document = replay_night(folder)
+    document["identical"], document["differences"]  # True, []
+
+The bytes are decoded with the frame description that the night had, compared column by column with the stored samples,
+reduced by the function that the bench used, and solved. What cannot come out of bytes is taken as recorded: the times
+of the samples, the duration of the collect, and what the driver counted. Equal means equal: there is no tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.clock import VirtualClock
+from drivers.errors import TransportError
+from drivers.frames import StreamDecoder, StreamDescription
+from drivers.imu import FloatArray, SampleBlock, StreamCounts
+from drivers.stream_imu import StreamImu
+from hil.bench import load_frames
+from hil.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
+from hil.campaign import Campaign, Collects
+from hil.closed_port import ClosedPort
+from hil.configuration import configuration_of
+from hil.errors import InputError
+from hil.export import campaign_of_night
+from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.solve import solution_document, solve_campaign
+from procedures.collect import reduce_collect
+from procedures.plan import StepKind
+from procedures.settings import CollectSettings
+
+SCHEMA = "hil.replay/1"
+_TAKEN = "counts"  # as recorded: the driver also counts what no byte tells, such as bytes that overflowed
+
+
+def replay_night(folder: Path | str) -> dict[str, Any]:
+    """Return the document hil.replay/1 of a night; raise `InputError` where the folder holds none.
+
+    `raw_missing` names the collects whose raw bytes are not there, `differences` says in words what does not come out
+    as recorded. `identical` is true where at least one collect was checked and both lists are empty.
+    """
+    folder = Path(folder)
+    replay = _Replay(folder)
+    simulated: bool | None = None
+    with open_readonly(folder) as journal:
+        try:
+            simulated = journal.night.simulated
+            replay.averages(journal)
+            replay.parameters()
+        except InputError as error:
+            replay.differences.append(str(error))
+        except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
+            # Whatever a damaged database makes of its rows: it cannot be believed any further.
+            replay.differences.append(f"{JOURNAL_NAME}: the journal is damaged and cannot be read ({error})")
+    return {
+        "schema": SCHEMA,
+        "simulated": simulated,
+        "identical": bool(replay.checked) and not replay.differences and not replay.raw_missing,
+        "collects_checked": replay.checked,
+        "differences": replay.differences,
+        "raw_missing": replay.raw_missing,
+    }
+
+
+class _Replay:
+    """What has been computed again so far, and what did not come out as recorded."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.checked = 0
+        self.differences: list[str] = []
+        self.raw_missing: list[str] = []
+        self._computed: dict[float, Mapping[str, Any]] = {}  # by the start of the collect, campaign seconds
+
+    def averages(self, journal: JournalReader) -> None:
+        """Compute every collect that is done again."""
+        stream = _Stream.of(journal.night.configuration)
+        blocks = {(row.step_key, row.attempt, row.block.kind): row.block for row in journal.blocks()}
+        done = journal.done_attempts()
+        for step in journal.plan.of_kind(StepKind.COLLECT):
+            if step.key not in done:
+                continue
+            attempt = done[step.key]
+            raw, stored = (blocks.get((step.key, attempt.attempt, kind)) for kind in (RAW, SAMPLES))
+            if raw is None or not (self._folder / raw.path).exists():
+                self.raw_missing.append(step.key)
+            elif stored is None:
+                self.differences.append(f"{step.key}: no samples are recorded with the collect")
+            else:
+                self._collect(step.key, attempt.data, stream, raw, stored)
+
+    def _collect(self, key: str, data: Mapping[str, Any], stream: _Stream, raw: Block, stored: Block) -> None:
+        self.checked += 1
+        try:
+            samples, content = read_samples(self._folder, stored), read_raw(self._folder, raw)
+        except DamagedBlock as damage:
+            self.differences.append(f"{key}: {damage}")
+            return
+        columns = stream.decode(content, len(samples.time_s))
+        different = list(_different_samples(samples, columns))
+        self.differences += [f"{key}: {each}" for each in different]
+        if different and any(len(column) != len(samples.time_s) for column in columns.values()):
+            return  # without the frames that belong to the stored times nothing can be averaged
+        computed = stream.reduce(samples.time_s, columns, data)
+        self._computed[float(data["start_s"])] = computed
+        for name, value in computed.items():
+            if name != _TAKEN:
+                said = _different((name,), data.get(name), value)
+                self.differences += [f"{key}: {each}" for each in said]
+
+    def parameters(self) -> None:
+        """Solve from the recorded averages and from those computed again."""
+        recorded = campaign_of_night(self._folder)
+        first, second = (
+            solution_document(campaign, solve_campaign(campaign))["solutions"]
+            for campaign in (recorded, _with_rates(recorded, self._computed))
+        )
+        for one, other in zip(first, second, strict=True):
+            run = "all runs" if one["run"] is None else f"run {one['run']}"
+            said = _different((), one, other)
+            self.differences += [f"solution of {run}, sensor {one['sensor']}: {each}" for each in said]
+
+
+@dataclass(frozen=True)
+class _Stream:
+    """What the night's bytes mean, as it was at the night's beginning."""
+
+    description: StreamDescription
+    frame: str
+    imu: StreamImu  # for what it says about its fields; nothing is behind its port
+    settings: CollectSettings
+
+    @classmethod
+    def of(cls, configuration: str) -> _Stream:
+        with tempfile.TemporaryDirectory(prefix="hil-") as folder:
+            bench, sweep = configuration_of(configuration, Path(folder))
+            description = load_frames(bench)
+        if description.roles is None:
+            raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
+        port = ClosedPort(bench.imu.port, TransportError("a replay has no port"))
+        imu = StreamImu(port, description, VirtualClock(), sample_rate_hz=bench.imu.rate)
+        return cls(description, description.roles.frame, imu, sweep.collect)
+
+    def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:
+        """Return the columns of the frames in a collect's bytes, which begin where the decoder was reset."""
+        decoder = StreamDecoder(self.description)
+        batches = [decoder.feed(raw)[self.frame]]
+        if len(batches[0]) < expected:
+            batches.append(decoder.finish()[self.frame])  # the stream paused, and the driver waited no longer
+        filled = [batch for batch in batches if len(batch)]
+        names = dict.fromkeys(name for batch in filled for name in batch.columns)
+        return {
+            name: np.concatenate([batch.columns.get(name, np.full(len(batch), np.nan)) for batch in filled])
+            for name in names
+        }
+
+    def reduce(self, time_s: FloatArray, columns: Mapping[str, FloatArray], data: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the data of the collect, as the bench computes it."""
+        known = {field.name for field in fields(StreamCounts)}
+        counts = StreamCounts(**{name: int(n) for name, n in data.get(_TAKEN, {}).items() if name in known})
+        samples = SampleBlock(time_s, columns, counts)
+        return reduce_collect(samples, float(data["duration_s"]), self.imu, self.settings)[0]
+
+
+def _different_samples(samples: Samples, columns: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Yield a sentence for every column in which the decoded frames are not the stored samples."""
+    n = len(samples.time_s)
+    decoded = len(next(iter(columns.values()))) if columns else 0
+    if decoded != n:
+        yield f"the raw bytes hold {decoded} good frames, {n} samples are stored"
+        return
+    nothing = np.full(n, np.nan)
+    for name in dict.fromkeys([*samples.fields, *columns]):
+        stored, found = samples.fields.get(name, nothing), columns.get(name, nothing)
+        wrong = np.flatnonzero(~((stored == found) | (np.isnan(stored) & np.isnan(found))))
+        if len(wrong):
+            at = int(wrong[0])
+            yield (
+                f"{len(wrong)} of {n} samples of {name} are not what the raw bytes hold, the first is number {at + 1}: "
+                f"{float(stored[at])!r} is stored, {float(found[at])!r} was decoded"
+            )
+
+
+def _different(path: Sequence[str], recorded: Any, computed: Any) -> Iterator[str]:
+    """Yield a sentence for every value, at any depth, that is not the same."""
+    if isinstance(recorded, Mapping) and isinstance(computed, Mapping):
+        for name in dict.fromkeys([*recorded, *computed]):
+            yield from _different((*path, str(name)), recorded.get(name), computed.get(name))
+    elif isinstance(recorded, list) and isinstance(computed, list) and len(recorded) == len(computed):
+        for number, (one, other) in enumerate(zip(recorded, computed, strict=True), 1):
+            yield from _different((*path, str(number)), one, other)
+    elif recorded != computed and not (_is_nan(recorded) and _is_nan(computed)):
+        yield f"{' '.join(path)}: {recorded!r} is recorded, the raw bytes give {computed!r}"
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _with_rates(campaign: Campaign, computed: Mapping[float, Mapping[str, Any]]) -> Campaign:
+    """Return the campaign with the rates that were computed again; a collect that could not be keeps its own."""
+    sensors = {}
+    for number, collects in campaign.sensors.items():
+        conditions = collects.conditions
+        rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
+        for row, start_s in enumerate(conditions.start_s):
+            again = computed.get(float(start_s), {}).get("sensors", {}).get(str(number))
+            if again is None:
+                continue
+            for column, channel in enumerate(conditions.sensor.channels):
+                average = again["rates"].get(channel, {})
+                rates[row, column] = _number(average.get("mean_deg_per_hr"))
+                se[row, column] = _number(average.get("se_deg_per_hr"))
+        sensors[number] = Collects(conditions, rates, se)
+    return replace(campaign, sensors=sensors)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
