@@ -8,6 +8,7 @@ are minimalmodbus as a client and the published frames, byte for byte.
 from __future__ import annotations
 
 import struct
+from abc import abstractmethod
 from typing import Any, Literal
 
 from pymodbus.exceptions import ModbusException
@@ -53,13 +54,13 @@ class SimulatedModbus(SimulatedController):
         self._most_at_once = most_at_once
         super().__init__(plant, **settings)
 
+    @abstractmethod
     def _register(self, address: int, now_s: float) -> int:
         """Return a register, signed or unsigned; raise `Refusal` where there is none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _set_register(self, address: int, value: int) -> None:
         """Write a register, unsigned; raise `Refusal` where it cannot be."""
-        raise NotImplementedError
 
     def _set_registers(self, address: int, values: list[int]) -> None:
         """Write several registers in one request."""

@@ -11,6 +11,7 @@ and widen their errors by the correlation that is left. A p-value is NaN where t
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -79,8 +80,9 @@ class _ChannelwiseTest(SeriesEffect):
             findings.append(SeriesFinding(self.id, channel, p_value, estimates, f"{channel}: {sentence}"))
         return tuple(findings)
 
+    @abstractmethod
     def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
-        raise NotImplementedError
+        """Return p-value, estimates and a sentence for one channel."""
 
 
 class SettlingInCollect(_ChannelwiseTest):
