@@ -7,7 +7,7 @@ left for anybody to see. The truth is returned, never written into the folder.
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,10 @@ from benchmarks.blind.night import Design, Night, make_night
 from benchmarks.blind.physics import CATALOGUE, OUTSIDE, Truth, make_truth
 
 HIDDEN = {**CATALOGUE, **OUTSIDE}
+AS_IT_IS = frozenset({"frame"})
+"""Defects that have one size: they are not scaled to d."""
+MISLABELLED = "swap"
+"""Two collects of one run under each other's position: not a sum, so it is made last."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,8 @@ class Case:
     truth: Truth
     hidden: tuple[str, ...] = ()
     sizes: tuple[float, ...] = ()
-    notes: dict[str, float] = field(default_factory=dict)
+    kept: tuple[float, ...] = ()  # share of the norm that the base leaves
+    signals: tuple[np.ndarray, ...] = ()  # (n, 2) each
 
 
 def base_columns(night: Night, model: str) -> np.ndarray:
@@ -68,13 +73,37 @@ def noise_covariance(night: Night, noise: Noise) -> np.ndarray:
     return noise.collect**2 * np.eye(len(night)) + run_level * noise.rho**lag
 
 
-def visible_norm(night: Night, noise: Noise, model: str, signal: np.ndarray) -> float:
-    """Norm of `signal` (n, 2) after whitening and projecting the base out."""
+def beside_base(night: Night, noise: Noise, model: str, signal: np.ndarray) -> np.ndarray:
+    """What is left of `signal` (n, 2) after whitening and projecting the base out, shape (2n,)."""
     factor = np.linalg.cholesky(noise_covariance(night, noise))
     white = np.kron(np.eye(2), np.linalg.inv(factor))
     q, _ = np.linalg.qr(white @ base_columns(night, model))
     s = white @ signal.T.ravel()
-    return float(np.linalg.norm(s - q @ (q.T @ s)))
+    return np.asarray(s - q @ (q.T @ s))
+
+
+def visible_norm(night: Night, noise: Noise, model: str, signal: np.ndarray) -> float:
+    """Norm of `signal` (n, 2) after whitening and projecting the base out."""
+    return float(np.linalg.norm(beside_base(night, noise, model, signal)))
+
+
+def alike(case: Case, model: str) -> float:
+    """The size of the cosine between two hidden effects, channel by channel amplitudes left free, beside the base.
+
+    Both amplitudes of an effect are the unit's own, so what counts is the time history: the larger of the channels'.
+    """
+    halves = [np.split(beside_base(case.night, Noise(), model, signal), 2) for signal in case.signals]
+    cosines = [
+        abs(float(a @ b)) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
+        for a, b in zip(halves[0], halves[1], strict=True)
+    ]
+    return max(cosines)
+
+
+def whitened_norm(night: Night, noise: Noise, signal: np.ndarray) -> float:
+    """Norm of `signal` (n, 2) after whitening alone."""
+    factor = np.linalg.cholesky(noise_covariance(night, noise))
+    return float(np.linalg.norm(np.linalg.solve(factor, signal)))
 
 
 def draw_noise(night: Night, noise: Noise, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -118,16 +147,36 @@ def make_case(
     night = make_night(design, rng)
     truth = make_truth(night, rng, thermal=model == "matrix-6-thermal", mu=0.0 if model == "collins-4" else 1.0)
     rates = truth.rates(night.f, night.w)
-    sizes = []
+    sizes, kept, signals = [], [], []
     for name in hidden:
+        if name == MISLABELLED:
+            continue
         signal = HIDDEN[name](night, truth, rng)
         visible = visible_norm(night, noise, model, signal)
-        # An effect that the base absorbs cannot be made visible by making it huge: cap it at a hundred of its own norm.
-        size = d / max(visible, 0.01 * float(np.linalg.norm(signal)) / noise.collect, 1e-12)
-        rates = rates + size * signal
+        kept.append(visible / max(whitened_norm(night, noise, signal), 1e-12))
+        size = 1.0 if name in AS_IT_IS else d / max(visible, 1e-9)
+        signals.append(size * signal)
         sizes.append(size * visible)
     errors, se = draw_noise(night, noise, rng)
-    return Case(night, rates + errors, se, truth, hidden, tuple(sizes))
+    measured = rates + sum(signals, np.zeros_like(rates)) + errors
+    if MISLABELLED in hidden:
+        measured = exchanged(night, measured, rng)
+    return Case(night, measured, se, truth, hidden, tuple(sizes), tuple(kept), tuple(signals))
+
+
+def kept_share(name: str, model: str, design: Design, units: int = 6) -> float:
+    """What share of an effect's norm the base leaves, the median over a few units."""
+    cases = [make_case(seed, (name,), 1.0, model=model, design=design) for seed in range(units)]
+    return float(np.median([case.kept[0] for case in cases]))
+
+
+def exchanged(night: Night, rates: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The rates with two collects of one run written under each other's position."""
+    out = rates.copy()
+    rows = np.flatnonzero(night.run == rng.choice(np.unique(night.run)))
+    first, second = rng.choice(rows, 2, replace=False)
+    out[[first, second]] = rates[[second, first]]
+    return out
 
 
 def write_case(case: Case, folder: Path, *, with_conditions: bool = True) -> Path:
@@ -137,6 +186,7 @@ def write_case(case: Case, folder: Path, *, with_conditions: bool = True) -> Pat
         "schema: hil.campaign/1\ntitle: sealed case\nsource: blind benchmark, simulated\nsimulated: true\n"
         "sensors:\n  2:\n    axes: [A, B, S]\n    channels: {RA: A, RB: B}\n"
         "conditions:\n  supply_V: supply voltage, volt\n"
+        "  spin_period_us: period of the rotor, microsecond\n  vibration_rms_g: vibration at the unit, g rms\n"
     )
     n = case.night
     columns: dict[str, np.ndarray] = {
@@ -163,6 +213,8 @@ def write_case(case: Case, folder: Path, *, with_conditions: bool = True) -> Pat
             "time_since_setpoint_s": n.since_setpoint_s,
             "time_since_index_s": np.full(len(n), 30.0),
             "supply_V": n.supply,
+            "spin_period_us": n.spin_us,
+            "vibration_rms_g": n.vibration,
         }
     with (folder / "collects.csv").open("w", newline="") as file:
         writer = csv.writer(file)

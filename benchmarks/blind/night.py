@@ -5,7 +5,7 @@ Rows are collects of one two-channel sensor with axes A, B, S. Everything is pla
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,11 +46,13 @@ class Night:
     rotor_slope: np.ndarray  # °C/min
     heading: np.ndarray
     supply: np.ndarray
+    spin_us: np.ndarray  # period of the rotor
+    vibration: np.ndarray  # g, rms at the unit
+    slew: np.ndarray  # rad, from the orientation before
     f: np.ndarray
     w: np.ndarray
     theta: np.ndarray
     g: np.ndarray  # (G1, G2, G3)
-    extra: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.run)
@@ -117,7 +119,14 @@ def _assemble(design: Design, rows: dict[str, list[float | str]], rng: np.random
     )
     setpoint = column["set"].astype(float)
     run = column["run"].astype(int)
+    slew = np.abs(np.diff(theta, prepend=0.0))
+    slew = np.minimum(slew, 2.0 * np.pi - slew)
     supply = 28.0 - 0.004 * setpoint + rng.normal(0.0, 0.12, run.max() + 1)[run] + rng.normal(0.0, 0.01, n)
+    # Drawn last and from a stream of their own: what earlier seeds gave stays.
+    other = np.random.default_rng(rng.integers(2**63))
+    spin = 2500.0 * (1.0 + 1e-6 * other.normal(0.0, 300.0, run.max() + 1)[run] + 1e-6 * other.normal(0.0, 20.0, n))
+    cooling = 0.15 + 0.25 * (setpoint < 20.0)  # the compressor runs
+    vibration = cooling * np.exp(other.normal(0.0, 0.5, run.max() + 1)[run] + other.normal(0.0, 0.1, n))
     night = Night(
         design=design,
         run=run,
@@ -132,6 +141,9 @@ def _assemble(design: Design, rows: dict[str, list[float | str]], rng: np.random
         rotor_slope=column["slope"].astype(float),
         heading=column["heading"].astype(float),
         supply=supply,
+        spin_us=spin,
+        vibration=vibration,
+        slew=slew,
         f=_turn(theta, np.broadcast_to(g, (n, 3))),
         w=_turn(theta, w),
         theta=theta,

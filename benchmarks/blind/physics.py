@@ -143,6 +143,68 @@ def _supply(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
     return _axes(r, n.supply - 28.0)
 
 
+def _settle(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """The index move's disturbance, larger after a larger slew, dies away; the collect averages its tail."""
+    tau = r.uniform(10.0, 40.0)
+    tail = np.exp(-30.0 / tau) * tau / n.design.collect_s * (1.0 - np.exp(-n.design.collect_s / tau))
+    return _axes(r, n.slew * tail)
+
+
+def _spin(n: Night, t: Truth, r: np.random.Generator) -> np.ndarray:
+    """Another rotor speed changes the gain and the phase of the signal, by its own period."""
+    error = (np.median(n.spin_us) / n.spin_us - 1.0)[:, None]
+    rates = t.rates(n.f, n.w)
+    gain, turn = r.uniform(0.5, 3.0), r.choice([-1.0, 1.0]) * r.uniform(0.5, 5.0)
+    return error * (gain * rates + turn * np.stack([-rates[:, 1], rates[:, 0]], 1))
+
+
+def _vre(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    return _axes(r, n.vibration**2)
+
+
+def _misalign(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """Input axes that lean: each channel sees earth rate about the two others."""
+    m = r.normal(size=(2, 2))
+    return np.stack([m[0, 0] * n.w[:, 1] + m[0, 1] * n.w[:, 2], m[1, 0] * n.w[:, 0] + m[1, 1] * n.w[:, 2]], 1)
+
+
+def _mag(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """The earth's field, dip 62 deg, in the sensor's axes; each channel has its own three sensitivities."""
+    h = np.deg2rad(n.heading)
+    field = np.stack([np.full(len(n), -0.45), 0.24 * np.cos(h), 0.24 * np.sin(h)], 1)
+    s, c = np.sin(n.theta), np.cos(n.theta)
+    seen = np.stack([field[:, 0] * s + field[:, 2] * c, field[:, 1], field[:, 0] * c - field[:, 2] * s], 1)
+    return seen @ r.normal(size=(3, 2))
+
+
+def _bias_t(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    t = (n.rotor - 25.0) / 40.0
+    return _axes(r, t + 0.4 * r.normal() * t**2)
+
+
+def _gs_t(n: Night, t: Truth, r: np.random.Generator) -> np.ndarray:
+    """GS changes gain and turns with temperature: the exponential, not its first term."""
+    warm = n.rotor - 25.0
+    turn, gain = r.normal(0.0, 2e-4) * warm, 1.0 + r.normal(0.0, 2e-3) * warm
+    gsa = gain * (t.gsa * np.cos(turn) + t.gsb * np.sin(turn)) - t.gsa
+    gsb = gain * (t.gsb * np.cos(turn) - t.gsa * np.sin(turn)) - t.gsb
+    return np.stack([gsa * n.f[:, 0] + gsb * n.f[:, 1], gsa * n.f[:, 1] - gsb * n.f[:, 0]], 1)
+
+
+def _demod(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """Quadrature leaks through a phase that follows the electronics (the case)."""
+    return _axes(r, np.sin(1e-4 * (n.case - 25.0)))
+
+
+def _frame(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """One bench component of the earth rate has the wrong sign in the file."""
+    horizontal = 15.041067 * np.cos(np.deg2rad(n.design.latitude_deg))
+    h = np.deg2rad(n.heading)
+    if r.random() < 0.5:
+        return np.stack([np.zeros(len(n)), 2.0 * horizontal * np.cos(h)], 1)
+    return np.stack([2.0 * horizontal * np.sin(h) * np.cos(n.theta), np.zeros(len(n))], 1)
+
+
 def _lag(n: Night, t: Truth, _r: np.random.Generator) -> np.ndarray:
     """The thermometer is late: the bias follows a temperature that the file does not have."""
     return -t.slope * n.rotor_slope[:, None]
@@ -168,8 +230,18 @@ CATALOGUE: dict[str, Hidden] = {
     "jump": _jump,
     "supply": _supply,
     "T_lag": _lag,
+    "settle": _settle,
+    "spin": _spin,
+    "vre": _vre,
+    "misalign": _misalign,
+    "mag": _mag,
+    "bias_T": _bias_t,
+    "GS_T": _gs_t,
+    "demod": _demod,
+    "ageing": _ageing,
+    "frame": _frame,
 }
-"""Effects of the catalogue that leave a trace in the averages of a thermal base."""
+"""Effects of the catalogue that leave a trace in averages."""
 
 
 def _mua_supply(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:

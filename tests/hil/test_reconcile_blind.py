@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.blind.cases import Noise
-from benchmarks.blind.score import Job, all_right, confidently_wrong, first_is_right, reconcile_job
+from benchmarks.blind.jobs import Job
+from benchmarks.blind.judge import all_right, confidently_wrong, first_is_right
+from benchmarks.blind.score import reconcile_job
 
 SINGLES = (("supply", 12.0), ("hyst", 12.0), ("warmup", 12.0), ("k2", 12.0), ("bias_Tdot", 12.0))
 

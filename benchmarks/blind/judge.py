@@ -1,0 +1,117 @@
+"""Whether a result is right: its names, its probabilities, its places, its gap, against the sealed truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from benchmarks.blind.cases import Case, base_columns, noise_covariance
+from benchmarks.blind.jobs import Job
+
+CONFIDENT = 0.8
+_SAME = 0.95
+
+
+def named_ids(document: dict[str, Any]) -> list[set[str]]:
+    """For each added effect, its id and those that the result calls the same within the data (overlap above .95)."""
+    out = []
+    for effect in document["effects"]:
+        same = {rival["id"] for rival in effect["confusable_with"] if rival.get("overlap", 0.0) > _SAME}
+        out.append({effect["id"]} | same)
+    return out
+
+
+def first_is_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
+    """Whether the first effect's class holds a hidden one."""
+    classes = named_ids(document)
+    return bool(classes) and any(name in classes[0] for name in hidden)
+
+
+def all_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
+    """Whether exactly the hidden effects were found, each by its class."""
+    classes = named_ids(document)
+    return len(classes) == len(hidden) and all(any(name in c for c in classes) for name in hidden)
+
+
+def confidently_wrong(document: dict[str, Any], hidden: Sequence[str]) -> bool:
+    """Whether any effect is named at .8 or more whose class holds none that is hidden."""
+    if document["verdict"] != "named":
+        return False
+    return any(
+        effect["probability"] >= CONFIDENT and not ids & set(hidden)
+        for effect, ids in zip(document["effects"], named_ids(document), strict=True)
+    )
+
+
+def stated(document: dict[str, Any], hidden: Sequence[str]) -> list[tuple[float, bool]]:
+    """(probability stated for a catalogue name, whether that very name is hidden), one per added effect."""
+    return [(e["probability"], e["id"] in hidden) for e in document["effects"] if e["kind"] != "empirical"]
+
+
+def ninety_percent_set(document: dict[str, Any]) -> set[str]:
+    """The first effect's most probable names that together reach 90 %."""
+    if not document["effects"]:
+        return set()
+    effect = document["effects"][0]
+    names = [(effect["probability"], effect["id"])] + [(r["probability"], r["id"]) for r in effect["confusable_with"]]
+    chosen, total = set(), 0.0
+    for probability, name in sorted(names, reverse=True):
+        chosen.add(name)
+        total += probability
+        if total >= 0.9:
+            break
+    return chosen
+
+
+def places_f1(document: dict[str, Any], case: Case) -> float:
+    """F1 of the cells (collect, channel) called disagreeing against those where the hidden term is above 30 %."""
+    signal = np.abs(sum(case.signals, np.zeros((len(case.night), 2))))
+    truth = signal > 0.3 * signal.max()
+    found = np.zeros_like(truth)
+    for item in document["disagreements"]:
+        where = item["where"]
+        rows = np.ones(len(case.night), dtype=bool)
+        if "position" in where:
+            rows &= case.night.position == where["position"]
+        if "temperature_degC" in where:
+            low, high = where["temperature_degC"]
+            rows &= (case.night.rotor >= low - 0.1) & (case.night.rotor <= high + 0.1)
+        if "runs" in where:
+            rows &= np.isin(case.night.run, where["runs"])
+        channels = np.array([0, 1] if "channel" not in where else [0 if where["channel"] == "RA" else 1])
+        found[np.ix_(np.flatnonzero(rows), channels)] = True
+    right = float((found & truth).sum())
+    return 2.0 * right / max(float(found.sum() + truth.sum()), 1.0)
+
+
+def oracle_gap(case: Case, job: Job) -> float:
+    """Rms in deg/hr of what is left out by run when the hidden terms and the noise are known, deg/hr."""
+    night = case.night
+    factor = np.linalg.inv(np.linalg.cholesky(noise_covariance(night, job.noise)))
+    columns = [base_columns(night, job.model)] + [s.T.ravel()[:, None] for s in case.signals]
+    design, y = np.hstack(columns), (case.rates - night.w[:, :2]).T.ravel()
+    left = np.empty_like(y)
+    white = np.kron(np.eye(2), factor)
+    for run in np.unique(night.run):
+        out = np.tile(night.run == run, 2)
+        # A row that is left out has no weight: its noise is made endless.
+        weight = white.copy()
+        weight[:, out] = 0.0
+        rows = ~out
+        beta_hat = np.linalg.lstsq((weight @ design)[rows], (weight @ y)[rows], rcond=None)[0]
+        left[out] = y[out] - design[out] @ beta_hat
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def share(flags: Iterable[bool]) -> str:
+    """A proportion with its exact 95 % interval."""
+    values = list(flags)
+    k, n = sum(values), len(values)
+    if n == 0:
+        return "–"
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    return f"{k / n:.2f} [{low:.2f}, {high:.2f}]"
