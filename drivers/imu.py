@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -75,6 +75,21 @@ class SensorChannels:
     accelerations: Mapping[str, str] = field(default_factory=dict)
     temperature: str | None = None
     conditions: Mapping[str, str] = field(default_factory=dict)
+
+
+def rate_fields(sensors: Mapping[int, SensorChannels]) -> Mapping[str, str]:
+    """Return the field of every rate, by sensor and channel as people see them: "2.RA"."""
+    return {f"{number}.{channel}": name for number, each in sensors.items() for channel, name in each.rates.items()}
+
+
+def rate_means(block: SampleBlock, fields: Mapping[str, str]) -> Iterator[tuple[str, float, int]]:
+    """Yield label, mean and number of a block's finite values for every rate of which it holds any."""
+    for label, name in fields.items():
+        if name in block.fields:
+            values = block.fields[name]
+            values = values[np.isfinite(values)]
+            if len(values):
+                yield label, float(values.mean()), len(values)
 
 
 class Imu(Protocol):

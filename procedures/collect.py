@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chamber import ChamberReading
-from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, StreamCounts
+from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, StreamCounts, rate_fields, rate_means
 from procedures.averaging import Average, average_series
 from procedures.bench import BenchDevices
 from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
@@ -28,6 +28,7 @@ _INDEX_FIELD = "index_position"  # where a unit that indexes says in every frame
 _EDGE_SAMPLES = 2  # a collect's ends may each cut one sample off
 _RATE_TOLERANCE = 0.005  # of the nominal sample rate
 _WORTH_AVERAGING = 3
+_LEAST_BATCHES = 3  # polls whose means scatter enough to say something about the running mean
 _SHORT_LOSS = 0.002  # of the samples: more than this is worth a remark
 
 
@@ -288,7 +289,7 @@ def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBloc
         blocks.append(block)
         if look.chamber is not None and look.chamber_fresh:
             readings.append(look.chamber)
-        watch.rates_deg_per_hr = running.add(block)
+        watch.rates_deg_per_hr, watch.rates_se_deg_per_hr = running.add(block)
         end_s = look.time_s
     if not readings and watch.look is not None and watch.look.chamber is not None:
         readings.append(watch.look.chamber)  # a collect shorter than the chamber's poll interval
@@ -296,20 +297,32 @@ def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBloc
 
 
 class _Running:
-    """Running means of the rates, for onlookers."""
+    """Running means of the rates and their standard errors, for onlookers.
+
+    The error is that of a mean of batches, a poll's samples being a batch: honest about noise that is correlated for
+    less than a poll, cheap enough to be had at every poll. What a collect records is `average_series`'s.
+    """
 
     def __init__(self, sensors: Mapping[int, SensorChannels]) -> None:
-        self._fields = {f"{n}.{channel}": name for n, each in sensors.items() for channel, name in each.rates.items()}
-        self._sums = dict.fromkeys(self._fields, 0.0)
-        self._n = 0
+        self._fields = rate_fields(sensors)
+        # Per channel, over the batches of n samples and mean m: sums of 1, n, n m, n², n² m, n² m².
+        self._sums = {label: np.zeros(6) for label in self._fields}
 
-    def add(self, block: SampleBlock) -> Mapping[str, float]:
-        """Take a block in and return the means so far."""
-        self._n += len(block)
-        for label, name in self._fields.items():
-            if name in block.fields:
-                self._sums[label] += float(block.fields[name].sum())
-        return {label: total / self._n for label, total in self._sums.items()} if self._n else {}
+    def add(self, block: SampleBlock) -> tuple[Mapping[str, float], Mapping[str, float]]:
+        """Take a block in and return the means so far, and their standard errors from the third batch on."""
+        for label, mean, n in rate_means(block, self._fields):
+            self._sums[label] += (1, n, n * mean, n * n, n * n * mean, n * n * mean * mean)
+        return self._results()
+
+    def _results(self) -> tuple[Mapping[str, float], Mapping[str, float]]:
+        means, errors = {}, {}
+        for label, (batches, n, first, squares, cross, second) in self._sums.items():
+            if batches:
+                means[label] = float(first / n)
+            if batches >= _LEAST_BATCHES:
+                scatter = second - 2.0 * means[label] * cross + means[label] ** 2 * squares
+                errors[label] = float(np.sqrt(max(scatter, 0.0) * batches / (batches - 1)) / n)
+        return means, errors
 
 
 def _confirmed(position: str, before: str | None, after: str | None) -> Iterable[Judgement]:

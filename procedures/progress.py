@@ -10,13 +10,18 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
+from drivers.imu import StreamCounts
 from procedures.journal import StepResult
 from procedures.plan import Plan, Step
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The state of a sweep at one poll. Times are campaign seconds; temperatures °C; rates deg/hr."""
+    """The state of a sweep at one poll. Times are campaign seconds; temperatures °C; rates deg/hr.
+
+    Rates are keyed by sensor and channel, "2.RA". `rates_deg_per_hr` and `rates_se_deg_per_hr` belong to a collect that
+    is being taken, and are empty otherwise.
+    """
 
     step: Step
     attempt: int
@@ -27,7 +32,12 @@ class Snapshot:
     chamber_degC: float | None
     setpoint_degC: float | None
     unit_degC: Mapping[int, float] = field(default_factory=dict)
-    rates_deg_per_hr: Mapping[str, float] = field(default_factory=dict)  # "2.RA" → running mean, during a collect
+    rates_deg_per_hr: Mapping[str, float] = field(default_factory=dict)  # running means
+    rates_se_deg_per_hr: Mapping[str, float] = field(default_factory=dict)  # of the running means, from the third poll
+    rates_now_deg_per_hr: Mapping[str, float] = field(default_factory=dict)  # means of what arrived with this poll
+    stream: StreamCounts = field(default_factory=StreamCounts)  # since this run began
+    stream_hz: float | None = None  # good samples per second, since the last snapshot
+    stream_nominal_hz: float | None = None
     note: str = ""  # what the step waits for
     steps_done: int = 0
     steps_total: int = 0

@@ -9,6 +9,7 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -18,7 +19,7 @@ import numpy as np
 
 from drivers.chamber import ChamberReading
 from drivers.errors import DeviceError
-from drivers.imu import SampleBlock, StreamCounts
+from drivers.imu import SampleBlock, StreamCounts, rate_fields, rate_means
 from procedures.bench import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal import Journal, StepResult
@@ -79,6 +80,10 @@ class Watch:
         self.arrived = False
         self.note = ""
         self.rates_deg_per_hr: Mapping[str, float] = {}
+        self.rates_se_deg_per_hr: Mapping[str, float] = {}
+        self._rate_fields = rate_fields(devices.imu.sensors)
+        self._stream = StreamCounts()
+        self._shown_ok = 0
 
     # Time
 
@@ -105,7 +110,7 @@ class Watch:
     def step_began(self, position: Position) -> None:
         """Polls belong to this step from now on."""
         self._position = position
-        self.note, self.rates_deg_per_hr = "", {}
+        self.note, self.rates_deg_per_hr, self.rates_se_deg_per_hr = "", {}, {}
         self._show("step_began", position.step, position.attempt)
 
     def step_ended(self, step: Step, result: StepResult) -> None:
@@ -128,6 +133,7 @@ class Watch:
     def forget_stream(self) -> StreamCounts:
         """Throw away what the unit sent so far."""
         counts = self._devices.imu.discard()
+        self._stream += counts
         self._last_frame_s = self.now_s
         return counts
 
@@ -184,7 +190,7 @@ class Watch:
         self.look = look
         self._interlocks.evaluate(look)
         self._heartbeat(look)
-        self._snapshot(look)
+        self._snapshot(look, block)
         return look, block
 
     def _drain(self) -> tuple[SampleBlock, float, str]:
@@ -194,6 +200,7 @@ class Watch:
             block = self._devices.imu.read_block()
         except DeviceError as failure:
             block, error = SampleBlock(np.empty(0), {}), str(failure)
+        self._stream += block.counts
         now_s = self.now_s
         # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
         # from the last frame, not from the last drain.
@@ -247,10 +254,11 @@ class Watch:
             )
         self._wall_jumped = jumped
 
-    def _snapshot(self, look: Look) -> None:
+    def _snapshot(self, look: Look, block: SampleBlock) -> None:
         if self._position is None or look.time_s - self._progress_s < self._polling.progress_s:
             return
-        self._progress_s = look.time_s
+        since_s, self._progress_s = look.time_s - self._progress_s, look.time_s
+        frames, self._shown_ok = self._stream.ok - self._shown_ok, self._stream.ok
         here = self._position
         in_step_s = look.time_s - here.began_s
         remaining_s = max(here.step.duration_s - in_step_s, 0.0)
@@ -268,6 +276,11 @@ class Watch:
                 setpoint_degC=look.chamber.setpoint_degC if look.chamber else None,
                 unit_degC=look.unit_degC,
                 rates_deg_per_hr=self.rates_deg_per_hr,
+                rates_se_deg_per_hr=self.rates_se_deg_per_hr,
+                rates_now_deg_per_hr={label: mean for label, mean, _ in rate_means(block, self._rate_fields)},
+                stream=self._stream,
+                stream_hz=frames / since_s if math.isfinite(since_s) else None,
+                stream_nominal_hz=look.sample_rate_hz,
                 note=self.note,
                 steps_done=here.steps_done,
                 steps_total=here.steps_total,
