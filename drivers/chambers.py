@@ -17,7 +17,7 @@ from drivers.box_description import load_box
 from drivers.chamber import Chamber, ChamberLimits, SafeState
 from drivers.clock import Clock
 from drivers.controller import Controller
-from drivers.espec import EspecChamber
+from drivers.espec import Espec
 from drivers.ezt570i import Ezt570i
 from drivers.julabo import Julabo
 from drivers.modbus_exchange import Framing
@@ -27,7 +27,6 @@ from drivers.supervised_chamber import SupervisedChamber
 from drivers.thermotron import Thermotron
 from drivers.transport import Transport
 from drivers.voetsch_ascii import AsciiLayout, VoetschAscii
-from drivers.watched_chamber import WatchedChamber
 from drivers.watlow_f4 import WatlowF4
 from drivers.watlow_f4t import WatlowF4t
 
@@ -68,26 +67,15 @@ class SerialLine:
 
 @dataclass(frozen=True)
 class ChamberDriver:
-    """One driver: how a person calls its controllers, their line, and how it is put together."""
+    """One driver: how a person calls its controllers, their line, and how it is put together.
+
+    `dead_man` says that its controllers can have a timer of their own which stops them when they are left alone.
+    """
 
     title: str
     line: SerialLine
     build: Callable[[Transport, Clock, ChamberOptions], Chamber]
-
-
-def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    chamber = EspecChamber(
-        transport,
-        clock,
-        limits=options.limits,
-        safe=options.safe,
-        expected_model=options.expected_model,
-        address=options.address,
-        terminator=options.terminator or b"\r\n",
-        native_margin_degC=options.native_margin_degC,
-        celsius_confirmed=options.celsius_confirmed,
-    )
-    return WatchedChamber(chamber, clock, device=f"chamber on {transport.name}")
+    dead_man: bool = False
 
 
 def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
@@ -102,6 +90,11 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
         celsius_confirmed=options.celsius_confirmed,
         dead_man_s=options.dead_man_s,
     )
+
+
+def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    terminator = options.terminator or b"\r\n"
+    return supervised(Espec(transport, clock, address=options.address, terminator=terminator), clock, options)
 
 
 def _watlow_f4(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
@@ -154,7 +147,7 @@ def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber
 
 
 CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
-    "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec),
+    "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec, dead_man=True),
     "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
     "ezt-570i": ChamberDriver("Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _ezt570i),
     "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _voetsch_ascii),
@@ -162,5 +155,5 @@ CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _thermotron),
     "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _julabo),
     "watlow-f4t": ChamberDriver("Watlow F4T, Modbus TCP", SerialLine(38400), _watlow_f4t),
-    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box),
+    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box, dead_man=True),
 }

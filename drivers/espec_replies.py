@@ -20,6 +20,7 @@ from drivers.errors import CommandRefused, ProtocolError
 _ACKNOWLEDGED = re.compile(r"OK\s*:")
 _REFUSED = re.compile(r"NA\s*:?\s*(.*)")
 _MODE = re.compile(r"[A-Z][A-Z ]*")
+_QUICK_TIMER = re.compile(r"(?:0,)?(\w+)(?:,R[AO]M:\d+,STEP\d+)?,(\d+):(\d+)")
 
 _MEANINGS = {
     "CMD ERR": "it does not know this command: check that the bench file names the right controller, and that the "
@@ -107,6 +108,18 @@ class ReplyParser:
         if not count.isdecimal() or not all(code.isdecimal() for code in codes) or int(count) != len(codes):
             raise self._unexpected(request, line)
         return tuple(codes)
+
+    def timers(self, request: str, line: str) -> tuple[int, ...]:
+        """Return the numbers of the timers that are on, from `n[,number,…]`."""
+        return tuple(int(number) for number in self.alarms(request, line))
+
+    def quick_timer(self, request: str, line: str) -> tuple[str, int]:
+        """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`."""
+        self._raise_refusal(request, line)
+        found = _QUICK_TIMER.fullmatch(line)
+        if found is None:
+            raise self._unexpected(request, line)
+        return found[1], 60 * int(found[2]) + int(found[3])
 
     def chamber_type(self, request: str, line: str) -> tuple[str, float | None]:
         """Return controller and highest temperature of `T,[T,]S2,160.0`; None where it gives no highest."""

@@ -43,6 +43,7 @@ from drivers.setpoint_checks import (
 from drivers.write_wear import WriteWear
 
 _ATTEMPTS = 3
+_RENEWED_WITHIN = 0.25  # of the dead-man's time
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
 
 
@@ -52,7 +53,8 @@ class SupervisedChamber:
     `limits` bound what is ever sent as a setpoint; native limits are set `native_margin_degC` beyond them. The model
     that answers must begin with `expected_model` (case does not matter; None for any). `celsius_confirmed` says that a
     person has seen °C on the panel, for controllers that cannot tell their unit. `dead_man_s` arms the controller's own
-    timer, which stops the chamber when it has been left alone for so long.
+    timer with `prepare`, which stops the chamber when it has been left alone for so long; readings and settings renew
+    it until the safe state is asked for.
 
     Raises `SetpointOutOfLimits` at once where the safe state would hold a temperature outside the limits, and
     `ValueError` where it would stop a controller that cannot be stopped over the line.
@@ -78,6 +80,7 @@ class SupervisedChamber:
         self._controller = controller
         self._clock = clock
         self._dead_man_s = dead_man_s
+        self._armed_at_s: float | None = None
         self._limits = limits
         self._native = ChamberLimits(
             round(limits.low_degC - native_margin_degC, 1), round(limits.high_degC + native_margin_degC, 1)
@@ -158,6 +161,7 @@ class SupervisedChamber:
         """
         state = self._believable()
         self._latch(state.alarms)
+        self._renew_dead_man()
         return ChamberReading(
             temperature_degC=state.temperature,
             setpoint_degC=state.setpoint,
@@ -176,6 +180,7 @@ class SupervisedChamber:
         """
         wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
         self._require_identity()
+        self._renew_dead_man()
         mode = self._settle_on(wanted).mode
         if mode != "CONSTANT":
             raise CommandRefused(
@@ -199,6 +204,7 @@ class SupervisedChamber:
         counts is what is read at the end. Raises the last `DeviceError`, saying that somebody must go there, where
         the state could not be confirmed.
         """
+        self._armed_at_s = None
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 self._reach_safe_state()
@@ -247,6 +253,14 @@ class SupervisedChamber:
         controller = self._controller
         if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._dead_man_s)):
             raise CommandRefused(f"{self._device} has no timer of its own; take dead_man out of the bench file")
+        self._armed_at_s = self._clock.now()
+
+    def _renew_dead_man(self) -> None:
+        """Arm an armed timer again, early enough that a renewal which fails can be tried anew."""
+        if self._armed_at_s is None or self._dead_man_s is None:
+            return
+        if self._clock.now() - self._armed_at_s >= _RENEWED_WITHIN * self._dead_man_s:
+            self._arm_dead_man()
 
     def _require_identity(self) -> None:
         if self._identity is None:

@@ -10,8 +10,8 @@ from typing import Literal, Protocol
 from drivers.box_description import load_box
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.controller import ChamberFault, ChamberFaultKind
-from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
+from drivers.simulators.controller import ChamberFault
+from drivers.simulators.espec import SimulatedEspec
 from drivers.simulators.ezt570i import SimulatedEzt570i
 from drivers.simulators.julabo import SimulatedJulabo
 from drivers.simulators.setpoint_box import SimulatedSetpointBox
@@ -45,19 +45,12 @@ class SimulatedChamberController(SimulatedDevice, Protocol):
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
 
 
-def espec_fault(fault: ChamberFault) -> EspecFault:
-    """Return the fault as the simulated ESPEC knows it. Its lines have no checksum: what is corrupted is noise."""
-    kind = FaultKind.GARBAGE if fault.kind is ChamberFaultKind.CORRUPTED else FaultKind(fault.kind.value)
-    text = f"{fault.reading:.1f}" if kind is FaultKind.SENSOR_BROKEN and fault.text is None else fault.text
-    return EspecFault(kind, fault.begins_s, fault.command, fault.times, fault.delay_s, text)
-
-
 def _espec(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
     return SimulatedEspec(
         plant,
         address=options.address,
         terminator=options.terminator or b"\r\n",
-        faults=[espec_fault(fault) for fault in options.faults],
+        faults=options.faults,
         begins_s=options.begins_s,
     )
 

@@ -162,6 +162,11 @@ class SimulatedController(ABC):
         """Return the protocol's usual word for a refusal."""
         return ""
 
+    def _pause_after(self, request: bytes) -> float:
+        """Return how long it wants to be left alone after its reply to this request, s."""
+        del request
+        return self._pause_s
+
     def _power_up(self) -> None:  # noqa: B027 - most protocols forget nothing of their own
         """Forget what the protocol's own part forgets with its power."""
 
@@ -177,7 +182,7 @@ class SimulatedController(ABC):
         if kind is ChamberFaultKind.DEAF:
             return
         due_s = now_s + self._latency_s
-        self._ready_at_s = due_s + self._pause_s
+        self._ready_at_s = due_s + self._pause_after(request)
         try:
             if fault is not None and kind is ChamberFaultKind.REFUSED:
                 raise Refusal(self._refusal() if fault.text is None else fault.text)

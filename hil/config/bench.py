@@ -229,8 +229,8 @@ class ChamberSection(Section):
     Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
     given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
     `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
-    timer. `description` is the file of a `box`: a chamber without a driver of its own. `layout` says what the
-    values and bits of an ASCII-2 chamber are.
+    timer; at least 10 min, because it is renewed only now and then. `description` is the file of a `box`: a chamber
+    without a driver of its own. `layout` says what the values and bits of an ASCII-2 chamber are.
     """
 
     driver: Annotated[str, AfterValidator(_chamber_driver)]
@@ -243,7 +243,7 @@ class ChamberSection(Section):
     framing: Literal["rtu", "tcp"] | None = None
     ramp_port: Annotated[str, BeforeValidator(_real_port)] | None = None
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] | None = None
-    dead_man: Annotated[Seconds, Field(gt=0.0)] | None = None
+    dead_man: Annotated[Seconds, Field(ge=600.0)] | None = None
     description: str | None = None
     layout: Annotated[AsciiLayout | None, BeforeValidator(_layout)] = None
     model: str = ""
@@ -268,8 +268,9 @@ class ChamberSection(Section):
     def _only_a_box_is_described(self) -> ChamberSection:
         if (self.driver == "box") != (self.description is not None):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
-        if self.driver == "espec" and self.dead_man is not None:
-            raise ValueError("dead_man: an ESPEC controller has no timer of its own that is used here")
+        if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
+            having = " and ".join(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
+            raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
         if self.layout is not None:
             if self.driver != "voetsch-ascii2":
                 raise ValueError("layout: only voetsch-ascii2 has layouts that differ")

@@ -12,9 +12,8 @@ from drivers.chamber import Chamber, ChamberLimits, SafeState
 from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions
 from drivers.clock import VirtualClock
 from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatorOptions, espec_fault
+from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatorOptions
 from drivers.simulators.controller import ChamberFault, ChamberFaultKind
-from drivers.simulators.espec import SimulatedEspec
 from drivers.simulators.memory import MemoryTransport
 
 EXAMPLE_BOX = Path(__file__).resolve().parents[2] / "configs" / "chambers" / "temptronic-ats.yaml"
@@ -150,8 +149,7 @@ class ChamberBench:
 
     def fault(self, kind: ChamberFaultKind, **details: Any) -> None:
         """Let something go wrong from now on."""
-        fault = ChamberFault(kind, **({"begins_s": self.clock.now()} | details))
-        self.device.inject(espec_fault(fault) if isinstance(self.device, SimulatedEspec) else fault)
+        self.device.inject(ChamberFault(kind, **({"begins_s": self.clock.now()} | details)))
 
     @property
     def setpoints(self) -> list[float]:

@@ -26,7 +26,7 @@ _ROLES: dict[str, frozenset[str]] = {
     "positioner": frozenset({"move_to", "position"}),
 }
 # What is common to all chambers speaks no protocol of its own, and a person at a positioner has no bytes.
-_WITHOUT_PROTOCOL = {"SupervisedChamber", "WatchedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
+_WITHOUT_PROTOCOL = {"SupervisedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
 
 
 def _classes() -> Iterator[tuple[str, type]]:
@@ -61,7 +61,7 @@ def _docstring(kind: type) -> str:
 def test_the_drivers_are_found() -> None:
     """If this list is short the rest proves nothing."""
     found = {kind.__name__ for _, kind in DRIVERS}
-    assert {"EspecChamber", "WatlowF4", "Ezt570i", "WatlowF4t", "VoetschAscii", "SimServ", "Thermotron"} <= found
+    assert {"Espec", "WatlowF4", "Ezt570i", "WatlowF4t", "VoetschAscii", "SimServ", "Thermotron"} <= found
     assert {"Julabo", "SetpointBox", "StreamImu", "OperatorPositioner", "IndexingPositioner"} <= found
 
 

@@ -10,9 +10,11 @@ import pytest
 
 from drivers.chamber import ChamberLimits
 from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.espec import EspecFault, FaultKind, SimulatedEspec
+from drivers.simulators.controller import ChamberFault
+from drivers.simulators.controller import ChamberFaultKind as Fault
+from drivers.simulators.espec import SimulatedEspec
 
-SH641 = {"alarm_limits": ChamberLimits(-50.0, 140.0), "setpoint_degC": 0.0, "type_text": "T,T,S2,160.0"}
+SH641 = {"limits": ChamberLimits(-50.0, 140.0), "setpoint_degC": 0.0, "type_text": "T,T,S2,160.0"}
 
 # name in the reference: (how the chamber is, request, reply), literally
 GOLDEN: dict[str, tuple[dict[str, Any], float, bytes, bytes]] = {
@@ -81,6 +83,11 @@ def test_the_golden_conversations_are_all_of_the_reference(reference: Path) -> N
         (b"TEMP,H999.0", b"NA:DATA OUT OF RANGE"),
         (b"MODE,SLEEP", b"NA:PARA ERR"),
         (b"POWER,MAYBE", b"NA:PARA ERR"),
+        (b"TIMER LIST?,0", b"STANDBY,0:0"),
+        (b"TIMER ON?", b"0"),
+        (b"TIMER WRITE,NO0,3:60,STANDBY", b"NA:PARA ERR"),
+        (b"TIMER WRITE,NO1,3:00,STANDBY", b"NA:PARA ERR"),
+        (b"TIMER,ON,1", b"NA:PARA ERR"),
         (b"PRGM,DANCE", b"NA:PARA ERR"),
         (b"PRGM,END,STANDBY", b"NA:CONT NOT READY-2"),
         (b"HELLO", b"NA:CMD ERR"),
@@ -165,19 +172,36 @@ def test_a_program_runs_and_ends() -> None:
     assert device.mode == "RUN"
     assert _ask(device, b"PRGM,END,STANDBY\r\n", 1.0).startswith(b"OK:")
     assert device.mode == "STANDBY"
+    assert _ask(device, b"PRGM,END,SOON\r\n", 2.0) == b"NA:PARA ERR\r\n"
+
+
+def test_the_quick_timer_stops_it_and_is_forgotten_with_the_power() -> None:
+    """Counted from the moment it is switched on; it does nothing before, nor once it is switched off."""
+    device = _device(mode="CONSTANT")
+    assert _ask(device, b"TIMER WRITE,NO0,1:30,STANDBY\r\n", 0.0) == b"OK:TIMER WRITE,NO0,1:30,STANDBY\r\n"
+    assert _ask(device, b"TIMER LIST?,0\r\n", 1.0) == b"STANDBY,1:30\r\n"
+    _ask(device, b"TIMER,ON,0\r\n", 100.0)
+    assert _ask(device, b"TIMER ON?\r\n", 101.0) == b"1,0\r\n"
+    _ask(device, b"TIMER,OFF,0\r\n", 5000.0)
+    _ask(device, b"TIMER,ON,0\r\n", 5001.0)
+    assert _ask(device, b"MON?\r\n", 10400.0).endswith(b",,CONSTANT,0\r\n")
+    assert _ask(device, b"MON?\r\n", 10402.0).endswith(b",,STANDBY,0\r\n")
+    _ask(device, b"TIMER,ON,0\r\n", 10403.0)
+    device.inject(ChamberFault(Fault.POWER_CYCLE, 10404.0))
+    assert _ask(device, b"TIMER ON?\r\n", 10405.0) == b"0\r\n"
 
 
 @pytest.mark.parametrize(
     ("fault", "reply", "setpoint"),
     [
-        (EspecFault(FaultKind.DEAF), b"", 23.0),
-        (EspecFault(FaultKind.SILENCE), b"", 25.0),
-        (EspecFault(FaultKind.GARBAGE), b"\x00\x7f\xfe#~\r\n", 25.0),
-        (EspecFault(FaultKind.TRUNCATED), b"OK:TEM", 25.0),
-        (EspecFault(FaultKind.REFUSED, text="CHB NOT READY"), b"NA:CHB NOT READY\r\n", 23.0),
+        (ChamberFault(Fault.DEAF), b"", 23.0),
+        (ChamberFault(Fault.SILENCE), b"", 25.0),
+        (ChamberFault(Fault.GARBAGE), b"\x00\x7f\xfe#~\r\n", 25.0),
+        (ChamberFault(Fault.TRUNCATED), b"OK:TEM", 25.0),
+        (ChamberFault(Fault.REFUSED, text="CHB NOT READY"), b"NA:CHB NOT READY\r\n", 23.0),
     ],
 )
-def test_faults_of_a_reply(fault: EspecFault, reply: bytes, setpoint: float) -> None:
+def test_faults_of_a_reply(fault: ChamberFault, reply: bytes, setpoint: float) -> None:
     """What is answered, and whether it was carried out: a host cannot tell the one from the other."""
     device = _device(faults=[fault])
     assert _ask(device, b"TEMP,S25\r\n", 0.0) == reply
@@ -187,7 +211,7 @@ def test_faults_of_a_reply(fault: EspecFault, reply: bytes, setpoint: float) -> 
 
 def test_a_late_reply_comes_after_the_next_one() -> None:
     """The controller is on time; the line is late."""
-    device = _device(faults=[EspecFault(FaultKind.LATE, command="TEMP", delay_s=3.0)])
+    device = _device(faults=[ChamberFault(Fault.LATE, command="TEMP", delay_s=3.0)])
     assert _ask(device, b"TEMP?\r\n", 0.0) == b""
     assert _ask(device, b"MON?\r\n", 1.0) == b"22.0,,OFF,0\r\n"
     assert device.transmit(4.0) == b"22.0,23.0,105.0,-75.0\r\n"
@@ -195,16 +219,16 @@ def test_a_late_reply_comes_after_the_next_one() -> None:
 
 def test_faults_strike_the_command_the_number_of_times_and_from_the_moment_given() -> None:
     """Two TEMP? from 10 s on; and one that never ends."""
-    device = _device(faults=[EspecFault(FaultKind.SILENCE, begins_s=10.0, command="TEMP", times=2)])
+    device = _device(faults=[ChamberFault(Fault.SILENCE, begins_s=10.0, command="TEMP", times=2)])
     answered = [_ask(device, b"TEMP?\r\n", now_s) != b"" for now_s in (0.0, 10.0, 11.0, 12.0)]
     assert answered == [True, False, False, True]
-    device.inject(EspecFault(FaultKind.SILENCE, times=None))
+    device.inject(ChamberFault(Fault.SILENCE, times=None))
     assert not any(_ask(device, b"MON?\r\n", now_s) for now_s in (20.0, 21.0, 22.0, 23.0))
 
 
 def test_an_alarm_stops_the_chamber_and_stays_until_it_is_acknowledged_at_the_panel() -> None:
     """Monitor commands report it; the number of alarms is the fourth field of MON?."""
-    device = _device(mode="CONSTANT", faults=[EspecFault(FaultKind.ALARM, begins_s=5.0, text="19")])
+    device = _device(mode="CONSTANT", faults=[ChamberFault(Fault.ALARM, begins_s=5.0, text="19")])
     assert _ask(device, b"MON?\r\n", 0.0) == b"22.0,,CONSTANT,0\r\n"
     assert _ask(device, b"MON?\r\n", 5.0).endswith(b",,STANDBY,1\r\n")
     assert _ask(device, b"ALARM?\r\n", 6.0) == b"1,19\r\n"
@@ -214,13 +238,13 @@ def test_an_alarm_stops_the_chamber_and_stays_until_it_is_acknowledged_at_the_pa
 
 def test_air_beyond_an_alarm_limit_raises_an_alarm() -> None:
     """The second safety layer works by itself, once the chamber runs."""
-    device = _device(ambient=40.0, alarm_limits=ChamberLimits(-45.0, 35.0), mode="CONSTANT")
+    device = _device(ambient=40.0, limits=ChamberLimits(-45.0, 35.0), mode="CONSTANT")
     assert _ask(device, b"MON?\r\n", 1.0).endswith(b",,STANDBY,1\r\n")
 
 
 def test_a_locked_panel_refuses_settings_and_answers_questions() -> None:
     """PROTECT ON is for an operator to release."""
-    device = _device(faults=[EspecFault(FaultKind.PANEL_LOCK, begins_s=1.0)])
+    device = _device(faults=[ChamberFault(Fault.PANEL_LOCK, begins_s=1.0)])
     assert _ask(device, b"TEMP,S25\r\n", 0.0) == b"OK:TEMP,S25\r\n"
     assert _ask(device, b"TEMP,S26\r\n", 1.0) == b"NA:PROTECT ON\r\n"
     assert _ask(device, b"TEMP?\r\n", 2.0) == b"22.0,25.0,105.0,-75.0\r\n"
@@ -228,7 +252,7 @@ def test_a_locked_panel_refuses_settings_and_answers_questions() -> None:
 
 def test_a_power_cycle_switches_it_off_and_loses_setpoint_and_replies() -> None:
     """The air then leaks to ambient."""
-    device = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.POWER_CYCLE, begins_s=3600.0)])
+    device = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[ChamberFault(Fault.POWER_CYCLE, begins_s=3600.0)])
     assert device.transmit(3599.0) == b""
     device.receive(b"TEMP?\r\n", 3599.99)
     assert device.transmit(3600.1) == b""
@@ -238,12 +262,12 @@ def test_a_power_cycle_switches_it_off_and_loses_setpoint_and_replies() -> None:
 
 def test_sensors_freeze_and_break_and_the_plant_dies() -> None:
     """Each of them says nothing on the line: only the numbers tell."""
-    frozen = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.SENSOR_FROZEN, begins_s=60.0)])
+    frozen = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[ChamberFault(Fault.SENSOR_FROZEN, begins_s=60.0)])
     early = _ask(frozen, b"TEMP?\r\n", 60.0)
     assert early != _ask(_device(), b"TEMP?\r\n", 0.0)
     assert _ask(frozen, b"TEMP?\r\n", 3600.0) == early
-    broken = _device(faults=[EspecFault(FaultKind.SENSOR_BROKEN)])
+    broken = _device(faults=[ChamberFault(Fault.SENSOR_BROKEN)])
     assert _ask(broken, b"TEMP?\r\n", 0.0) == b"-199.9,23.0,105.0,-75.0\r\n"
-    dead = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[EspecFault(FaultKind.PLANT_DEAD)])
+    dead = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[ChamberFault(Fault.PLANT_DEAD)])
     _ask(dead, b"TEMP?\r\n", 0.0)
     assert _ask(dead, b"TEMP?\r\n", 3600.0) == b"22.0,60.0,105.0,-75.0\r\n"

@@ -14,7 +14,7 @@ import yaml
 import hil.bench
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, TransportError
+from drivers.errors import TransportError
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
 from drivers.transport import Transport
@@ -103,7 +103,11 @@ def test_a_tcp_port_has_one_owner() -> None:
         ({"description": "temptronic-ats"}, r"chamber: description: a box needs the file"),
         ({"driver": "box", "description": "nothing-here"}, r"chamber\.description: nothing-here: there is no"),
         ({"driver": "box", "description": None}, r"chamber: description: a box needs the file"),
-        ({"driver": "espec", "dead_man": "3 h"}, r"chamber: dead_man"),
+        (
+            {"driver": "watlow-f4", "dead_man": "3 h"},
+            r"chamber: dead_man: watlow-f4 has no .*; espec and box",
+        ),
+        ({"driver": "espec", "dead_man": "9 min"}, r"chamber\.dead_man"),
         ({"ramp": "0 degC/min"}, r"chamber\.ramp"),
         ({"framing": "ascii"}, r"chamber\.framing"),
         ({"layout": {"pairs": 6}}, r"chamber: layout: only voetsch-ascii2"),
@@ -158,13 +162,12 @@ def test_a_ramp_and_a_dead_man_reach_the_chamber() -> None:
         assert live.devices.chamber.read().setpoint_degC == 45.0
 
 
-def test_a_dead_man_that_the_chamber_does_not_have_is_refused_when_it_is_prepared() -> None:
-    """Nobody must believe in a timer that is not there."""
-    with (
-        build_bench(bench_with("watlow-f4", dead_man="3 h")) as live,
-        pytest.raises(CommandRefused, match="no timer of its own"),
-    ):
+def test_the_dead_man_of_an_espec_is_its_quick_timer() -> None:
+    """Armed with the first setpoint, and read back by the driver."""
+    with build_bench(bench_with("espec", dead_man="3 h")) as live:
         live.devices.chamber.prepare()
+        device: Any = live.simulators and live.simulators.chamber
+        assert device.timer_ends_s == pytest.approx(live.devices.clock.now() + 10800.0, abs=30.0)
 
 
 def test_the_record_keeps_the_description_of_a_box(tmp_path: Path) -> None:
