@@ -50,6 +50,11 @@ def signatures_by_channel(groups: Iterable[Repeats]) -> list[ScatterSignature]:
     return found
 
 
+def overall(signatures: Iterable[ScatterSignature]) -> list[ScatterSignature]:
+    """Return one signature per channel: the pooled one, or that of its only temperature."""
+    return list({(each.sensor, each.axis): each for each in signatures}.values())
+
+
 def _repeats(collects: Collects) -> Iterator[Repeats]:
     """Yield each channel at each temperature that has two runs or more from which all six parameters follow."""
     for axis, to_c_and_m in _C_AND_M.items():

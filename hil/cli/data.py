@@ -42,7 +42,9 @@ def solve(
     as_json: JsonFlag = False,
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
+    from hil.both_sensors import common_and_differential
     from hil.linear_forms import MODEL_NAMES
+    from hil.scatter_sources import campaign_signatures, overall
     from hil.solve import solution_document, solve_campaign
 
     campaign = read_source(source)
@@ -56,8 +58,15 @@ def solve(
         from hil.model_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
+    scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
     if as_json:
-        print_json(solution_document(campaign, solutions))
+        print_json(
+            {
+                **solution_document(campaign, solutions),
+                "scatter": [each.document() for each in scatter],
+                "both_sensors": None if both is None else both.document(),
+            }
+        )
         return
     console = results()
     mark = "  SIMULATED" if campaign.simulated else ""
@@ -72,6 +81,12 @@ def solve(
         f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
     ):
         console.print(text)
+    if scatter:
+        console.print("\nwhat scattered from run to run:")
+    for each in overall(scatter):
+        console.print(f"  sensor {each.sensor}, {each.axis}: {each.sentence}")
+    for sentence in () if both is None else both.sentences():
+        console.print(f"  {sentence}")
 
 
 def _odd(solution: RunSolution) -> bool:

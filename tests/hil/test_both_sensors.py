@@ -1,0 +1,127 @@
+"""Two sensors in one unit: a common cause is found whatever parameters it enters through, and chance is not named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.both_sensors import BothSensors, common_and_differential
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.earth import Site
+from hil.equation import Orientation, pickoff_rates, rotor_matrix
+
+SITE = Site(34.6, 30.0)
+SIGNED = {
+    1: {"1": ("+2", "+3", "+1"), "2": ("+2", "-3", "-1"), "3": ("+2", "+1", "-3")},  # A where the other has B
+    2: {"1": ("-1", "+2", "+3"), "2": ("+1", "+2", "-3"), "3": ("+3", "+2", "+1")},
+}
+ORIENTATIONS = {
+    number: {label: Orientation.from_signed_axes(label, *axes) for label, axes in table.items()}
+    for number, table in SIGNED.items()
+}
+TRUTH = {
+    1: np.array([-18.0, 24.0, -54.0, 31.0, 14.0, 21.0]),
+    2: np.array([22.0, -38.0, 47.0, -20.0, -37.0, -7.5]),
+}
+
+
+def night(
+    seed: int,
+    rate_of_base: float = 0.0,
+    common_bias: float = 0.0,
+    runs: int = 24,
+    sigma: float = 0.9,
+) -> Campaign:
+    """A unit with two sensors, three runs at each temperature.
+
+    In each run the base turns about axis 2 by `rate_of_base` x N(0, 1) deg/hr, and BA of both sensors moves by
+    the same `common_bias` x N(0, 1).
+    """
+    rng = np.random.default_rng(seed)
+    labels = list("123") * runs
+    run = np.repeat(np.arange(1, runs + 1), 3)
+    earth = SITE.earth_rate_deg_per_hr()
+    turning = rate_of_base * rng.standard_normal(runs + 1)[run]
+    shift = common_bias * rng.standard_normal(runs + 1)[run]
+    sensors = {}
+    for number, table in ORIENTATIONS.items():
+        f_g = np.array([table[label].components(SITE.gravity_g()) for label in labels])
+        w = np.array([table[label].components(earth) for label in labels])
+        base = turning[:, None] * np.array([table[label].components([0.0, 1.0, 0.0]) for label in labels])
+        truth = TRUTH[number]
+        rates = pickoff_rates(truth[:2], rotor_matrix(*truth[2:]), f_g, (w + base)[:, :2])
+        rates[:, 0] += shift
+        rates += sigma * rng.standard_normal(rates.shape)
+        rows = Conditions(
+            Sensor(number, ("A", "B", "S"), {"RA": "A", "RB": "B"}),
+            collect=np.arange(1, len(run) + 1),
+            run=run,
+            position=np.array(labels),
+            start_s=np.arange(len(run)) * 120.0,
+            duration_s=np.full(len(run), 60.0),
+            f_g=f_g,
+            w_deg_per_hr=w,
+            columns={"temperature_degC": 10.0 * ((run - 1) // 3)},
+        )
+        sensors[number] = Collects(rows, rates, np.full(rates.shape, sigma))
+    return Campaign("both", "test", sensors)
+
+
+def both_of(campaign: Campaign) -> BothSensors:
+    """What the two sensors have in common."""
+    found = common_and_differential(campaign)
+    assert found is not None
+    return found
+
+
+def test_common_and_differential_are_half_the_sum_and_the_difference() -> None:
+    """Of the true parameters, where nothing scatters; their errors are those of independent noise."""
+    found = both_of(night(1, sigma=1e-6)).temperatures
+    assert [each.runs for each in found][:2] == [(1, 2, 3), (4, 5, 6)]
+    for i, name in enumerate(("BA", "BB", "GSA", "GSB", "MUA", "MUB")):
+        parts = found[0].parameters[name]
+        assert parts.common.value == pytest.approx((TRUTH[1][i] + TRUTH[2][i]) / 2, abs=1e-4)
+        assert parts.differential.value == pytest.approx(TRUTH[2][i] - TRUTH[1][i], abs=1e-4)
+    noisy = both_of(night(1)).temperatures[0].parameters["BA"]
+    assert noisy.differential.se == pytest.approx(0.9 * np.sqrt((0.5 + 0.5) / 3))
+    assert noisy.common.se == pytest.approx(0.5 * (noisy.differential.se or 0.0))
+
+
+def test_the_same_bias_in_both_is_common() -> None:
+    """A common BA is found by its name, its correlation covers 1, and the common part scatters more than the other."""
+    found = both_of(night(2, common_bias=6.0))
+    assert (found.shared[0].first, found.shared[0].second) == ("BA", "BA")
+    interval = found.correlations["BA"]
+    assert interval.low is not None
+    assert interval.low > 0.8
+    assert "common cause" in found.sentences()[0]
+    parts = [each.parameters["BA"] for each in found.temperatures]
+    common = np.sqrt(np.mean([each.common.run_to_run**2 for each in parts if each.common.run_to_run is not None]))
+    apart = np.sqrt(
+        np.mean([each.differential.run_to_run**2 for each in parts if each.differential.run_to_run is not None])
+    )
+    assert common > 3.0 * apart
+
+
+def test_a_turning_base_is_common_although_it_enters_through_different_parameters() -> None:
+    """Axis 2 is the A axis of sensor 1 and the B axis of sensor 2: BA of the one goes with BB of the other."""
+    found = both_of(night(3, rate_of_base=8.0))
+    assert {(pair.first, pair.second) for pair in found.shared} == {("BA", "BB")}
+
+
+def test_sensors_with_nothing_in_common_are_seldom_said_to_have() -> None:
+    """In 30 nights of independent noise, some pair of the 36 is named in about one night of twenty."""
+    named = sum(bool(both_of(night(seed, runs=12)).shared) for seed in range(30))
+    assert named <= 5
+
+
+def test_one_sensor_or_no_repeats_are_no_comparison() -> None:
+    """A single sensor gives None; a single run gives values and no correlation."""
+    campaign = night(4, runs=1)
+    assert common_and_differential(replace(campaign, sensors={2: campaign.sensors[2]})) is None
+    found = both_of(campaign)
+    assert found.degrees_of_freedom == 0
+    assert found.correlations["BA"].low is None
+    assert "too few repeats" in found.sentences()[0]
