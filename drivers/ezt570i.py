@@ -13,7 +13,8 @@ never acknowledged (register 54).
 Byte-exact from the vendor's manual, both directions: reading 61, reading 60 and 61, writing 60. Computed from the rule
 and the register list: switching the chamber (bit 0 of 22), the alarm words (55 to 59), the limits, stopping a profile
 (24). Inferred: that 24 is neither 0 nor 1 while a profile runs, and that bits without a name in 57 are alarms all the
-same. Words 55, 56 and 58 have no published bits here and are reported as numbers; 59 is status, no alarm. Line: 9600
+same. Words 55, 56 and 58 have no published bits here and are reported as numbers; 59 is status, no alarm. There is no
+ramp for a setpoint without a profile, and no timer that stops a chamber left alone. Line: 9600
 baud, 8 data bits, even parity, address 1. At least 0.5 s between exchanges; reply awaited 1.5 s. Limits: 16 bits.
 """
 

@@ -11,10 +11,10 @@ except those about the last command (-08 to -13).
 Verified byte-exact (the CF31 manual): `IN_SP_00` and its reply, `OUT_SP_00 55.5`. Captured from a public simulator,
 with CR LF where the manual has LF (both are taken): `VERSION`, `STATUS`. Request from the manual, reply inferred from
 the simulator: `IN_PV_00`, `IN_MODE_05`, `IN_SP_03`, `IN_SP_04`, `OUT_MODE_05`, `OUT_SP_03`, `OUT_SP_04`. Inferred: that
-a warning limit may be written while the setpoint lies beyond it. The unit follows the panel. A bare number does not say
-what it answers: after a request without a reply the line is listened to for 3 s. Line: 4800 baud, even parity; hardware
-handshake is the factory's setting and must be off. Pauses 0.25 s after OUT and 10 ms after IN; reply awaited 1.5 s;
-values in 0.1 °C.
+a warning limit may be written while the setpoint lies beyond it. No timer stops a bath left alone. The unit follows the
+panel. A bare number does not say what it answers: after a request without a reply the line is listened to for 3 s.
+Line: 4800 baud, even parity; hardware handshake is the factory's setting and must be off. Pauses 0.25 s after OUT and
+10 ms after IN; reply awaited 1.5 s; values in 0.1 °C.
 """
 
 from __future__ import annotations

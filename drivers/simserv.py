@@ -9,11 +9,11 @@ second the control variable (1 is temperature) or the feature plus one (start is
 
 Verified byte-exact (captured from a maker's client): the requests 99997, 11001, 11002, 11004, 14001 and 14003 as sent
 here. Inferred, from four independent clients that agree: every reply, and the requests 10012 (status), 17002, 17005,
-17007 and 17009 (messages), 11066 to 11072 (gradients), 19015 (end the program). Inferred alone here: that a status of
-3 (running) without the manual start bit is a program. 17012, which resets errors, is never sent. Neither unit nor
-native setpoint limits are asked: the unit follows the panel, and the alarm limits (11014, 11015) are set there. A reply
-does not say what it answers: after a request without one the line is listened to for 3 s. Temperatures in 0.1 °C,
-gradients 0.01 to 5 °C/min up and to 3.5 down; reply awaited 1.5 s, pause 0.1 s.
+17007 and 17009 (messages), 11066 to 11072 (gradients), 19015 (end the program). Inferred alone here: that a status of 3
+(running) without the manual start bit is a program. 17012, which resets errors, is never sent. Neither unit nor native
+setpoint limits are asked: the unit follows the panel, and the alarm limits (11014, 11015) are set there. No timer stops
+a chamber left alone. A reply does not say what it answers: after a request without one the line is listened to for 3 s.
+Temperatures in 0.1 °C, gradients 0.01 to 5 °C/min up and to 3.5 down; reply awaited 1.5 s, pause 0.1 s.
 """
 
 from __future__ import annotations

@@ -6,14 +6,15 @@ r"""Thermotron 8200, 8800, 3800 and s2200 over ASCII (serial, or TCP port 8888).
 Channel 1. A setpoint takes effect with `RUNM` (run manual), so `RUNM` follows every setpoint of a chamber that runs.
 
 Verified byte-exact (an 8200 manual's frames, ended by CR): `PVAR1?`, `SETP1?`, `SETP1,22.000` and their replies, and
-the requests `RUNM` and `STOP`. From the vendor's command page, without terminator: operations answered with a code,
-0 for done, and `ALRM2?` answered with `1`. The sources disagree on what follows an operation (8200: the value echoed or
+the requests `RUNM` and `STOP`. From the vendor's command page, without terminator: operations answered with a code, 0
+for done, and `ALRM2?` answered with `1`. The sources disagree on what follows an operation (8200: the value echoed or
 nothing; 8800 and s2200: the code), so either is taken, silence too, and what counts is read back. The bits of `MODE?`
 and the pause of 1 s after every write are those of another client; the bits of `ALRM1?` the vendor's. Inferred: that
 non-zero codes are refusals, that a delayed start and a held program count as programs, and the reply to `IDEN?` being
-free text. `MRMP`, `STAT?` and `IERR` exist by name only and are not used: there is no native ramp and no native limit
-here. The unit follows the panel. A bare number does not say what it answers: after a request without a reply the line
-is listened to for 3 s. Values with three decimals, held in 0.1 °C; reply awaited 1.5 s.
+free text. `MRMP`, `STAT?` and `IERR` exist by name only and are not used: there is no native ramp, no native limit and
+no timer that stops a chamber left alone. The unit follows the panel. A bare number does not say what it answers: after
+a request without a reply the line is listened to for 3 s. Values with three decimals, held in 0.1 °C; reply awaited 1.5
+s.
 """
 
 from __future__ import annotations

@@ -12,10 +12,11 @@ Verified byte-exact (the manual's appendix, with CR): reading `$00I`, the error 
 `$00P0007`. Computed from its tables: writing `$00E` with 16 bits (the printed example has lost the leading 0 of its bit
 block), the gradient `$00U` with 10 numbers (its print has lost blanks). `$00Q` acknowledges errors and is never sent.
 Inferred: that a gradient of 0 means none, that `$00P0000` with nothing running does no harm, and that a write that is
-not carried out is not answered with `0`. The protocol tells neither model nor unit, nor whether a program runs; and it
-has no limits of its own: the chamber's adjustable temperature limiter is the second safety layer, set it by hand. Line:
-9600 baud, 8N1, CR; TCP port 1080 or 2049 on newer ones. Values in tenths of °C; reply awaited 1.5 s, pause
-0.2 s. A late reply would bring old bits back: after a request without one the line is listened to for 3 s.
+not carried out is not answered with `0`. The protocol tells neither model nor unit, nor whether a program runs; it has
+no timer that stops a chamber left alone, and no limits of its own: the chamber's adjustable temperature limiter is the
+second safety layer, set it by hand. Line: 9600 baud, 8N1, CR; TCP port 1080 or 2049 on newer ones. Values in tenths of
+°C; reply awaited 1.5 s, pause 0.2 s. A late reply would bring old bits back: after a request without one the line is
+listened to for 3 s.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ while a profile runs (register 200), so a running profile is a refusal, and is e
 Byte-exact from published frames: reading registers (request of 100 and of 0, exception replies 1, 2 and 3). Computed
 from the rule and checked against independent Modbus clients and servers: everything else that is sent, replies
 included. Inferred from the family's register lists: 101 (input error), 102 (alarm 1 status; 106 is documented). There
-is no ramp rate for a static setpoint: the host steps it. Line: 8N1, 9600 (TestEquity) or 19200 baud, address 1. Pause
+is no ramp rate for a static setpoint: the host steps it. No timer stops a chamber left alone: a profile can end by
+itself, but a static setpoint is ignored while one runs. Line: 8N1, 9600 (TestEquity) or 19200 baud, address 1. Pause
 30 ms, reply awaited 1 s; a frame with a wrong checksum is answered with silence. Limits of values: a 16-bit register.
 """
 

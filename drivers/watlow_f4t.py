@@ -10,9 +10,10 @@ automatic or off). A chamber's own on-off key, where its maker made one, is for 
 
 Computed from the register list and checked with an independent server: every Modbus frame. The reply formats of SCPI
 are inferred; its mnemonics are those of a chamber maker's list. SCPI has a unit of its own (`:UNIT:TEMPERATURE?`),
-which must be °C before a ramp rate is sent. Inferred too: that alarm states other than 12, 61 and 88 stand, and that
-the maker's hardware number needs no check. Modbus TCP port 502, RTU 38400 baud 8N1, unit 1; SCPI port 5025, LF. Pause
-30 ms; reply awaited 1 s (SCPI 2 s, and 0.5 s after a setting). Values in 0.1 °C; ramp rates in 0.1 °C/min.
+which must be °C before a ramp rate is sent. No timer stops a chamber left alone. Inferred too: that alarm states other
+than 12, 61 and 88 stand, and that the maker's hardware number needs no check. Modbus TCP port 502, RTU 38400 baud 8N1,
+unit 1; SCPI port 5025, LF. Pause 30 ms; reply awaited 1 s (SCPI 2 s, and 0.5 s after a setting). Values in 0.1 °C; ramp
+rates in 0.1 °C/min.
 """
 
 from __future__ import annotations

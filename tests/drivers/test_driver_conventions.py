@@ -100,6 +100,13 @@ def test_the_docstring_gives_unit_resolution_or_limits_and_times(role: str, kind
 
 
 @of_a_protocol
+def test_a_controller_without_a_dead_man_says_so(role: str, kind: type) -> None:
+    """Whoever leaves a chamber alone must know that it goes on."""
+    if role == "controller" and not hasattr(kind, "arm_dead_man"):
+        assert re.search(r"[Nn]o timer (that )?stops a (chamber|bath) left alone", _docstring(kind))
+
+
+@of_a_protocol
 def test_a_simulator_stands_beside_it(role: str, kind: type) -> None:
     """Under the same name, with a docstring that says what it does and how it misbehaves."""
     name = {"StreamImu": "mfs"}.get(kind.__name__, kind.__module__.rpartition(".")[2])
