@@ -14,7 +14,10 @@ import time
 from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
-_SIMULATED_EPOCH = datetime(1985, 10, 1, 17, 0, tzinfo=UTC)
+SIMULATED_EPOCH = datetime(1985, 10, 1, 17, 0, tzinfo=UTC)
+"""When a simulated night begins: a fixed instant, so that it is reproducible to the byte."""
+
+_WORTH_WAITING_S, _MADE_UP_FOR_S = 0.005, 0.1  # of real time
 
 
 class Clock(Protocol):
@@ -57,7 +60,7 @@ class VirtualClock:
     reproducible to the byte.
     """
 
-    def __init__(self, start: datetime = _SIMULATED_EPOCH, now_s: float = 0.0) -> None:
+    def __init__(self, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0) -> None:
         self._start = start
         self._now = now_s
 
@@ -73,3 +76,31 @@ class VirtualClock:
         """Jump forward by `seconds`."""
         if seconds > 0:
             self._now += seconds
+
+
+class PacedClock(VirtualClock):
+    """A virtual clock that jumps no faster than `speed` times real time, so that a simulated night can be watched.
+
+    Only sleeping takes real time; what the program computes in between costs none of the simulated, as under every
+    virtual clock, so that the night is the same to the byte at any speed. Where the computing itself is slower than
+    `speed` allows, nothing is waited for. `real` is what is slept on.
+    """
+
+    def __init__(
+        self, speed: float, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0, real: Clock | None = None
+    ) -> None:
+        if not speed > 0.0:
+            raise ValueError(f"speed must be positive, not {speed}")
+        super().__init__(start, now_s)
+        self.speed = speed
+        self._real = real or SystemClock()
+        self._due_s = self._real.now()
+
+    def sleep(self, seconds: float) -> None:
+        """Jump forward by `seconds`, `seconds / speed` of real time after the last jump was due."""
+        super().sleep(seconds)
+        now_s = self._real.now()
+        # What is later than this stays late, so that what was computed slowly is not made up for by a race.
+        self._due_s = max(self._due_s, now_s - _MADE_UP_FOR_S) + max(seconds, 0.0) / self.speed
+        if self._due_s - now_s > _WORTH_WAITING_S:
+            self._real.sleep(self._due_s - now_s)

@@ -20,7 +20,7 @@ from typing import Self
 
 from drivers.chamber import Chamber, ChamberLimits
 from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions, SerialLine
-from drivers.clock import Clock, SystemClock, VirtualClock
+from drivers.clock import SIMULATED_EPOCH, Clock, PacedClock, SystemClock, VirtualClock
 from drivers.errors import DeviceError, TransportError
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.imu import ImuIdentity
@@ -83,14 +83,17 @@ def build_bench(
     session: int = 0,
     ask: AskOperator | None = None,
     unopened: Unopened | None = None,
+    speed: float | None = None,
 ) -> LiveBench:
     """Put a bench together and open its ports.
 
     `start_utc` is where a virtual clock begins (a fixed instant where it is not given), so that a night that is
     carried on goes on in time; its simulated chamber begins at the start temperature of the simulation section, as one
     that nobody controlled meanwhile. `first_run`, `visited` and `session` are those of `simulate_devices`. `ask` puts
-    questions to the operator of a bench without indexing. Raises `InputError` for a port that does not exist or a file
-    that cannot be used, `DeviceError` for a port that cannot be opened; nothing stays open then.
+    questions to the operator of a bench without indexing. `speed` keeps a virtual clock to so many times real time, so
+    that a simulated night can be watched. Raises `InputError` for a port that does not exist or a file that cannot be
+    used, or a speed for a clock that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open
+    then.
     """
     description = load_frames(bench)
     if bench.imu.positioner == "operator" and ask is None:
@@ -99,7 +102,7 @@ def build_bench(
         )
     if unopened is None:
         check_ports(bench)
-    clock = _clock(bench, start_utc)
+    clock = _clock(bench, start_utc, speed)
 
     @cache
     def simulators() -> SimulatedBench:
@@ -147,7 +150,7 @@ class LiveChamber:
 def open_chamber(bench: Bench) -> LiveChamber:
     """Open the chamber of a bench alone; raise `InputError` and `DeviceError` as `build_bench` does."""
     _check_port(bench, "chamber.port", bench.chamber.port)
-    clock = _clock(bench, None)
+    clock = _clock(bench)
 
     def simulated() -> SimulatedDevice:
         return simulate_devices(bench, load_frames(bench), begins_s=clock.now()).chamber
@@ -237,10 +240,15 @@ class _Ports:
             return ClosedPort(url, error)
 
 
-def _clock(bench: Bench, start_utc: datetime | None) -> Clock:
+def _clock(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
+    start_utc = start_utc or SIMULATED_EPOCH
+    if speed is None:
+        return SystemClock() if bench.clock == "system" else VirtualClock(start_utc)
     if bench.clock == "system":
-        return SystemClock()
-    return VirtualClock() if start_utc is None else VirtualClock(start_utc)
+        raise InputError(f"{bench.source or bench.name}: clock: a speed needs clock: virtual, with simulated devices")
+    if not speed > 0.0:
+        raise InputError(f"the speed must be positive, not {speed:g}")
+    return PacedClock(speed, start_utc)
 
 
 def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedDevice]) -> Chamber:

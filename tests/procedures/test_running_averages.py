@@ -19,6 +19,7 @@ def blocks(seed: int, level: float = 12.0) -> list[SampleBlock]:
 
 
 def test_the_running_mean_is_that_of_all_samples_and_its_error_that_of_white_noise():
+    """Batches of a poll each, taken together, are worth as much as the samples one by one."""
     taken, running = blocks(1), _Running(SENSORS)
     for block in taken:
         means, errors = running.add(block)
@@ -28,6 +29,7 @@ def test_the_running_mean_is_that_of_all_samples_and_its_error_that_of_white_noi
 
 
 def test_the_error_shrinks_with_the_square_root_of_time():
+    """Four times the polls, half the error; nothing is claimed from fewer than three."""
     running = _Running(SENSORS)
     errors = [running.add(block)[1].get("2.RB") for block in blocks(2)]
     assert errors[0] is None
@@ -36,6 +38,7 @@ def test_the_error_shrinks_with_the_square_root_of_time():
 
 
 def test_polls_of_different_length_count_by_their_samples():
+    """A late poll brings more samples, and so weighs more."""
     values = np.random.default_rng(3).normal(0.0, SIGMA, 12000)
     cuts = np.sort(np.random.default_rng(4).choice(np.arange(1, 12000), 199, replace=False))
     running = _Running(SENSORS)
@@ -46,6 +49,7 @@ def test_polls_of_different_length_count_by_their_samples():
 
 
 def test_what_is_not_finite_is_left_out_and_a_silent_poll_changes_nothing():
+    """A channel that was not measured has no mean, rather than a wrong one."""
     running = _Running(SENSORS)
     with_gap = SampleBlock(np.zeros(3), {"s2_ra": np.array([1.0, np.nan, 3.0]), "s2_rb": np.full(3, np.nan)})
     assert running.add(with_gap) == ({"2.RA": 2.0}, {})
