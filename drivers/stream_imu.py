@@ -16,7 +16,8 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.frames.batch import FrameBatch
-from drivers.frames.decoder import Decoded, StreamDecoder
+from drivers.frames.decoded import Decoded
+from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription
 from drivers.imu import FloatArray, ImuIdentity, SampleBlock, SensorChannels, StreamCounts
 from drivers.live_reader import LiveReader

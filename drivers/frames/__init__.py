@@ -8,7 +8,8 @@ decoded.counts.lost
 """
 
 from drivers.frames.batch import FrameBatch
-from drivers.frames.decoder import Decoded, StreamDecoder
+from drivers.frames.decoded import Decoded
+from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import DescriptionError, StreamDescription, load_description, parse_description
 from drivers.frames.encoder import encode
 from drivers.frames.layout import FrameLayout

@@ -43,6 +43,12 @@ class FrameBatch:
         """Return a numeric field in its unit, shape (n,)."""
         return self.columns[field]
 
+    def records(self) -> list[tuple[float, ...]]:
+        """Return every frame's numeric fields in their units, as tuples of plain floats in the order of `columns`."""
+        if not self.columns:
+            return [()] * len(self)
+        return list(zip(*(column.tolist() for column in self.columns.values()), strict=True))
+
     def text(self, field: str) -> list[str]:
         """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
         return self.layout.texts(self.rows, field)

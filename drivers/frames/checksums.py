@@ -97,15 +97,15 @@ class FrameChecksum:
             self._algorithm = _Fletcher()
         else:
             self._algorithm = _Xor() if isinstance(kind, XorKind) else _None()
-        self._residue: Residue | None = None
+        self.residue: Residue | None = None
         if isinstance(kind, CrcKind) and self._at == self._end > self._start:
-            self._residue = residue_test(kind, self._start, self._end)
-        self.matches: Callable[[bytes], bool] = self._matches if self._residue is None else self._residue.matches
+            self.residue = residue_test(kind, self._start, self._end)
+        self.matches: Callable[[bytes], bool] = self._matches if self.residue is None else self.residue.matches
 
     def all_match(self, data: bytes, length: int) -> bool:
         """Tell whether all frames of `length` bytes in `data` carry the right checksum."""
-        if self._residue is not None:
-            return self._residue.all_match(data, length)
+        if self.residue is not None:
+            return self.residue.all_match(data, length)
         return all(self._matches(data[at : at + length]) for at in range(0, len(data), length))
 
     def _matches(self, frame: bytes) -> bool:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Sequence
 
 import numpy as np
 
 from drivers.frames.batch import FrameBatch, join
+from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
-from drivers.frames.few import FewBatch, FewFrames
+from drivers.frames.few import FEWER_TUPLES, FewDecoded, FewFrames
 from drivers.frames.found import Scan, Standing
 from drivers.frames.layout import FrameLayout
+from drivers.frames.record import RecordReader, record_reader
 from drivers.frames.scan import Scanner
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
@@ -22,17 +22,6 @@ _FEW = 16  # below so many frames, looking at them one by one is faster
 _QUICK = 192  # frames below which those of the expected type are verified one by one
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
-
-
-@dataclass(slots=True)
-class Decoded:
-    """The good frames of one feed by type, in the order of their arrival, and what became of all bytes decided."""
-
-    frames: Mapping[str, FrameBatch]
-    counts: StreamCounts
-
-    def __getitem__(self, frame: str) -> FrameBatch:
-        return self.frames[frame]
 
 
 class StreamDecoder:
@@ -68,8 +57,9 @@ class StreamDecoder:
         self._confirms = any(family.confirm for family in plain)
         self._no_frames: dict[str, FrameBatch] = dict(zip(self._names, self._nothing, strict=True))
         self._few: tuple[int, FewFrames] | None = None  # the type of the last frame, for the quick path
+        self._next: tuple[FewFrames, RecordReader, FrameSequence, int] | None = None  # the same for whole frames
         self._few_frames: dict[int, FewFrames] = {}
-        self._quick_bytes = 0
+        self._quick_bytes = self._eager_bytes = 0
 
     @property
     def pending(self) -> bytes:
@@ -82,10 +72,28 @@ class StreamDecoder:
             waited_s = arrival_s - self._last_arrival_s
             return self._decode(b"", give_up=waited_s >= self._description.partial_frame_wait_s)
         self._last_arrival_s = arrival_s
-        if self._few is not None and len(data) < self._quick_bytes:
-            decoded = self._decode_few(data, *self._few)
-            if decoded is not None:
+        if self._next is not None and not self._rest:
+            # The usual read of a slow stream: nothing here is done twice, or for nobody.
+            few, reader, sequence, length = self._next
+            size, number, start = len(data), sequence.number, self._position
+            records = None
+            if size == length:
+                records = reader.one(data, sequence)
+            elif size < self._eager_bytes and not size % length:
+                records = reader.several(data, sequence)
+            if records is not None:
+                self._position = start + size
+                decoded: FewDecoded = FewDecoded()
+                decoded.few = few
+                decoded.data = data
+                decoded.start = start
+                decoded.number = number + 1
+                decoded.known = records
                 return decoded
+        if self._few is not None and len(data) < self._quick_bytes:
+            waited_for = self._decode_few(data, *self._few)
+            if waited_for is not None:
+                return waited_for
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
@@ -98,7 +106,7 @@ class StreamDecoder:
         self._rest = b""
         self._standing = Standing()
         self._delimited = None
-        self._few = None
+        self._few = self._next = None
         self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
@@ -108,25 +116,26 @@ class StreamDecoder:
         buffer = self._rest + data if self._rest else data
         n, over = divmod(len(buffer), few.length)
         whole, rest = (buffer[:-over], buffer[-over:]) if over else (buffer, b"")
-        if (over and not few.may_begin(rest)) or not few.good(whole):
+        if (over and not few.may_begin(rest)) or not few.good(whole, n):
             return None
         if not n:
             self._rest = buffer
-            return Decoded(self._no_frames, _ok(0))
+            return Decoded(self._no_frames, StreamCounts())
         sequence = self._sequences[index].advance(whole, n)
         if sequence is None:
             return None
-        frames = self._no_frames.copy()
-        frames[self._names[index]] = FewBatch(few, whole, n, self._position, sequence)
+        decoded: FewDecoded = FewDecoded()
+        decoded.few, decoded.data, decoded.start, decoded.number = few, whole, self._position, sequence
+        decoded.known = None
         self._rest = rest
         self._position += len(whole)
         if self._confirms:
             self._scanner.newest[index] = (few.layout, whole[-few.length :])
-        return Decoded(frames, _ok(n))
+        return decoded
 
     def _expect_more(self, scans: Sequence[tuple[int, Scan]]) -> None:
         """Remember the type of the last frame, if the next ones can be taken on the quick path."""
-        self._few = None
+        self._few = self._next = None
         if not self._standing.in_step or not scans or (self._delimiter and self._delimited is None):
             return
         newest = [(int(s[-1]), i, layout) for i, found in enumerate(scans[-1][1].found) for layout, _, s in found]
@@ -135,9 +144,13 @@ class StreamDecoder:
             if self._families[index].steady is not None and self._sequences[index].steady(layout):
                 known = self._few_frames.get(id(layout))
                 if known is None:
-                    known = self._few_frames[id(layout)] = FewFrames(layout)
+                    reader = record_reader(layout, self._sequences[index])
+                    known = FewFrames(layout, self._names[index], reader, self._no_frames)
+                    self._few_frames[id(layout)] = known
                 self._few = (index, known)
-                self._quick_bytes = _QUICK * layout.length
+                self._quick_bytes, self._eager_bytes = _QUICK * layout.length, FEWER_TUPLES * layout.length
+                if known.reader is not None and not self._families[index].confirm:
+                    self._next = (known, known.reader, self._sequences[index], layout.length)
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
@@ -222,11 +235,6 @@ class StreamDecoder:
             timed_out=timed_out,
         )
         return Decoded(frames, counts)
-
-
-@lru_cache(maxsize=256)
-def _ok(n: int) -> StreamCounts:
-    return StreamCounts(ok=n)
 
 
 def _no_frames(layout: FrameLayout) -> FrameBatch:

@@ -1,64 +1,71 @@
 """The few frames of a live read: the same meaning as in thousands, without the cost of starting an array operation.
 
-Frames of one type that follow one another, each in step with the one before, are verified one by one in compiled calls
-and handed out as their bytes. Arrays are made of them when somebody asks. Whatever is not as expected (another type, a
-flaw, a gap) is left to the scanner, which finds the same frames where both can.
+Frames of one type that follow one another, each in step with the one before, are verified in compiled calls and handed
+out as their bytes. Plain floats and arrays are made of them when somebody asks. Whatever is not as expected (another
+type, a flaw, a gap) is left to the scanner, which finds the same frames where both can.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from drivers.frames.batch import FrameBatch
-from drivers.frames.fields import FIXED_POINT
-from drivers.frames.layout import FloatArray, FrameLayout, TextLayout
+from drivers.frames.decoded import Decoded
+from drivers.frames.layout import FloatArray, FrameLayout
+from drivers.frames.record import Floats, RecordReader
+from drivers.imu import StreamCounts
 
-_CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "i64": "q"}
-_CODES |= {"f32": "f", "f64": "d", "fp12.20": "i"}
-_FEWER_TUPLES = 24  # frames from which on a column at a time is faster than a frame at a time
+FEWER_TUPLES = 24  # frames from which on a column at a time is faster than a frame at a time
 
 
 class FewFrames:
-    """Frames of one layout of fixed length, ready to be verified and converted a few at a time."""
+    """Frames of one layout of fixed length, ready to be verified and converted a few at a time.
 
-    def __init__(self, layout: FrameLayout) -> None:
+    `name` is that of the type, `no_frames` what a feed without frames hands out. `reader` is None where the values
+    cannot be read by one record.
+    """
+
+    def __init__(
+        self, layout: FrameLayout, name: str, reader: RecordReader | None, no_frames: Mapping[str, FrameBatch]
+    ) -> None:
         self.layout = layout
+        self.name = name
+        self.no_frames = no_frames
         self.length = layout.length
-        self.header = layout.header
-        self.delimiter = layout.delimiter
-        self.maker = None if isinstance(layout, TextLayout) else _column_maker(layout)
+        self.reader = reader
+        self._header = layout.header
+        between = layout.length - len(layout.header) - len(layout.delimiter)
+        self._ends = struct.Struct(f"{len(layout.header)}s{between}x{len(layout.delimiter)}s")
+        self._each = (layout.header, layout.delimiter)
 
-    def good(self, data: bytes) -> bool:
-        """Tell whether `data` is good frames one after another, and nothing else."""
-        length, header, delimiter = self.length, self.header, self.delimiter
-        for at in range(0, len(data), length):
-            if not data.startswith(header, at):
-                return False
-        if delimiter:
-            for at in range(length, len(data) + 1, length):
-                if not data.endswith(delimiter, 0, at):
-                    return False
-        return self.layout.checksum.all_match(data, length)
+    def good(self, data: bytes, n: int) -> bool:
+        """Tell whether `data` is n good frames one after another, and nothing else."""
+        if n == 0:
+            return True
+        ends = list(self._ends.iter_unpack(data))
+        return ends.count(self._each) == n and self.layout.checksum.all_match(data, self.length)
 
     def may_begin(self, rest: bytes) -> bool:
         """Tell whether `rest`, shorter than a frame, may be the beginning of one."""
-        return rest.startswith(self.header) or self.header.startswith(rest)
+        return rest.startswith(self._header) or self._header.startswith(rest)
 
 
 class FewBatch(FrameBatch):
-    """n good frames, kept as their bytes until arrays of them are asked for."""
+    """n good frames, kept as their bytes until arrays of them are asked for; `records` are their values, if known."""
 
-    def __init__(self, few: FewFrames, data: bytes, n: int, start: int, sequence: int) -> None:
+    def __init__(self, few: FewFrames, data: bytes, start: int, sequence: int, records: list[Floats] | None) -> None:
         self.layout = few.layout
         self._few = few
         self._data = data
-        self._n = n
+        self._n = len(data) // few.length
         self._start = start
         self._first = sequence
+        self._records = records
         self._made: Mapping[str, FloatArray] | None = None
 
     def __getattr__(self, name: str) -> Any:
@@ -76,58 +83,60 @@ class FewBatch(FrameBatch):
     def __len__(self) -> int:
         return self._n
 
+    def records(self) -> list[Floats]:
+        """Return every frame's numeric fields in their units, as a tuple of plain floats."""
+        if self._records is None:
+            reader = self._few.reader
+            self._records = super().records() if reader is None else reader.records(self._data)
+        return self._records
+
     @property
     def columns(self) -> Mapping[str, FloatArray]:
         """All numeric fields in their units, each of shape (n,)."""
         # Not a cached_property: that of Python 3.11 takes a lock, which costs as much as a frame.
         if self._made is None:
-            maker = self._few.maker if self._n < _FEWER_TUPLES else None
-            self._made = self.layout.columns(self.rows) if maker is None else maker(self._data)
+            if self._n < FEWER_TUPLES and self._few.reader is not None:
+                self._made = dict(zip(self.layout.numeric, np.array(self.records(), np.float64).T, strict=True))
+            else:
+                self._made = self.layout.columns(self.rows)
         return self._made
 
 
-def _column_maker(layout: FrameLayout) -> Callable[[bytes], Mapping[str, FloatArray]] | None:
-    """Return a function from the bytes of frames to their columns, None where struct cannot read them all."""
-    order = {layout.order(field) for field in layout.numeric.values()}
-    if len(order) > 1 or layout.absent or not layout.numeric:
-        return None
-    little = order == {"little"}
-    text, at = "<" if little else ">", 0
-    pairs: list[int] = []  # columns of the first halves of 24-bit integers
-    names = sorted(layout.numeric, key=lambda name: layout.offsets[name])
-    for number, name in enumerate(names):
-        field, offset = layout.numeric[name], layout.offsets[name]
-        if offset < at or field.mask is not None or field.when is not None:
-            return None
-        if field.type in ("u24", "i24"):
-            high = "B" if field.type == "u24" else "b"
-            code = f"H{high}" if little else f"{high}H"
-            pairs.append(number + len(pairs))
-        elif field.type in _CODES:
-            code = _CODES[field.type]
-        else:
-            return None
-        text += "x" * (offset - at) + code
-        at = offset + field.width
-    text += "x" * (layout.length - at)
-    reads = [struct.Struct(text[0] + text[1:] * n).unpack for n in range(_FEWER_TUPLES)]
-    length, width = layout.length, len(names) + len(pairs)
-    fields = [layout.numeric[name] for name in names]
-    scales = np.array([field.scale * FIXED_POINT.get(field.type, 1.0) for field in fields])
-    offsets = np.array([field.offset for field in fields])
-    shifted = bool(offsets.any())
-    low, high_at = (0, 1) if little else (1, 0)
-    firsts = np.array(pairs, np.int64)
-    kept = np.delete(np.arange(len(fields) + len(pairs)), firsts + 1)
+class FewDecoded(Decoded):
+    """What a feed of a few expected frames gave: nothing is made of their bytes until it is asked for.
 
-    def columns(data: bytes) -> Mapping[str, FloatArray]:
-        values: FloatArray = np.array(reads[len(data) // length](data), np.float64).reshape(-1, width)
-        if len(firsts):
-            values[:, firsts] = values[:, firsts + high_at] * 65536.0 + values[:, firsts + low]
-            values = values[:, kept]
-        values *= scales
-        if shifted:
-            values += offsets
-        return dict(zip(names, values.T, strict=True))
+    Whoever makes one sets what the frames are: `few`, their bytes, the place and number of the first, their values if
+    they are known. One frame at a time, a constructor that did it would cost a tenth of everything.
+    """
 
-    return columns
+    __slots__ = ("data", "few", "known", "number", "start")
+    __init__ = object.__init__
+
+    few: FewFrames
+    data: bytes
+    start: int
+    number: int
+    known: list[Floats] | None
+
+    def __getattr__(self, name: str) -> Any:
+        few = self.few
+        if name == "frames":
+            batch = FewBatch(few, self.data, self.start, self.number, self.known)
+            self.frames = {**few.no_frames, few.name: batch}
+            return self.frames
+        if name == "counts":
+            self.counts = _ok(len(self.data) // few.length)
+            return self.counts
+        raise AttributeError(name)
+
+    def records(self, frame: str) -> list[Floats]:
+        """Return every frame's numeric fields in their units, as a tuple of plain floats."""
+        known = self.known
+        if known is not None and frame == self.few.name:
+            return known
+        return self.frames[frame].records()
+
+
+@lru_cache(maxsize=256)
+def _ok(n: int) -> StreamCounts:
+    return StreamCounts(ok=n)

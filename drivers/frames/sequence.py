@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,16 @@ class FrameSequence:
         self._counter = frame.counter
         self._time = frame.time if frame.counter is None else None
         self._rate_hz = rate_hz
-        self._last: int | None = None  # counter (or time) of the last frame
-        self._sequence = -1  # its unwrapped number, in frames
+        self.last: int | None = None  # counter (or time) of the last frame
+        self.number = -1  # its unwrapped number, in frames
         self._continuous = True
-        self._read: Callable[[bytes], Iterator[tuple[int, ...]]] | None = None
+        self._record: tuple[str, str] | None = None  # byte order and struct codes of a frame whose counter is read
+        self.step, self.modulus = (0, 1) if frame.counter is None else (frame.counter.step, frame.counter.modulus)
+
+    @property
+    def counter_field(self) -> str | None:
+        """The field that counts, None without one."""
+        return None if self._counter is None else self._counter.field
 
     def interrupt(self) -> None:
         """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
@@ -45,8 +52,8 @@ class FrameSequence:
         told_by = self._counter or self._time
         n = len(batch)
         if told_by is None or not n:
-            batch.sequence = self._sequence + 1 + np.arange(n, dtype=np.int64)
-            self._sequence += n
+            batch.sequence = self.number + 1 + np.arange(n, dtype=np.int64)
+            self.number += n
             return batch, 0, 0
         told = batch.told(told_by.field)
         if not told.all():
@@ -59,16 +66,20 @@ class FrameSequence:
         return batch.select(~repeated, sequence[~repeated]), lost, int(repeated.sum())
 
     def steady(self, layout: FrameLayout) -> bool:
-        """Tell whether `advance` can follow frames of this layout: by a plain counter, or by none at all."""
-        self._read = None
+        """Tell whether `advance` can follow frames of this layout: by a plain counter, or by none at all.
+
+        Then the next frame is one step ahead where `(counter - last) % modulus == step`, with 0 for a counter that
+        there is not. Whoever finds it so may set `last` to it and add 1 to `number` himself.
+        """
+        self._record = None
         if self._counter is None:
+            self.last = 0 if self._time is None else self.last
             return self._time is None
         field = layout.numeric.get(self._counter.field)
         if field is None or field.type not in _CODES or field.mask is not None:
             return False
         at, order = layout.offsets[self._counter.field], "<" if layout.order(field) == "little" else ">"
-        record = f"{order}{at}x{_CODES[field.type]}{layout.length - at - field.width}x"
-        self._read = struct.Struct(record).iter_unpack
+        self._record = (order, f"{at}x{_CODES[field.type]}{layout.length - at - field.width}x")
         return True
 
     def advance(self, data: bytes, n: int) -> int | None:
@@ -76,25 +87,25 @@ class FrameSequence:
 
         Return None, and change nothing, where they are not so: then `take` must decide.
         """
-        counter, read, last = self._counter, self._read, self._last
-        if counter is not None and read is not None:
+        last, step, modulus = self.last, self.step, self.modulus
+        if self._record is not None:
             if last is None:
                 return None
-            values = [value for (value,) in read(data)]
-            step, modulus = counter.step, counter.modulus
-            if values != [(last + step * number) % modulus for number in range(1, n + 1)]:
+            values = _reader(*self._record, n)(data)
+            expected = range(last + step, last + step * n + 1, step)
+            if values != tuple(expected if expected[-1] < modulus else (value % modulus for value in expected)):
                 return None
-            self._last = values[-1]
-        first = self._sequence + 1
-        self._sequence += n
+            self.last = values[-1]
+        first = self.number + 1
+        self.number += n
         self._continuous = True
         return first
 
     def _take_told(self, batch: FrameBatch, told: NDArray[np.bool_], field: str) -> tuple[FrameBatch, int, int]:
         """Follow the frames that tell their counter; the others get the number of the one before."""
-        sequence, lost, repeated = np.full(len(batch), self._sequence), 0, np.zeros(len(batch), np.bool_)
+        sequence, lost, repeated = np.full(len(batch), self.number), 0, np.zeros(len(batch), np.bool_)
         if told.any():
-            first = self._sequence
+            first = self.number
             sequence[told], lost, repeated[told] = self._follow(self._steps(batch.wire(field).astype(np.int64)[told]))
             before = np.maximum.accumulate(np.where(told, np.arange(len(told)), -1))
             sequence = np.where(before >= 0, sequence[before], first)
@@ -112,7 +123,7 @@ class FrameSequence:
             moved = self._moved(values, 0, modulus)
             frames = np.rint(moved * (self._rate_hz * (1.0 if time is None else time.resolution)))
             steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
-        self._last = int(values[-1])
+        self.last = int(values[-1])
         return steps
 
     def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
@@ -123,16 +134,22 @@ class FrameSequence:
             repeated[0] = False
         gaps = np.maximum(steps - 1, 0)
         lost = int(gaps.sum()) - (0 if self._continuous else int(gaps[0]))
-        sequence = self._sequence + np.cumsum(steps)
-        self._sequence, self._continuous = int(sequence[-1]), True
+        sequence = self.number + np.cumsum(steps)
+        self.number, self._continuous = int(sequence[-1]), True
         return sequence, lost, repeated
 
     def _moved(self, values: IntArray, step: int, modulus: int | None) -> IntArray:
         """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""
-        before = values[0] - step if self._last is None else self._last
+        before = values[0] - step if self.last is None else self.last
         moved = values.copy()
         moved[1:] -= values[:-1]
         moved[0] -= before
         if modulus is not None:
             moved %= modulus
         return moved
+
+
+@lru_cache(maxsize=256)
+def _reader(order: str, record: str, n: int) -> Callable[[bytes], tuple[int, ...]]:
+    """Return a compiled function that reads the counters of n frames."""
+    return struct.Struct(order + record * n).unpack

@@ -310,6 +310,28 @@ def test_a_delimiter_is_looked_at_in_every_frame() -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "frame"), [("mfs", "sample"), ("kvh1750", "format_A"), ("stim300", "rate_acc"), ("epson-g3xx", "burst")]
+)
+def test_a_byte_flipped_anywhere_in_a_frame_fed_by_itself_is_noticed(name: str, frame: str) -> None:
+    """Each byte of a frame in its turn, alone in its feed and between two others: that frame is lost, and no other."""
+    description = shipped(name)
+    counter = description.frames[frame].counter
+    assert counter is not None
+    sent = encode(description, frame, {counter.field: np.arange(6) * counter.step % counter.modulus})
+    size = len(sent) // 6
+    frames = [sent[at : at + size] for at in range(0, len(sent), size)]
+    for at in range(size):
+        bad = bytearray(frames[3])
+        bad[at] ^= 0x11
+        spoiled = [*frames[:3], bytes(bad), *frames[4:]]
+        for together in (1, 3):
+            pieces = [b"".join(spoiled[first : first + together]) for first in range(0, 6, together)]
+            outcome = decode(description, pieces)
+            assert outcome.frames[frame] == frames[:3] + frames[4:], (at, together)
+            assert (outcome.counts.lost, outcome.counts.skipped_bytes) == (1, size), (at, together)
+
+
+@pytest.mark.parametrize(
     ("name", "frame"),
     [
         ("mfs", "sample"),
@@ -324,7 +346,7 @@ def test_a_delimiter_is_looked_at_in_every_frame() -> None:
     ],
 )
 def test_few_frames_have_the_same_values_to_the_digit_as_many(name: str, frame: str) -> None:
-    """Columns, wire values, places and numbers: fed one by one, three at a time, thirty at a time, and at once."""
+    """Columns, records, wire values, places and numbers: one by one, three or thirty at a time, and all at once."""
     description, rng, n = shipped(name), np.random.default_rng(5), 120
     described = description.frames[frame]
     columns = {field: rng.normal(0.0, 300.0, n) * f.scale for field, f in described.fields.items()}
@@ -338,8 +360,12 @@ def test_few_frames_have_the_same_values_to_the_digit_as_many(name: str, frame: 
     assert len(whole) == n
     for together in (1, 3, 30):
         decoder = StreamDecoder(description)
-        batches = [decoder.feed(sent[at : at + together * size])[frame] for at in range(0, len(sent), together * size)]
-        batches.append(decoder.finish()[frame])
+        fed = [decoder.feed(sent[at : at + together * size]) for at in range(0, len(sent), together * size)]
+        fed.append(decoder.finish())
+        batches = [each[frame] for each in fed]
+        for records in ([each.records(frame) for each in fed], [batch.records() for batch in batches]):
+            values = np.array([values for part in records for values in part])
+            assert np.array_equal(values.T, list(whole.columns.values()), equal_nan=True), together
         for field in whole.columns:
             parts = np.concatenate([batch.columns[field] for batch in batches])
             assert np.array_equal(parts, whole.columns[field], equal_nan=True), (together, field)
