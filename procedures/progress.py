@@ -5,7 +5,7 @@ An onlooker looks; it never decides. One that raises is dropped and the sweep go
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
@@ -79,3 +79,39 @@ class Silent:
 
     def event(self, kind: str, message: str) -> None:
         """Ignore it."""
+
+
+class Audience:
+    """Several onlookers as one. One that raises is left out from then on, and `lost` is told why."""
+
+    def __init__(self, onlookers: Iterable[Progress], lost: Callable[[Exception], None]) -> None:
+        self._onlookers = list(onlookers)
+        self._lost = lost
+
+    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
+        """Pass it on."""
+        self._each(lambda onlooker: onlooker.sweep_began(plan, done))
+
+    def step_began(self, step: Step, attempt: int) -> None:
+        """Pass it on."""
+        self._each(lambda onlooker: onlooker.step_began(step, attempt))
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Pass it on."""
+        self._each(lambda onlooker: onlooker.update(snapshot))
+
+    def step_ended(self, step: Step, result: StepResult) -> None:
+        """Pass it on."""
+        self._each(lambda onlooker: onlooker.step_ended(step, result))
+
+    def event(self, kind: str, message: str) -> None:
+        """Pass it on."""
+        self._each(lambda onlooker: onlooker.event(kind, message))
+
+    def _each(self, show: Callable[[Progress], None]) -> None:
+        for onlooker in tuple(self._onlookers):
+            try:
+                show(onlooker)
+            except Exception as error:
+                self._onlookers.remove(onlooker)
+                self._lost(error)

@@ -1,0 +1,187 @@
+"""What a running controller shows to other processes: its newest state, and a trace of the night at one second.
+
+    live.json     the newest state (schema hil.live/1), replaced at most once a second of real time
+    live.trace    a line of JSON that names the columns, then float32 rows, one for each second of the campaign
+
+Both are for onlookers. They are not durable, nothing is derived from them, and a night without them is as good: the
+journal is the truth, but it is written once a minute, which is too seldom to look at.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from io import BufferedWriter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import Clock, SystemClock
+from drivers.imu import SensorChannels, rate_fields
+from hil.files import PARTIAL
+from hil.journal_records import to_json
+from procedures.progress import Silent, Snapshot
+
+LIVE_NAME, TRACE_NAME = "live.json", "live.trace"
+SCHEMA = "hil.live/1"
+_EVERY_S = 1.0
+_TOO_CLOSE_S = 0.95  # of the campaign: polls are a little less than a second apart now and then
+
+Rows = NDArray[np.float32]
+
+
+def trace_columns(sensors: Mapping[int, SensorChannels]) -> list[str]:
+    """Return the columns of a bench's trace.
+
+    Campaign seconds; °C of the chamber, its setpoint and each sensor; then per rate ("2.RA", deg/hr) the mean of the
+    moment, and during a collect the running mean and its standard error.
+    """
+    units = [f"unit_{number}_degC" for number, each in sensors.items() if each.temperature is not None]
+    rates = [f"{label}{suffix}" for label in rate_fields(sensors) for suffix in ("", " mean", " se")]
+    return ["t_s", "chamber_degC", "setpoint_degC", *units, *rates]
+
+
+class LiveFiles(Silent):
+    """An onlooker that writes both files into a night's folder. A full disk ends the writing, never the night."""
+
+    def __init__(
+        self, folder: Path, sensors: Mapping[int, SensorChannels], *, every_s: float, clock: Clock | None = None
+    ) -> None:
+        self._path = folder / LIVE_NAME
+        self._clock = clock or SystemClock()  # real time also where the night's is simulated
+        self._every_s = max(every_s, _EVERY_S)
+        self._columns = trace_columns(sensors)
+        self._written_s, self._traced_s = -math.inf, -math.inf
+        self._last: Snapshot | None = None
+        self._trace: BufferedWriter | None = None
+        with suppress(OSError):
+            self._trace = _open_trace(folder / TRACE_NAME, self._columns)
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Add a row to the trace, and replace the state where the last is a second old."""
+        self._last = snapshot
+        if self._trace is None:
+            return
+        try:
+            if snapshot.elapsed_s - self._traced_s >= _TOO_CLOSE_S:
+                self._traced_s = snapshot.elapsed_s
+                self._trace.write(_row(snapshot, self._columns).tobytes())
+            if self._clock.now() - self._written_s >= _EVERY_S:
+                self._write(snapshot)
+        except OSError:
+            self._give_up()
+
+    def close(self) -> None:
+        """Write the newest state and close."""
+        try:
+            if self._trace is not None and self._last is not None:
+                self._write(self._last)
+        except OSError:
+            pass
+        finally:
+            self._give_up()
+
+    def _write(self, snapshot: Snapshot) -> None:
+        self._written_s = self._clock.now()
+        if self._trace is not None:
+            self._trace.flush()
+        partial = self._path.with_name(f"{PARTIAL}{LIVE_NAME}")
+        partial.write_text(to_json(self._document(snapshot)), encoding="utf-8")
+        partial.replace(self._path)
+
+    def _document(self, snapshot: Snapshot) -> dict[str, Any]:
+        state = {**asdict(snapshot), "step": snapshot.step.key, "finishing_utc": snapshot.finishing_utc.isoformat()}
+        head = {"schema": SCHEMA, "pid": os.getpid(), "written_utc": self._clock.utc().isoformat()}
+        return {**head, "every_s": self._every_s, **state}
+
+    def _give_up(self) -> None:
+        trace, self._trace = self._trace, None
+        if trace is not None:
+            with suppress(OSError):
+                trace.close()
+
+
+def _open_trace(path: Path, columns: Sequence[str]) -> BufferedWriter:
+    """Open a trace to append whole rows; begin a new one where there is none, or one with other columns."""
+    head = _head(columns)
+    with suppress(OSError), path.open("rb") as file:
+        if file.read(len(head)) == head:
+            rows = (path.stat().st_size - len(head)) // _size(columns)
+            os.truncate(path, len(head) + rows * _size(columns))  # a killed controller may leave half a row
+            return path.open("ab")
+        path.unlink()  # whoever reads it then sees another file, not a shorter one
+    trace = path.open("wb")
+    trace.write(head)
+    return trace
+
+
+def _head(columns: Sequence[str]) -> bytes:
+    return json.dumps({"schema": SCHEMA, "dtype": "<f4", "columns": list(columns)}).encode() + b"\n"
+
+
+def _size(columns: Sequence[str]) -> int:
+    return 4 * len(columns)
+
+
+def _row(now: Snapshot, columns: Sequence[str]) -> Rows:
+    values = {"t_s": now.elapsed_s, "chamber_degC": now.chamber_degC, "setpoint_degC": now.setpoint_degC}
+    values |= {f"unit_{number}_degC": value for number, value in now.unit_degC.items()}
+    values |= now.rates_now_deg_per_hr
+    values |= {f"{label} mean": value for label, value in now.rates_deg_per_hr.items()}
+    values |= {f"{label} se": value for label, value in now.rates_se_deg_per_hr.items()}
+    row = [values.get(column) for column in columns]
+    return np.array([math.nan if value is None else value for value in row], dtype="<f4")
+
+
+def read_live(folder: Path) -> dict[str, Any] | None:
+    """Return the newest state that a controller has shown, or None where there is none that can be read."""
+    try:
+        document = json.loads((folder / LIVE_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return document if isinstance(document, dict) and document.get("schema") == SCHEMA else None
+
+
+class TraceReader:
+    """Reads what was added to a night's trace since the last time, at most so many rows at once.
+
+    `columns` is empty until there is a trace. A trace that was begun anew is read from its beginning; `begun_anew` then
+    is True after that call.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / TRACE_NAME
+        self._offset = 0
+        self._inode = 0
+        self.columns: list[str] = []
+        self.begun_anew = False
+
+    def read(self, at_most: int = 100_000) -> Rows:
+        """Return the new rows, shape (n, columns)."""
+        self.begun_anew = False
+        with suppress(OSError), self._path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            if status.st_ino != self._inode or status.st_size < self._offset:
+                self.columns, self._offset, self._inode, self.begun_anew = [], 0, status.st_ino, True
+            if not self.columns and not self._read_head(file.readline()):
+                return np.empty((0, 0), dtype="<f4")
+            file.seek(self._offset)
+            data = file.read(at_most * _size(self.columns))
+            whole = len(data) // _size(self.columns) * _size(self.columns)
+            self._offset += whole
+            return np.frombuffer(data[:whole], dtype="<f4").reshape(-1, len(self.columns))
+        return np.empty((0, len(self.columns)), dtype="<f4")
+
+    def _read_head(self, line: bytes) -> bool:
+        try:
+            self.columns = [str(name) for name in json.loads(line)["columns"]] if line.endswith(b"\n") else []
+        except (ValueError, KeyError, TypeError):
+            self.columns = []
+        self._offset = len(line)
+        return bool(self.columns)
