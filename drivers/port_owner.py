@@ -1,6 +1,6 @@
 """One owner per port, for ports that the system does not guard by itself.
 
-    transport = owned("socket://10.0.0.7:10001", lambda: open_port("socket://10.0.0.7:10001", clock=clock))
+    transport = owned("socket://192.0.2.7:10001", lambda: open_port("socket://192.0.2.7:10001", clock=clock))
 
 A serial port is opened exclusively. A device server on TCP takes whoever comes, and two programs that talk to one
 chamber get each other's answers. A lock file of this machine, held for as long as the port is open and freed by the

@@ -1,6 +1,6 @@
 r"""Vötsch and Weiss chambers with S!MPAC SimServ (LabEvent, VC³, WK³): numbered commands over TCP 2049.
 
-    controller = SimServ(transport, clock)           # transport: open_port("socket://10.0.0.5:2049", clock=clock)
+    controller = SimServ(transport, clock)           # transport: open_port("socket://192.0.2.5:2049", clock=clock)
     chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe, celsius_confirmed=True)
 
 A request is a number and its arguments between `\xb6`, ended by CR: `11001¶1¶1¶-30`; the reply a code and data, ended

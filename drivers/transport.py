@@ -14,7 +14,7 @@ class Transport(Protocol):
 
     @property
     def name(self) -> str:
-        """The port as a person would name it: `/dev/ttyUSB0`, `socket://10.0.0.7:10001`, `sim://imu`."""
+        """The port as a person would name it: `/dev/ttyUSB0`, `socket://192.0.2.7:10001`, `sim://imu`."""
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""

@@ -1,6 +1,6 @@
 """Watlow F4T (F4T and D4T, in newer ESPEC and TestEquity chambers): Modbus TCP or RTU, and SCPI for its ramp.
 
-    controller = WatlowF4t(transport, clock, scpi=open_port("socket://10.0.0.5:5025", clock=clock))
+    controller = WatlowF4t(transport, clock, scpi=open_port("socket://192.0.2.5:5025", clock=clock))
     chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
 
 Loop 1. Temperatures are floats in two registers, low word first as the factory sets it; choices are numbers with a

@@ -17,7 +17,7 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
 from drivers.transport import Transport
 
-URL = "socket://10.0.0.7:10001"
+URL = "socket://192.0.2.7:10001"
 
 
 @pytest.fixture(autouse=True)
@@ -62,7 +62,7 @@ def test_another_program_is_kept_out_and_a_dead_one_is_not_in_the_way(tmp_path: 
 
 def test_other_ports_are_other_locks_and_serial_ports_need_none(tmp_path: Path) -> None:
     """A path is guarded by the system."""
-    first, second = owned(URL, _open), owned("socket://10.0.0.7:10002", _open)
+    first, second = owned(URL, _open), owned("socket://192.0.2.7:10002", _open)
     owned("/dev/ttyUSB0", _open)
     owned("/dev/ttyUSB0", _open)
     assert len(list(tmp_path.glob("hil-port-*.lock"))) == 2
