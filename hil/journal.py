@@ -19,7 +19,7 @@ import json
 import os
 import socket
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import astuple
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -33,6 +33,7 @@ from hil.files import Disk, RealDisk
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.journal_records import Night, result_digest, step_row, to_json
 from hil.lock import FolderLock
+from procedures.control import Request, RequestKind
 from procedures.journal import StepResult
 from procedures.plan import Plan, Step
 
@@ -64,6 +65,7 @@ class SqliteJournal(JournalReader):
         self._clock = clock
         self._system = SystemClock()
         self._listener: Listener | None = None
+        self._others_commits = -1
         self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw, disk=disk)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
         self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
@@ -193,11 +195,13 @@ class SqliteJournal(JournalReader):
         Raises `ValueError` where the step is DONE already, or is none of the plan.
         """
         with self._transaction():
-            outcomes = self._connection.execute("SELECT outcome FROM attempts WHERE step_key = ?", (step.key,))
-            earlier = [outcome for (outcome,) in outcomes]
-            if "DONE" in earlier:
+            earlier = self._connection.execute(
+                "SELECT count(*), total(outcome = 'DONE' AND withdrawn IS NULL) FROM attempts WHERE step_key = ?",
+                (step.key,),
+            ).fetchone()
+            if earlier[1]:
                 raise ValueError(f"step {step.key} is done; it cannot begin again")
-            attempt = len(earlier) + 1
+            attempt = int(earlier[0]) + 1
             try:
                 row = (step.key, attempt, self._controller, self.now_s())
                 self._insert("attempts", "step_key, attempt, controller, began_s", row)
@@ -248,6 +252,41 @@ class SqliteJournal(JournalReader):
         finally:
             self._connection.execute("PRAGMA synchronous = FULL")
 
+    def asked(self) -> tuple[Request, ...]:
+        """Return what was asked of this controller and is not answered yet. Costs little where nobody has written."""
+        commits = int(self._connection.execute("PRAGMA data_version").fetchone()[0])
+        if commits == self._others_commits:
+            return ()
+        rows = self._connection.execute(
+            "SELECT id, kind, who, why, prompt FROM requests WHERE controller = ? AND answered_s IS NULL ORDER BY id",
+            (self._controller,),
+        ).fetchall()
+        self._others_commits = commits
+        return tuple(Request(number, RequestKind(kind), who, why, prompt) for number, kind, who, why, prompt in rows)
+
+    def answer(self, request: Request, accepted: bool, message: str) -> None:
+        """Record the answer to a request."""
+        with self._transaction():
+            self._answer("id = ?", request.number, accepted, message)
+        self._tell(
+            "request", kind=request.kind.value, by=request.who, why=request.why, accepted=accepted, answer=message
+        )
+
+    def _answer(self, which: str, value: int, accepted: bool, message: str) -> None:
+        self._connection.execute(
+            f"UPDATE requests SET answered_s = ?, accepted = ?, answer = ? WHERE {which} AND answered_s IS NULL",  # noqa: S608
+            (self.now_s(), int(accepted), message, value),
+        )
+
+    def withdraw(self, keys: Collection[str], why: str) -> None:
+        """Let the DONE results of these steps count no more, so that they are done again; all of them or none."""
+        with self._transaction():
+            self._connection.executemany(
+                "UPDATE attempts SET withdrawn = ? WHERE step_key = ? AND outcome = 'DONE' AND withdrawn IS NULL",
+                [(why, key) for key in keys],
+            )
+        self._tell("results withdrawn", steps=sorted(keys), why=why)
+
     def finish(self, how: str) -> None:
         """Record in words how this controller ended; `close` does it in default."""
         with self._transaction():
@@ -260,6 +299,7 @@ class SqliteJournal(JournalReader):
                 self._connection.execute(
                     "UPDATE controllers SET ended = ? WHERE id = ? AND ended IS NULL", (_NO_OUTCOME, self._controller)
                 )
+                self._answer("controller = ?", self._controller, False, "the controller has ended")
         finally:
             super().close()
             self._lock.release()

@@ -22,7 +22,17 @@ from urllib.parse import quote
 from hil import journal_schema
 from hil.blocks import Block
 from hil.errors import InputError
-from hil.journal_records import Attempt, BlockRow, Controller, Event, Heartbeat, Night, result_digest, step_of
+from hil.journal_records import (
+    Attempt,
+    BlockRow,
+    Controller,
+    Event,
+    Heartbeat,
+    Night,
+    RequestRow,
+    result_digest,
+    step_of,
+)
 from procedures.journal import Outcome, StepResult
 from procedures.plan import Plan, Step
 
@@ -77,6 +87,12 @@ class JournalReader:
         )
         return Plan(self.night.title, tuple(step_of(row) for row in rows))
 
+    @cached_property
+    def _withdrawn(self) -> str:
+        """The column that says why a DONE result counts no more; journals of version 1 have none."""
+        version = int(self._connection.execute("PRAGMA user_version").fetchone()[0])
+        return "withdrawn" if version >= 2 else "NULL"
+
     def steps_by_key(self) -> Mapping[str, Step]:
         """Return the plan's steps by their key."""
         return {step.key: step for step in self.plan.steps}
@@ -84,15 +100,20 @@ class JournalReader:
     def completed(self) -> Mapping[str, StepResult]:
         """Return the results of the steps that are DONE, by step key (without samples), in the order of the plan."""
         rows = self._connection.execute(
-            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "
-            "WHERE outcome = 'DONE' ORDER BY number"
+            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "  # noqa: S608
+            f"WHERE outcome = 'DONE' AND {self._withdrawn} IS NULL ORDER BY number"
         )
         return {key: StepResult(Outcome.DONE, reason, json.loads(data)) for key, reason, data in rows}
 
     def attempts(self) -> tuple[Attempt, ...]:
-        """Return every attempt, in the order in which they began; one without an outcome never ended."""
+        """Return every attempt, in the order in which they began; one without an outcome never ended.
+
+        One that was DONE and withdrawn later is FAILED here, with the reason why it counts no more.
+        """
         rows = self._connection.execute(
-            "SELECT step_key, attempt, controller, began_s, ended_s, outcome, reason, data FROM attempts ORDER BY id"
+            "SELECT step_key, attempt, controller, began_s, ended_s, "  # noqa: S608
+            f"CASE WHEN {self._withdrawn} IS NULL THEN outcome ELSE 'FAILED' END, coalesce({self._withdrawn}, reason), "
+            "data FROM attempts ORDER BY id"
         )
         return tuple(
             Attempt(key, n, by, began, ended, Outcome(outcome) if outcome else None, reason or "", _mapping(data))
@@ -119,6 +140,32 @@ class JournalReader:
             Event(number, controller, at_s, kind, message, _mapping(evidence))
             for number, controller, at_s, kind, message, evidence in rows
         )
+
+    def requests(self) -> tuple[RequestRow, ...]:
+        """Return what was asked of the controllers of this night, in order, with what they answered."""
+        if self._withdrawn == "NULL":
+            return ()
+        rows = self._connection.execute(
+            "SELECT id, controller, kind, who, why, prompt, asked_utc, answered_s, accepted, answer FROM requests "
+            "ORDER BY id"
+        )
+        return tuple(
+            RequestRow(number, by, kind, who, why, prompt, datetime.fromisoformat(utc), at_s, _maybe(yes), answer or "")
+            for number, by, kind, who, why, prompt, utc, at_s, yes, answer in rows
+        )
+
+    def standing(self, begins: str, ends: str) -> Event | None:
+        """Return the newest event of the kind `begins` by the newest controller, unless one of `ends` came after it.
+
+        `standing("pause", "continue")` is the pause that is in effect, `standing("prompt", "prompt-ended")` the
+        question that waits for an answer.
+        """
+        row = self._connection.execute(
+            "SELECT max(id) FROM events WHERE kind IN (?, ?) AND controller = (SELECT max(id) FROM controllers)",
+            (begins, ends),
+        ).fetchone()
+        newest = self.events(row[0] - 1)[0] if row[0] else None
+        return newest if newest is not None and newest.kind == begins else None
 
     def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
         """Return the signs of life, in order; only those with a number above `after`."""
@@ -166,7 +213,10 @@ class JournalReader:
     def _deleted_rows(self) -> list[str]:
         given = dict(self._connection.execute("SELECT name, seq FROM sqlite_sequence"))
         found = []
+        there = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         for table in journal_schema.COUNTED_TABLES:
+            if table not in there and table not in given:
+                continue  # a journal of an earlier version
             count, last = self._connection.execute(f"SELECT count(*), max(id) FROM {table}").fetchone()  # noqa: S608
             ever = max(given.get(table, 0), last or 0)
             if count != ever:
@@ -230,3 +280,7 @@ def reading(folder: Path) -> Iterator[JournalReader]:
 
 def _mapping(text: str | None) -> Mapping[str, Any]:
     return dict(json.loads(text)) if text else {}
+
+
+def _maybe(flag: int | None) -> bool | None:
+    return None if flag is None else bool(flag)

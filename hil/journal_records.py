@@ -77,6 +77,22 @@ class Event:
 
 
 @dataclass(frozen=True)
+class RequestRow:
+    """What somebody asked of a controller. `accepted` is None while it has not answered."""
+
+    number: int
+    controller: int
+    kind: str
+    who: str
+    why: str
+    prompt: int | None
+    asked_utc: datetime
+    answered_s: float | None
+    accepted: bool | None
+    answer: str
+
+
+@dataclass(frozen=True)
 class Heartbeat:
     """A sign of life with the readings of that moment."""
 

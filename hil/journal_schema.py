@@ -97,7 +97,37 @@ CREATE TRIGGER a_block_stays BEFORE UPDATE ON blocks
 BEGIN SELECT RAISE(ABORT, 'a block is never changed'); END;
 """
 
-COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats")
+_VERSION_2 = """
+CREATE TABLE requests (              -- what somebody asked of a running controller, and what it answered
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    controller INTEGER NOT NULL REFERENCES controllers (id),  -- of whom it was asked: never acted upon by another
+    kind TEXT NOT NULL CHECK (kind IN ('pause', 'continue', 'abort', 'confirm', 'refuse')),
+    who TEXT NOT NULL,
+    why TEXT NOT NULL,
+    prompt INTEGER,                  -- the question that is answered
+    asked_utc TEXT NOT NULL,         -- wall time, by the operating system's clock
+    answered_s REAL,                 -- campaign time; NULL while nobody has answered
+    accepted INTEGER CHECK (accepted IN (0, 1)),
+    answer TEXT,
+    CHECK ((answered_s IS NULL) = (accepted IS NULL) AND (answered_s IS NULL) = (answer IS NULL))
+);
+CREATE INDEX unanswered ON requests (controller) WHERE answered_s IS NULL;
+CREATE TRIGGER an_answer_stays BEFORE UPDATE ON requests WHEN OLD.answered_s IS NOT NULL
+BEGIN SELECT RAISE(ABORT, 'an answered request is never changed'); END;
+ALTER TABLE attempts ADD COLUMN withdrawn TEXT;  -- why a DONE result counts no more: its samples are lost or damaged
+DROP INDEX a_step_is_done_once;
+CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE' AND withdrawn IS NULL;
+DROP TRIGGER an_ended_attempt_stays;
+CREATE TRIGGER an_ended_attempt_stays
+BEFORE UPDATE OF id, step_key, attempt, controller, began_s, ended_s, outcome, reason, data, digest ON attempts
+WHEN OLD.outcome IS NOT NULL
+BEGIN SELECT RAISE(ABORT, 'an attempt that has ended is never changed'); END;
+CREATE TRIGGER withdrawn_once BEFORE UPDATE OF withdrawn ON attempts
+WHEN OLD.withdrawn IS NOT NULL OR OLD.outcome IS NOT 'DONE'
+BEGIN SELECT RAISE(ABORT, 'only a result that counts can be withdrawn'); END;
+"""
+
+COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Tables whose row numbers are never reused, so that a deleted row is a gap."""
 
 
@@ -106,7 +136,13 @@ def _to_1(connection: sqlite3.Connection) -> None:
         connection.execute(statement)
 
 
-UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1,)
+def _to_2(connection: sqlite3.Connection) -> None:
+    """Add requests, and results that count no more."""
+    for statement in _statements(_VERSION_2):
+        connection.execute(statement)
+
+
+UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1, _to_2)
 """UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
 
 VERSION = len(UPGRADES)

@@ -75,12 +75,14 @@ def start_night(
     seed: int | None = None,
     progress: Progress | None = None,
     stop: StopRequest | None = None,
-    ask: AskOperator | None = None,
+    terminal: Terminal | None = None,
+    speed: float | None = None,
 ) -> NightOutcome:
     """Begin a night in the new `folder` and carry it out; returns when it has ended, whichever way.
 
-    `seed` takes the place of the bench file's for a simulation; `ask` puts questions to the operator of a bench
-    without indexing. Raises `InputError` for bad input and `DeviceError` for a port that cannot be opened; nothing is
+    `seed` takes the place of the bench file's for a simulation; `terminal` shows the questions to the operator of a
+    bench without indexing, which stand in the journal too; `speed` lets a simulated night be watched, so many times as
+    fast as real time. Raises `InputError` for bad input and `DeviceError` for a port that cannot be opened; nothing is
     left behind then.
     """
     target = Path(folder)
@@ -91,7 +93,8 @@ def start_night(
     who = who or _user()
     with _whole_or_nothing(target) as partial:
         resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
-        live = build_bench(resolved, ask=ask)
+        attendant = Attendant(terminal)
+        live = build_bench(resolved, ask=attendant, speed=speed)
         try:
             began = live.devices.clock.utc()
             chosen = resolved.simulation.seed if resolved.simulation else None
@@ -102,7 +105,7 @@ def start_night(
             raise
     with live, SqliteJournal.open(target, clock=live.devices.clock, who=who, keep_raw=resolved.record.raw) as journal:
         journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
-        return _carry_out(journal, live, who, progress, stop)
+        return _carry_out(journal, live, attendant, who, progress, stop)
 
 
 def resume_night(
@@ -111,8 +114,9 @@ def resume_night(
     who: str | None = None,
     progress: Progress | None = None,
     stop: StopRequest | None = None,
-    ask: AskOperator | None = None,
+    terminal: Terminal | None = None,
     down_s: float = SIMULATED_DOWN_TIME_S,
+    speed: float | None = None,
 ) -> NightOutcome:
     """Carry on the night in `folder`, with the configuration with which it began.
 
@@ -132,9 +136,15 @@ def resume_night(
     lock = FolderLock(folder).acquire()
     try:
         bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
-        start = night.utc(last_s + down_s)
+        start, attendant = night.utc(last_s + down_s), Attendant(terminal)
         live = build_bench(
-            bench, start_utc=start, first_run=first_run, visited=visited, session=len(controllers), ask=ask
+            bench,
+            start_utc=start,
+            first_run=first_run,
+            visited=visited,
+            session=len(controllers),
+            ask=attendant,
+            speed=speed,
         )
     except BaseException:
         lock.release()
@@ -144,7 +154,7 @@ def resume_night(
         SqliteJournal.open(folder, clock=live.devices.clock, who=who, keep_raw=bench.record.raw, lock=lock) as journal,
     ):
         _record_resumption(journal, who, night, len(done), last_s)
-        return _carry_out(journal, live, who, progress, stop)
+        return _carry_out(journal, live, attendant, who, progress, stop)
 
 
 def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float) -> None:
@@ -158,7 +168,12 @@ def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int
 
 
 def _carry_out(
-    journal: SqliteJournal, live: LiveBench, who: str, progress: Progress | None, stop: StopRequest | None
+    journal: SqliteJournal,
+    live: LiveBench,
+    attendant: Attendant,
+    who: str,
+    progress: Progress | None,
+    stop: StopRequest | None,
 ) -> NightOutcome:
     """Run what is not done yet, and record how it ended. The sequencer leaves the chamber in its safe state."""
     stop = stop or StopRequest()
@@ -193,6 +208,7 @@ def _carry_out(
             journal.finish(f"{outcome.state}: {outcome.reason}")
         return outcome
     finally:
+        shown.close()
         log.close()
 
 
@@ -253,15 +269,16 @@ def _refuse_existing(folder: Path) -> None:
 def _whole_or_nothing(target: Path) -> Iterator[Path]:
     """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
     above = target.resolve().parent
-    while not above.is_dir():
-        if above.exists():
-            raise InputError(f"{above}: is not a folder, so nothing can be made in it")
-        above = above.parent
+    there = next(folder for folder in (above, *above.parents) if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
+    made: list[Path] = []
     partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
     try:
+        made = make_folders(RealDisk(), above)
+        _clear_away(above, target.name)
         partial.mkdir()
         yield partial
-        target.parent.mkdir(parents=True, exist_ok=True)
         RealDisk().rename(partial, target)
     except (OSError, sqlite3.OperationalError) as error:
         raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error

@@ -83,6 +83,31 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
         "readings": dict(heartbeat.readings) if heartbeat else {},
+        "paused": _paused(facts) if state == "paused" else None,
+        "prompt": _prompt(facts) if state == "running" else None,
+    }
+
+
+def _paused(facts: _Facts) -> dict[str, Any] | None:
+    """Return who paused the night, since when and why."""
+    pause = facts.journal.standing("pause", "continue")
+    if pause is None:
+        return None
+    since = facts.journal.night.utc(pause.at_s).isoformat()
+    return {"by": pause.evidence.get("who", ""), "since_utc": since, "why": pause.evidence.get("why", "")}
+
+
+def _prompt(facts: _Facts) -> dict[str, Any] | None:
+    """Return the question that waits for an answer: its number, for a request that answers it, and until when."""
+    prompt = facts.journal.standing("prompt", "prompt-ended")
+    if prompt is None:
+        return None
+    night, until_s = facts.journal.night, prompt.at_s + float(prompt.evidence["timeout_s"])
+    return {
+        "prompt": prompt.evidence["prompt"],
+        "question": prompt.message,
+        "since_utc": night.utc(prompt.at_s).isoformat(),
+        "until_utc": night.utc(until_s).isoformat(),
     }
 
 
@@ -96,10 +121,8 @@ def _state(facts: _Facts) -> tuple[str, str]:
                 "incomplete",
                 f"the controller ({facts.owner}) is there, but has written nothing for {minutes:.0f} min",
             )
-        asked = [event.kind for event in facts.journal.events() if event.kind in {"pause", "continue"}]
-        if asked and asked[-1] == "pause":
-            return "paused", "paused; the chamber is held where it is"
-        return "running", ""
+        paused = facts.journal.standing("pause", "continue")
+        return ("paused", paused.message) if paused else ("running", "")
     if facts.controller is None:
         return "incomplete", "it has not begun"
     if facts.controller.ended is None:

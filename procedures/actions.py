@@ -48,6 +48,7 @@ class Actions:
         self._interlocks = interlocks
         self._recorded = recorded
         self._state = BenchState(power_on_s=power_on_s)
+        self._unit: object = None  # who the unit said it was, in this run
         self.chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
         self._actions: Mapping[StepKind, Callable[[Step], StepResult]] = {
             StepKind.IDENTIFY: self._identify,
@@ -71,9 +72,11 @@ class Actions:
             self.chamber_refused = True
             raise
         unit = self._devices.imu.identify()
-        before = self._recorded.get(step.key)
-        if before is not None and before.data.get("imu") != vars(unit):
-            raise WrongDevice(f"the unit answers as {vars(unit)}, the sweep began with {before.data.get('imu')}")
+        recorded = self._recorded.get(step.key)
+        before = self._unit or (recorded.data.get("imu") if recorded else None)
+        if before is not None and before != vars(unit):
+            raise WrongDevice(f"the unit answers as {vars(unit)}, the sweep began with {before}")
+        self._unit = dict(vars(unit))
         self._refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
         self._devices.chamber.prepare()
         self._watch.forget_stream()

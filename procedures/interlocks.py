@@ -33,6 +33,7 @@ class Look:
     stream_error: str = ""
     unit_degC: Mapping[int, float] = field(default_factory=dict)  # by sensor, mean of what was drained
     commanded_degC: float | None = None
+    resting: bool = False  # somebody has paused the sweep
     arrived: bool = False  # the air has reached the commanded setpoint since it was commanded
 
 
@@ -152,6 +153,8 @@ def _unit_limits(settings: InterlockSettings) -> Callable[[Look], str | None]:
 
 
 def _stream_lost(look: Look) -> str | None:
+    if look.resting:
+        return ""  # a pause is for cables; the unit is asked who it is afterwards
     if look.stream_error:
         return f"the unit's stream failed: {look.stream_error}"
     bad = look.counts.bad_checksum + look.counts.bad_delimiter

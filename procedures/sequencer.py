@@ -27,12 +27,15 @@ from enum import StrEnum
 
 from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
 from procedures.actions import Actions
+from procedures.attended import Attendant
 from procedures.bench import BenchDevices
+from procedures.control import Control, PauseAsked
 from procedures.interlocks import InterlockTripped, standard_interlocks
 from procedures.journal import Journal, Outcome, StepResult
+from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent
-from procedures.settings import CollectSettings, InterlockSettings, Polling
+from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
 from procedures.verdict import Verdict
 from procedures.watch import Position, Watch
@@ -46,6 +49,8 @@ _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
     StepKind.COLLECT: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX),
     StepKind.SAFE_STATE: (),
 }
+# A pause lets a collect be finished: its samples are good, and it is over in a minute or two.
+_INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
@@ -79,7 +84,8 @@ class SweepOutcome:
 class Sequencer:
     """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
 
-    `powered_on` is when the unit was switched on, where that is known. `run` may be called once.
+    `powered_on` is when the unit was switched on, where that is known; `control` is where people's requests come from;
+    `attendant` puts the positioner's questions, which is to look at the bench meanwhile. `run` may be called once.
     """
 
     def __init__(
@@ -94,6 +100,8 @@ class Sequencer:
         polling: Polling | None = None,
         progress: Progress | None = None,
         powered_on: datetime | None = None,
+        control: Control | None = None,
+        attendant: Attendant | None = None,
     ) -> None:
         self._plan = plan
         self._devices = devices
@@ -103,7 +111,9 @@ class Sequencer:
         self._polling = polling or Polling()
         self._power_on_s = None if powered_on is None else (powered_on - began).total_seconds()
         rules = tuple(standard_interlocks(self._interlocks, devices.chamber.limits))
-        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began)
+        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began, control)
+        if attendant is not None:
+            attendant.attend(self._watch)
         self._done: set[str] = set()
         self._failed: set[str] = set()
         self._in_effect: dict[StepKind, str] = {}
@@ -286,18 +296,27 @@ class Sequencer:
         collects_left = int(CollectSettings.from_parameters(step.parameters).attempts)
         devices_left = self._polling.device_attempts
         while True:
-            self._watch.hold_until_clear()
+            blocked = self._hold(step)
             begin()
+            if blocked:
+                end(lost := StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause"))
+                return lost
             try:
+                self._watch.interruptible = step.kind in _INTERRUPTED_BY_A_PAUSE
                 result = self._actions.perform(step)
+            except PauseAsked as pause:
+                end(StepResult(Outcome.ABORTED, f"{pause}; done again afterwards"))
+                continue
             except DeviceError as error:
                 devices_left -= 1
                 end(StepResult(Outcome.ERROR, str(error)))
                 if devices_left <= 0 or isinstance(error, _NEVER_RETRIED):
                     raise InterlockTripped("device", f"{step.key}: {error}") from error
                 self._watch.event("retry", f"{step.key}: {error}; {devices_left} more tries", step=step.key)
-                self._pause()
+                self._let_recover()
                 continue
+            finally:
+                self._watch.interruptible = False
             collects_left -= 1
             if step.kind is StepKind.COLLECT and collects_left > 0 and _not_good(result):
                 end(replace(result, outcome=Outcome.FAILED))
@@ -307,7 +326,23 @@ class Sequencer:
             end(result)
             return result
 
-    def _pause(self) -> None:
+    def _hold(self, step: Step) -> str:
+        """Return once nothing is suspected and nobody pauses; return the key of what a pause undid for good, if any."""
+        self._watch.hold_until_clear()
+        while self._watch.desk.pause is not None:
+            soak = self._before(step, StepKind.RESTABILISE)
+            settings = Restabilisation() if soak is None else Restabilisation.from_parameters(soak.parameters)
+            lost = rest(self._watch, settings, self._interlocks.pause_s)
+            undone = [StepKind.IDENTIFY, StepKind.INDEX, *([StepKind.RESTABILISE] if lost else [])]
+            for kind in undone:
+                self._in_effect.pop(kind, None)
+            self._watch.hold_until_clear()
+            blocked = self._prepare(step)
+            if blocked:
+                return blocked
+        return ""
+
+    def _let_recover(self) -> None:
         """Let a device recover, looking at the bench meanwhile."""
         for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
             pass

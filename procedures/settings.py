@@ -180,6 +180,7 @@ class InterlockSettings:
     unsettled_soaks: int = 3  # in a row, where self-calibrations are skipped at the ceiling: then the night is over
     ramp_factor: float = 3.0  # a ramp may take so many times the expected duration …
     ramp_extra_s: float = 20 * 60.0  # … and this on top
+    pause_s: float = 12 * 3600.0  # the longest pause; then nobody comes back
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -21,9 +21,10 @@ from drivers.chamber import ChamberReading
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock, StreamCounts, rate_fields, rate_means
 from procedures.bench import BenchDevices
+from procedures.control import Control, Desk, NoControl, PauseAsked
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal import Journal, StepResult
-from procedures.plan import Plan, Step
+from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
 from procedures.settings import Polling
 from procedures.stop import StopRequest
@@ -57,6 +58,7 @@ class Watch:
         polling: Polling,
         progress: Progress,
         began: datetime,
+        control: Control | None = None,
     ) -> None:
         clock = devices.clock
         # Within one run time is monotonic, whatever happens to the wall clock; across a resume it is the wall clock's.
@@ -65,6 +67,9 @@ class Watch:
         self._devices = devices
         self._journal = journal
         self._stop = stop
+        self.desk = Desk(control or NoControl(), stop, self.event)
+        self.interruptible = False  # whether a pause ends the present step at once
+        self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, self.event)
         self._polling = polling
         self._progress = progress
@@ -140,7 +145,8 @@ class Watch:
     def wait(self, until_s: float) -> Iterator[tuple[Look, SampleBlock]]:
         """Yield a look and the samples drained with it at each poll, until the clock shows `until_s`.
 
-        At least one poll takes place. Raises `StopRequested` and `InterlockTripped`.
+        At least one poll takes place. Raises `StopRequested`, `InterlockTripped`, and `PauseAsked` where the step is
+        one that a pause interrupts.
         """
         while True:
             remaining_s = until_s - self.now_s
@@ -162,13 +168,18 @@ class Watch:
             self.note = f"holding: {self._interlocks.suspected}"
             if self.now_s >= give_up_s:
                 raise InterlockTripped("held-too-long", self._interlocks.suspected)
-            for _ in self.wait(self.now_s + self._polling.read_interval_s):
-                pass
+            self.look_again()
         self.event("hold-ended", "nothing is suspected any more")
         self.note = ""
 
+    def look_again(self) -> Look:
+        """Wait for one read interval and return the look after it."""
+        *_, (look, _) = self.wait(self.now_s + self._polling.read_interval_s)
+        return look
+
     def poll(self) -> tuple[Look, SampleBlock]:
         """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`."""
+        self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
         block, span_s, stream_error = self._drain()
         fresh, chamber_error = self._read_chamber()
@@ -186,12 +197,21 @@ class Watch:
             unit_degC=self._unit_temperatures(block),
             commanded_degC=self.commanded_degC,
             arrived=self.arrived,
+            resting=self.resting,
         )
         self.look = look
         self._interlocks.evaluate(look)
         self._heartbeat(look)
         self._snapshot(look, block)
+        if self.interruptible and self.desk.pause is not None:
+            raise PauseAsked(f"paused by {self.desk.pause}")
         return look, block
+
+    def _when_a_pause_would_begin(self) -> str:
+        if self.interruptible:
+            return "at once"
+        sampling = self._position is not None and self._position.step.kind is StepKind.COLLECT
+        return "when this collect is finished" if sampling else "before the next step"
 
     def _drain(self) -> tuple[SampleBlock, float, str]:
         """Return what arrived since the last drain, how long that was, and what failed."""

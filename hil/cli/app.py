@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import chamber, data, device, frames, model, night, replay
+from hil.cli import chamber, coefficients, control, data, device, frames, model, night, replay
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 
@@ -26,3 +27,36 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
             return answer in _YES
         console.print("please answer yes or no: ", end="")
     return None
+
+
+class TerminalQuestions:
+    """A `procedures.attended.Terminal`: shows the questions of a night, and hears answers without ever waiting."""
+
+    def put(self, question: str, timeout_s: float) -> None:
+        """Show the question."""
+        messages().print(f"{question}  [yes/no, within {timeout_s / 60.0:.0f} min]")
+
+    def answer(self) -> bool | None:
+        """Return the answer, or None while there is none. Anything but yes or no is asked again."""
+        if not _in_foreground() or not select.select([sys.stdin], [], [], 0.0)[0]:
+            return None
+        answer = sys.stdin.readline().strip().lower()
+        if answer in _YES | _NO:
+            return answer in _YES
+        if answer:
+            messages().print("please answer yes or no")
+        return None
+
+    def settle(self, how: str) -> None:
+        """Say how it ended."""
+        messages().print(how)
+
+
+def _in_foreground() -> bool:
+    """Tell whether this process may read its standard input: the system stops a background job that tries."""
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:
+        return not sys.stdin.isatty()  # a pipe or a file: whoever wrote it has answered
+    except ValueError:  # it was closed
+        return False

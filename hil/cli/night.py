@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from hil.cli.ask import ask_on_terminal
+from hil.cli.ask import TerminalQuestions
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, hours_minutes, onlooker, step_in_words
@@ -146,7 +146,7 @@ def run(
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         if not _confirmed():
             raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
-    return _end(_start(asked, on, out, quiet=quiet))
+    return _end(_start(asked, on, out, quiet=quiet, speed=speed))
 
 
 def _confirmed() -> bool:
@@ -163,15 +163,15 @@ def resume(folder: Folder, quiet: Quiet = False) -> int:
 
     simulated = bool(night_status(folder)["simulated"])
     with _watching(quiet=quiet, simulated=simulated) as progress:
-        ended = resume_night(folder, progress=progress, ask=ask_on_terminal)
+        ended = resume_night(folder, progress=progress, terminal=TerminalQuestions(), speed=speed)
     return _end(ended)
 
 
-def _start(sweep: Sweep, bench: Bench, out: Path, *, quiet: bool) -> NightOutcome:
+def _start(sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, speed: float | None = None) -> NightOutcome:
     from hil.night import start_night
 
     with _watching(quiet=quiet, simulated=bench.simulated) as progress:
-        return start_night(out, sweep, bench, progress=progress, ask=ask_on_terminal)
+        return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), speed=speed)
 
 
 def _end(ended: NightOutcome) -> int:
@@ -207,6 +207,8 @@ def status(folder: Folder, as_json: JsonFlag = False) -> int:
         console.print(f"{done} of {total} self-calibrations")
         if document["reason"]:
             console.print(f"reason: {document['reason']}")
+        if document["prompt"]:
+            console.print(f"ASKS: {document['prompt']['question']} (hil confirm {folder}, or --no)")
         working = document["state"] in {"running", "paused"}
         if working and document["eta_utc"]:
             console.print(f"expected end {datetime.fromisoformat(document['eta_utc']):%Y-%m-%d %H:%M} UTC")

@@ -12,8 +12,10 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
 from hil.blocks import FieldMeaning
+from hil.control import request
 from hil.journal import SqliteJournal
 from hil.journal_records import Night
+from procedures.control import RequestKind
 from procedures.journal import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind, make_plan
 from procedures.settings import SweepProcedure
@@ -122,6 +124,7 @@ def full_night(new_night: Path, plan: Plan, clock: VirtualClock) -> Path:
             carry_out(opened, step, clock)
             opened.heartbeat(step, {"chamber_degC": 20.0})
         opened.event("note", "all went well")
+        request(new_night, RequestKind.PAUSE, "rk", "lunch")
     return new_night
 
 

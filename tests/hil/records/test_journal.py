@@ -223,7 +223,7 @@ def test_an_upgrade_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pyte
 
     connection = sqlite3.connect(tmp_path / "x.sqlite", isolation_level=None)
     monkeypatch.setattr(journal_schema, "UPGRADES", (*journal_schema.UPGRADES, broken))
-    monkeypatch.setattr(journal_schema, "VERSION", 2)
+    monkeypatch.setattr(journal_schema, "VERSION", journal_schema.VERSION + 1)
     with pytest.raises(sqlite3.OperationalError):
         journal_schema.upgrade(connection)
     assert connection.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)

@@ -1,0 +1,84 @@
+"""Commands to a night that is running, from another shell: pause, continue, abort, confirm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli.ending import Exit
+from hil.cli.output import Folder, JsonFlag, print_json, results
+from hil.errors import InputError
+from procedures.control import RequestKind
+
+Why = Annotated[str, typer.Option("--why", help="The reason, for the record.", show_default=False)]
+Wait = Annotated[float, typer.Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]
+_WAIT_S = 20.0
+
+
+def pause(folder: Folder, why: Why, wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+    """Hold a running night where it is. A collect in progress is finished first; a soak starts over afterwards."""
+    return _ask(folder, RequestKind.PAUSE, why, wait, as_json=as_json)
+
+
+def go_on(folder: Folder, why: Why = "", wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+    """Let a paused night go on. Devices and position are checked again; the soak counts on if the band was held."""
+    return _ask(folder, RequestKind.CONTINUE, why, wait, as_json=as_json)
+
+
+def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+    """End a running night: the chamber is brought to its safe state. `hil resume` carries on."""
+    return _ask(folder, RequestKind.ABORT, why, wait, as_json=as_json)
+
+
+def confirm(
+    folder: Folder,
+    no: Annotated[bool, typer.Option("--no", help="Refuse instead.")] = False,
+    why: Why = "",
+    wait: Wait = _WAIT_S,
+    as_json: JsonFlag = False,
+) -> int:
+    """Answer the question that a running night asks its operator (`hil status` shows it)."""
+    from hil.control import standing_prompt
+
+    prompt = standing_prompt(folder)
+    if prompt is None:
+        raise InputError(f"{folder}: no question waits for an answer; hil status {folder} says what is going on")
+    number = int(prompt.evidence["prompt"])
+    kind = RequestKind.REFUSE if no else RequestKind.CONFIRM
+    if not as_json:
+        results().print(prompt.message)
+    return _ask(folder, kind, why, wait, prompt=number, as_json=as_json)
+
+
+def _ask(folder: Path, kind: RequestKind, why: str, wait_s: float, *, as_json: bool, prompt: int | None = None) -> int:
+    from hil.control import request, wait_for_answer, who_asks
+
+    number = request(folder, kind, who_asks(), why, prompt=prompt)
+    row = wait_for_answer(folder, number, wait_s)
+    if as_json:
+        print_json(
+            {
+                "schema": "hil.request/1",
+                "number": number,
+                "kind": kind.value,
+                "who": row.who,
+                "why": row.why,
+                "accepted": row.accepted,
+                "answer": row.answer,
+            }
+        )
+    elif row.accepted is None:
+        results().print(
+            f"{folder}: {kind.value} is asked for, and not answered after {wait_s:g} s. It will be acted upon when the "
+            f"controller next looks; if hil status {folder} shows no sign of life, hil watchdog {folder} ends it safely"
+        )
+    else:
+        results().print(f"{folder}: {kind.value}: {'' if row.accepted else 'refused: '}{row.answer}")
+    if row.accepted is None:
+        return Exit.INCOMPLETE
+    return Exit.DONE if row.accepted else Exit.FAILED
+
+
+COMMANDS = (pause, abort, confirm)

@@ -1,0 +1,106 @@
+"""Asking something of a running controller, from another process: a command, a dashboard.
+
+    number = request(folder, RequestKind.PAUSE, "rk@lab-3", "a look at the cable")
+    answer = wait_for_answer(folder, number, timeout_s=10.0)
+    answer.accepted, answer.answer        # True, "pauses at once; the chamber is held"
+
+A request is one durable row in the night's journal, meant for the controller that is at work at this moment and never
+acted upon by another. The controller hears of it at its next poll and writes its answer beside it; an event in the
+journal says what came of it. Waiting for the answer is not needed: what was asked is done all the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import getpass
+import os
+import socket
+import sqlite3
+from pathlib import Path
+
+from drivers.clock import SystemClock
+from hil import journal_schema
+from hil.errors import InputError
+from hil.journal_reader import JOURNAL_NAME, open_readonly
+from hil.journal_records import Event, RequestRow
+from hil.lock import living_owner
+from procedures.control import RequestKind
+
+__all__ = ["RequestKind", "request", "standing_prompt", "wait_for_answer", "who_asks"]
+
+_BUSY_S = 10.0
+_LOOK_S = 0.1
+
+
+def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt: int | None = None) -> int:
+    """Ask the controller at work in `folder`; return the number of the request.
+
+    `prompt` is the number of the question that a CONFIRM or REFUSE answers (`standing_prompt`). Raises `InputError`
+    where no controller is at work there, or the request cannot be recorded; nothing is asked then.
+    """
+    _require_controller(folder, kind)
+    path = folder / JOURNAL_NAME
+    try:
+        connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
+        with contextlib.closing(connection):
+            if journal_schema.check(connection, path) < journal_schema.VERSION:
+                raise InputError(
+                    f"{folder}: its controller is an earlier hil that hears no requests; Ctrl-C in its terminal, or "
+                    "kill with the process number, brings the chamber to its safe state"
+                )
+            connection.execute("PRAGMA synchronous = FULL")
+            # One statement: whatever becomes of this process, the controller never waits for it.
+            row = connection.execute(
+                "INSERT INTO requests (controller, kind, who, why, prompt, asked_utc) "
+                "SELECT max(id), ?, ?, ?, ?, ? FROM controllers",
+                (kind.value, who, why, prompt, SystemClock().utc().isoformat()),
+            )
+            return int(row.lastrowid or 0)
+    except sqlite3.Error as error:
+        raise InputError(f"{path}: the request cannot be recorded ({error}); nothing was asked") from error
+
+
+def wait_for_answer(folder: Path, number: int, timeout_s: float) -> RequestRow:
+    """Return the request with its answer; `accepted` is still None where none came within `timeout_s`."""
+    clock = SystemClock()
+    with open_readonly(folder) as journal:
+        while True:
+            row = next(each for each in journal.requests() if each.number == number)
+            if row.accepted is not None or clock.now() >= timeout_s or living_owner(folder) is None:
+                return row
+            clock.sleep(_LOOK_S)
+
+
+def standing_prompt(folder: Path) -> Event | None:
+    """Return the question that waits for an answer in `folder`, or None. Its `evidence["prompt"]` is its number."""
+    if living_owner(folder) is None:
+        return None
+    with open_readonly(folder) as journal:
+        return journal.standing("prompt", "prompt-ended")
+
+
+def who_asks() -> str:
+    """Return who runs this process, as a request names them: user@host."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a container whose user has no name
+        user = f"uid {os.getuid()}"
+    return f"{user}@{socket.gethostname()}"
+
+
+def _require_controller(folder: Path, kind: RequestKind) -> None:
+    """Raise `InputError`, saying what can be done instead, where nobody would hear the request."""
+    if not (folder / JOURNAL_NAME).is_file():
+        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    if living_owner(folder) is not None:
+        return
+    with open_readonly(folder) as journal:
+        controllers = journal.controllers()
+    nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
+    if controllers and controllers[-1].ended is None:
+        raise InputError(
+            f"{nobody}: it was killed, or lost its power, and THE CHAMBER MAY STILL BE CONDITIONING; hil watchdog "
+            f"{folder} brings it to its safe state, hil resume {folder} carries on"
+        )
+    how = f" (the last one ended: {controllers[-1].ended})" if controllers else ""
+    raise InputError(f"{nobody}{how}; hil status {folder} says what became of it, hil resume {folder} carries on")

@@ -1,0 +1,74 @@
+"""A pause: the bench is held as it is until somebody says continue; what that did to the unit decides what is redone.
+
+The setpoint stays commanded, every interlock but the loss of the stream is judged (a pause is for cables), and a stop
+or an abort is heard. Afterwards the devices are identified and the unit is positioned again, because hands were on the
+bench. The soak counts on where logged readings prove that the air stayed in its band and the unit kept its power.
+"""
+
+from __future__ import annotations
+
+from procedures.interlocks import InterlockTripped, Look
+from procedures.settings import Restabilisation
+from procedures.watch import Watch
+
+
+class HeldBand:
+    """Whether the unit's equilibrium outlasts a pause. Neither may fail for longer than the excursion time."""
+
+    def __init__(self, settings: Restabilisation, setpoint_degC: float | None, began_s: float) -> None:
+        self._settings = settings
+        self._setpoint_degC = setpoint_degC
+        self._air_s = self._unit_s = began_s
+        self.lost = ""  # why it does not, in words
+
+    def look(self, look: Look) -> None:
+        """Take one look in."""
+        if self._in_band(look):
+            self._air_s = look.time_s
+        if look.samples:
+            self._unit_s = look.time_s
+        allowed_s, band = self._settings.excursion_s, self._settings.band_degC
+        if look.time_s - self._air_s > allowed_s:
+            self.lost = f"the air was not shown to stay within {band:g} °C of the setpoint"
+        elif look.time_s - self._unit_s > allowed_s:
+            self.lost = "the unit was silent and may have been without power"
+
+    def _in_band(self, look: Look) -> bool:
+        if not look.chamber_fresh or look.chamber is None or self._setpoint_degC is None:
+            return False
+        return abs(look.chamber.temperature_degC - self._setpoint_degC) <= self._settings.band_degC
+
+
+def rest(watch: Watch, settings: Restabilisation, longest_s: float) -> str:
+    """Hold the bench until the pause ends; return why the soak must start over, or nothing.
+
+    Raises what a poll raises, and `InterlockTripped` where nobody came back within `longest_s`.
+    """
+    asked = watch.desk.pause
+    if asked is None:
+        return ""
+    began_s = watch.now_s
+    at = "" if watch.commanded_degC is None else f" at {watch.commanded_degC:.1f} °C"
+    held = HeldBand(settings, watch.commanded_degC, began_s)
+    watch.event("pause", f"paused by {asked}; the chamber is held{at}", who=asked.who, why=asked.why)
+    watch.resting = True
+    try:
+        while watch.desk.pause is not None:
+            watch.note = f"paused by {asked}"
+            if watch.now_s - began_s >= longest_s:
+                raise InterlockTripped("paused-too-long", f"paused by {asked}, and nobody came back")
+            held.look(watch.look_again())
+    finally:
+        watch.resting, watch.note = False, ""
+    lasted_s = watch.now_s - began_s
+    soak = f"the soak starts over: {held.lost}" if held.lost else "the band was held, so a finished soak still counts"
+    by = watch.desk.continued_by
+    watch.event(
+        "continue",
+        f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}",
+        who=by,
+        paused_s=lasted_s,
+        soak_kept=not held.lost,
+        reason=held.lost,
+    )
+    return held.lost
