@@ -269,16 +269,15 @@ def _refuse_existing(folder: Path) -> None:
 def _whole_or_nothing(target: Path) -> Iterator[Path]:
     """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
     above = target.resolve().parent
-    there = next(folder for folder in (above, *above.parents) if folder.exists())
-    if not there.is_dir():
-        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
-    made: list[Path] = []
+    while not above.is_dir():
+        if above.exists():
+            raise InputError(f"{above}: is not a folder, so nothing can be made in it")
+        above = above.parent
     partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
     try:
-        made = make_folders(RealDisk(), above)
-        _clear_away(above, target.name)
         partial.mkdir()
         yield partial
+        target.parent.mkdir(parents=True, exist_ok=True)
         RealDisk().rename(partial, target)
     except (OSError, sqlite3.OperationalError) as error:
         raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error

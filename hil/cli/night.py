@@ -27,6 +27,10 @@ SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one
 BenchName = Annotated[
     str, typer.Option("--bench", help="A bench file, or the name of one that ships.", show_default=False)
 ]
+Speed = Annotated[
+    float | None,
+    typer.Option("--speed", help="Simulation only: so many times real time, to watch it.", show_default=False),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
 
 
@@ -133,6 +137,7 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="The night's folder; must not exist yet.", show_default=False)],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
     quiet: Quiet = False,
+    speed: Speed = None,
 ) -> int:
     """Carry out a sweep. Ctrl-C brings the chamber to its safe state; `hil resume` carries on."""
     from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
@@ -156,7 +161,7 @@ def _confirmed() -> bool:
         return False
 
 
-def resume(folder: Folder, quiet: Quiet = False) -> int:
+def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
     from hil.night import resume_night
     from hil.status import night_status
