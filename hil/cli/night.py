@@ -15,8 +15,9 @@ from rich.table import Table
 from hil.cli.ask import TerminalQuestions
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
-from hil.cli.progress import TerminalProgress, hours_minutes, onlooker, step_in_words
+from hil.cli.progress import TerminalProgress, onlooker
 from hil.errors import InputError
+from hil.step_words import hours_minutes, step_in_words
 from procedures.progress import Progress
 
 if TYPE_CHECKING:
