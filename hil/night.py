@@ -29,7 +29,6 @@ from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
-from drivers.operator import AskOperator
 from drivers.write_wear import wear_of
 from hil.bench import LiveBench, build_bench
 from hil.blocks import FieldMeaning
@@ -42,6 +41,7 @@ from hil.journal_reader import reading
 from hil.journal_records import Night
 from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
+from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Progress
 from procedures.sequencer import Sequencer, SweepOutcome, SweepState
