@@ -97,6 +97,14 @@ def campaign_of_night(folder: Path | str) -> Campaign:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
 
 
+def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
+    """Return a night as a campaign in memory, and the block of samples of each of its collects that has one."""
+    folder = Path(folder)
+    with reading(folder) as journal:
+        campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
+    return campaign, {row.number: row.collect.samples for row in rows if row.collect.samples is not None}
+
+
 def _make_way(target: Path) -> None:
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # an empty folder, made for this: the campaign takes its place in one step

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import chamber, control, data, device, frames, model, night, replay
+from hil.cli import chamber, coefficients, control, data, device, frames, model, night, replay
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -25,6 +25,8 @@ for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMAN
 for request in control.COMMANDS:
     app.command()(with_status(request))
 app.command("continue")(with_status(control.go_on))
+for analysis in coefficients.COMMANDS:
+    app.command()(with_status(analysis))
 app.command("import")(with_status(data.import_table))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))

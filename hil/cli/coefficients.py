@@ -1,0 +1,121 @@
+"""Commands about what the coefficients mean: audit, thermal, allan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from hil.cli.output import JsonFlag, messages, print_json, results
+from hil.errors import InputError
+
+
+def _quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
+    try:
+        return convert(text)
+    except ValueError as error:
+        raise InputError(f"{option}: {error}") from None
+
+
+def allan(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.",
+            show_default=False,
+        ),
+    ],
+    channel: Annotated[str | None, typer.Option(help="Which channel or column.", show_default=False)] = None,
+    sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.", show_default=False)] = None,
+    collect: Annotated[int | None, typer.Option(help="Of a folder: one collect; default: all of them.")] = None,
+    rate: Annotated[
+        str | None, typer.Option(help="Sample rate where the file has no times, such as '100 Hz'.", show_default=False)
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="The column's unit, with a factor for counts: rad/s, '0.05 deg/s'.")
+    ] = None,
+    reach: Annotated[
+        str | None, typer.Option(help="How long to average to reach this, such as '0.5 deg/hr'.", show_default=False)
+    ] = None,
+    collect_time: Annotated[str, typer.Option(help="How long a collect is.")] = "60 s",
+    out: Annotated[Path | None, typer.Option("--out", help="Write the plot here, .svg or .png.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
+    from hil.allan.document import analyse
+    from hil.allan.figure import check_name, write_figure
+    from hil.allan.sources import read_recording
+    from hil.config.units import FREQUENCY, RATE, TIME, to_number
+
+    if out is not None:
+        check_name(out)
+    rate_hz = None
+    if rate is not None:
+        rate_hz = _quantity(
+            "--rate", f"{rate} Hz" if _is_plain(rate) else rate, lambda text: to_number(text, FREQUENCY)
+        )
+        if rate_hz == 0.0:
+            raise InputError("--rate: the sample rate must be more than 0 Hz")
+    wanted = None if reach is None else _quantity("--reach", reach, lambda text: to_number(text, RATE))
+    collect_s = _quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
+    result = analyse(
+        read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=rate_hz, unit=unit)
+    )
+    if out is not None:
+        write_figure(result, out)
+    document = result.document(collect_s, wanted)
+    if as_json:
+        print_json(document)
+        return
+    _print_allan(document)
+    if out is not None:
+        results().print(f"plot: {out}")
+
+
+def _is_plain(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _print_allan(document: dict[str, Any]) -> None:
+    console = results()
+    mark = "  SIMULATED" if document["simulated"] else ""
+    console.print(
+        f"{document['source']}: {document['samples']} samples at {document['rate_hz']:.6g} Hz, "
+        f"{document['stretches']} stretch{'es' if document['stretches'] > 1 else ''} without a gap{mark}"
+    )
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("averaging, s", "deviation, deg/hr", "95 % interval", "slope", "fit"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    columns = ("tau_s", "deviation", "low", "high", "slope", "fitted")
+    for tau, deviation, low, high, slope, fitted in zip(*(document[name] for name in columns), strict=True):
+        table.add_row(f"{tau:.4g}", f"{deviation:.4g}", f"{low:.4g} to {high:.4g}", f"{slope:+.2f}", f"{fitted:.4g}")
+    console.print(table)
+    terms = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("term", "value", "95 % interval", "unit", "slope", "what it is"):
+        terms.add_column(heading, no_wrap=True)
+    for name, term in document["fit"].items():
+        value = f"{term['value']:.4g}" if term["seen"] else "not seen"
+        terms.add_row(
+            name,
+            value,
+            f"{term['low']:.4g} to {term['high']:.4g}" if term["seen"] else f"below {term['high']:.4g}",
+            term["unit"],
+            f"{term['slope']:+g}",
+            term["meaning"],
+        )
+    console.print(terms)
+    for line in document["summary"]:
+        console.print(line)
+    for note in document["notes"]:
+        messages().print(f"note: {note}")
+
+
+COMMANDS = (allan,)
