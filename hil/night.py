@@ -9,6 +9,7 @@
       configuration/      what the IMU sends and what is simulated, as the journal has it
       log.jsonl           who did what when, line by line
       controller.lock     who is at work here
+      live.json, .trace   the newest state and a curve, for onlookers (hil.live)
 
 Bad input leaves no folder. A folder, once it is there, holds a whole journal with its plan, and whatever happens after
 that is in it. The chamber is in its safe state at every way out.
@@ -29,6 +30,7 @@ from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
+from drivers.clock import PacedClock, VirtualClock
 from drivers.write_wear import wear_of
 from hil.bench import LiveBench, build_bench
 from hil.blocks import FieldMeaning
@@ -39,11 +41,12 @@ from hil.files import PARTIAL, RealDisk
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import reading
 from hil.journal_records import Night
+from hil.live import LiveFiles
 from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
-from procedures.progress import Progress
+from procedures.progress import Audience, Progress
 from procedures.sequencer import Sequencer, SweepOutcome, SweepState
 from procedures.stop import StopRequest
 
@@ -179,6 +182,7 @@ def _carry_out(
     stop = stop or StopRequest()
     clock = live.devices.clock
     log = NightLog(journal.folder, clock, who)
+    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live))
     try:
         journal.listen(log.say)
         journal.describe_fields(field_meanings(live))
@@ -194,8 +198,12 @@ def _carry_out(
             began=journal.began_utc,
             interlocks=live.bench.interlocks,
             polling=live.bench.polling,
-            progress=progress,
+            progress=Audience(
+                [shown, *([progress] if progress else [])], lost=lambda error: _onlooker_lost(journal, error)
+            ),
             powered_on=_powered_on(live),
+            control=journal,
+            attendant=attendant,
         )
         with _signals(stop):
             ended = sequencer.run()
@@ -210,6 +218,18 @@ def _carry_out(
     finally:
         shown.close()
         log.close()
+
+
+def _onlooker_lost(journal: SqliteJournal, error: Exception) -> None:
+    journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
+
+
+def _looked_at_every_s(live: LiveBench) -> float:
+    """How many seconds of real time lie between two polls; next to none on a clock that jumps."""
+    clock, every_s = live.devices.clock, live.bench.polling.read_interval_s
+    if isinstance(clock, VirtualClock):
+        return every_s / clock.speed if isinstance(clock, PacedClock) else 0.0
+    return every_s
 
 
 def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
