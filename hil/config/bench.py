@@ -28,6 +28,7 @@ from hil.config.files import Section, find_config, parse_yaml, read_text, valida
 from hil.config.orientation import build_orientations
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
+from hil.config.uncertainty import UncertaintySection
 from hil.config.units import Celsius, CelsiusDifference, CelsiusPerMinute, Degrees, Gravities, Hertz, Seconds
 from hil.earth import Site
 from hil.equation import Orientation
@@ -310,6 +311,7 @@ class Bench(Section):
     interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
     polling: Annotated[Polling, _settings(Polling)] = Polling()
     record: RecordSection = RecordSection()
+    uncertainties: UncertaintySection = UncertaintySection()
     simulation: SimulationSection | None = None
 
     _text: str = PrivateAttr(default="")

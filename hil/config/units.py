@@ -41,6 +41,7 @@ ACCELERATION = Kind("an acceleration", "standard_gravity", "-0.016 g")
 RATE = Kind("a rotation rate", "degree/hour", "30 deg/hr")
 DRIFT = Kind("a drift of a rate", "degree/hour/minute", "10 deg/hr/min", zero=0.0)
 RANDOM_WALK = Kind("an angle random walk", "degree/hour**0.5", "0.12 deg/sqrt(hr)", zero=0.0)
+BIAS_SLOPE = Kind("a change of a rate with temperature", "degree/hour/delta_degC", "1.6 deg/hr/degC", True, zero=0.0)
 VOLTAGE = Kind("a voltage", "volt", "28 V", zero=0.0)
 FREQUENCY = Kind("a frequency", "hertz", "20 Hz", zero=0.0)
 
@@ -113,5 +114,6 @@ Gravities = Annotated[float, _of(ACCELERATION)]
 DegreesPerHour = Annotated[float, _of(RATE)]
 DegreesPerHourPerMinute = Annotated[float, _of(DRIFT)]
 RandomWalk = Annotated[float, _of(RANDOM_WALK)]
+BiasPerDegree = Annotated[float, _of(BIAS_SLOPE)]
 Volts = Annotated[float, _of(VOLTAGE)]
 Hertz = Annotated[float, _of(FREQUENCY)]

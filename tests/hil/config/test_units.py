@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hil.config.units import (
     ACCELERATION,
     ANGLE,
+    BIAS_SLOPE,
     DIFFERENCE,
     DRIFT,
     FREQUENCY,
@@ -50,6 +51,8 @@ from hil.config.units import (
         ("9.80665 m/s^2", ACCELERATION, 1.0),
         ("30 deg/hr", RATE, 30.0),
         ("10 deg/hr/min", DRIFT, 10.0),
+        ("1.6 deg/hr/degC", BIAS_SLOPE, 1.6),
+        ("0.9 deg/hr/degF", BIAS_SLOPE, 1.62),
         ("0.12 deg/sqrt(hr)", RANDOM_WALK, 0.12),
         ("0.12 deg/hr**0.5", RANDOM_WALK, 0.12),
         ("28 V", VOLTAGE, 28.0),
