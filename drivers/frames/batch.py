@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.layout import FloatArray, FrameLayout, IntArray
+from drivers.frames.record import record_reader
 from drivers.frames.wire import Rows
 
 
@@ -45,6 +46,9 @@ class FrameBatch:
 
     def records(self) -> list[tuple[float, ...]]:
         """Return every frame's numeric fields in their units, as tuples of plain floats in the order of `columns`."""
+        reader = record_reader(self.layout) if len(self.rows) == len(self) else None
+        if reader is not None:
+            return reader.records(self.rows.tobytes())
         if not self.columns:
             return [()] * len(self)
         return list(zip(*(column.tolist() for column in self.columns.values()), strict=True))

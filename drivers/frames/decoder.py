@@ -144,7 +144,9 @@ class StreamDecoder:
             if self._families[index].steady is not None and self._sequences[index].steady(layout):
                 known = self._few_frames.get(id(layout))
                 if known is None:
-                    reader = record_reader(layout, self._sequences[index])
+                    counter, sequence = layout.description.counter, self._sequences[index]
+                    counted = None if counter is None else counter.field
+                    reader = record_reader(layout, counted, sequence.step, sequence.modulus)
                     known = FewFrames(layout, self._names[index], reader, self._no_frames)
                     self._few_frames[id(layout)] = known
                 self._few = (index, known)

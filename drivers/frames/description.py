@@ -36,6 +36,7 @@ from drivers.frames.notation import ByteOrder, Described, Factor, HexBytes, Name
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
 from drivers.frames.text_frames import TextDescription
+from drivers.mistakes import first_mistake
 
 
 class DescriptionError(ValueError):
@@ -106,7 +107,7 @@ class FrameDescription(Described):
         if isinstance(self.length, int) and not 2 <= self.length <= LONGEST:
             raise ValueError(f"length: {self.length} is not between 2 and {LONGEST}")
         if self.text is None and "checksum" not in self.model_fields_set:
-            raise ValueError("checksum: Field required (kind: none where the frame has none)")
+            raise ValueError("checksum: this key is missing (kind: none where the frame has none)")
         if self.text is not None and (
             not self.delimiter or self.items is not None or "checksum" in self.model_fields_set
         ):
@@ -324,9 +325,10 @@ def parse_description(
     if sample_rate_hz is not None:
         content["sample_rate_hz"] = sample_rate_hz
     try:
-        return StreamDescription.model_validate(_with_values(content, parameters or {}))
+        content = _with_values(content, parameters or {})
+        return StreamDescription.model_validate(content)
     except ValidationError as error:
-        raise DescriptionError(f"{origin}: {_first_problem(error)}") from None
+        raise DescriptionError(f"{origin}: {first_mistake(error, content)}") from None
     except ValueError as error:
         raise DescriptionError(f"{origin}: {error}") from None
 
@@ -339,7 +341,7 @@ def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[s
     try:
         parameters = _Parameters.model_validate({"parameters": described}).parameters
     except ValidationError as error:
-        raise ValueError(_first_problem(error)) from None
+        raise ValueError(first_mistake(error, content)) from None
     values = values_of(parameters, given, content.get("sample_rate_hz"))
     rest = {key: value for key, value in content.items() if key != "parameters"}
     return {**put_in(rest, values), "parameters": described}
@@ -366,12 +368,3 @@ def load_description(
     except UnicodeDecodeError:
         raise DescriptionError(f"{path}: is not UTF-8 text") from None
     return parse_description(text, str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)
-
-
-def _first_problem(error: ValidationError) -> str:
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    place = ".".join(str(part) for part in first["loc"] if part != "function-after" and str(part)[0] != "<")
-    message = first["msg"].removeprefix("Value error, ").removesuffix(".")
-    rest = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{place}: {message}{rest}" if place else f"{message}{rest}"

@@ -87,6 +87,8 @@ def _expand_arrays(given: Any) -> Any:
     expanded: dict[Any, Any] = {}
     for name, value in given.items():
         if not isinstance(value, dict) or not {"names", "count", "stride"} & set(value):
+            if name in expanded:
+                raise ValueError(f"{name}: is already the name of an element of an array before it")
             expanded[name] = value
             continue
         field = dict(value)
@@ -96,6 +98,8 @@ def _expand_arrays(given: Any) -> Any:
         if not isinstance(stride, int) or isinstance(stride, bool) or stride < width:
             raise ValueError(f"{name}.stride: must be a number of bytes, at least the element's {width}")
         for number, label in enumerate(labels):
+            if f"{name}_{label}" in given or f"{name}_{label}" in expanded:
+                raise ValueError(f"{name}: its element {name}_{label} has the name of another field")
             element = dict(field)
             if isinstance(field.get("at"), int):
                 element["at"] = field["at"] + number * stride

@@ -10,14 +10,17 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from drivers.frames.crc import REVERSED_BITS
 from drivers.frames.layout import FrameLayout, TextLayout
-from drivers.frames.sequence import FrameSequence
+
+if TYPE_CHECKING:
+    from drivers.frames.sequence import FrameSequence
 
 Floats = tuple[float, ...]
-Verified = Callable[[bytes, FrameSequence], list[Floats] | None]
+Verified = Callable[[bytes, "FrameSequence"], list[Floats] | None]
 
 _CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "i64": "q"}
 _CODES |= {"f32": "f", "f64": "d", "fp12.20": "i"}
@@ -62,8 +65,11 @@ class RecordReader:
     records: Callable[[bytes], list[Floats]]
 
 
-def record_reader(layout: FrameLayout, sequence: FrameSequence) -> RecordReader | None:
-    """Return the functions for a layout, of frames that `sequence` can follow step by step (`FrameSequence.steady`).
+@lru_cache(maxsize=256)
+def record_reader(
+    layout: FrameLayout, counter: str | None = None, step: int = 0, modulus: int = 1
+) -> RecordReader | None:
+    """Return the functions for a layout; field `counter`, if there is one, is `step` more in each, modulo `modulus`.
 
     Return None where not every field has a record's place of its own.
     """
@@ -73,7 +79,7 @@ def record_reader(layout: FrameLayout, sequence: FrameSequence) -> RecordReader 
     little = orders == {"little"}
     codes, names, at = f"{'<' if little else '>'}{len(layout.header)}s", ["header"], len(layout.header)
     values: dict[str, str] = {}
-    counter = "0"
+    counted = "0"
     for number, name in enumerate(sorted(layout.numeric, key=lambda each: layout.offsets[each])):
         field, offset = layout.numeric[name], layout.offsets[name]
         if offset < at or field.mask is not None or field.when is not None:
@@ -92,12 +98,12 @@ def record_reader(layout: FrameLayout, sequence: FrameSequence) -> RecordReader 
         shift = f" + {field.offset!r}" if field.offset else ""
         exact = field.type in ("f32", "f64") and layout.factor(name) == 1.0
         values[name] = wire + ("" if exact else f" * {layout.factor(name)!r}") + shift
-        if name == sequence.counter_field:
-            counter = wire
+        if name == counter:
+            counted = wire
     codes += "x" * (layout.length - at - len(layout.delimiter)) + f"{len(layout.delimiter)}s"
     names.append("delimiter")
-    in_step = f"({counter} - last) % {sequence.modulus} == {sequence.step}"
-    return _made(layout, codes, names, [values[name] for name in layout.numeric], (counter, in_step))
+    in_step = f"({counted} - last) % {modulus} == {step}"
+    return _made(layout, codes, names, [values[name] for name in layout.numeric], (counted, in_step))
 
 
 def _made(

@@ -35,11 +35,6 @@ class FrameSequence:
         self._record: tuple[str, str] | None = None  # byte order and struct codes of a frame whose counter is read
         self.step, self.modulus = (0, 1) if frame.counter is None else (frame.counter.step, frame.counter.modulus)
 
-    @property
-    def counter_field(self) -> str | None:
-        """The field that counts, None without one."""
-        return None if self._counter is None else self._counter.field
-
     def interrupt(self) -> None:
         """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
         self._continuous = False

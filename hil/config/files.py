@@ -15,6 +15,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
+from drivers.mistakes import plain_words
 from hil.errors import InputError
 
 SINGULAR = {
@@ -158,21 +159,11 @@ def _sentence(problem: dict[str, Any]) -> str:
 
 def _place_and_sentence(problem: dict[str, Any]) -> tuple[str, str]:
     where = ".".join(str(part) for part in problem["loc"])
-    kind, given = problem["type"], problem.get("input")
-    context = problem.get("ctx") or {}
-    if kind == "missing":
-        return where, "this key is missing"
-    if kind == "value_error":
-        inner = context["error"]
+    what = plain_words(problem)
+    if problem["type"] == "value_error":
+        inner = problem["ctx"]["error"]
         if isinstance(inner, _ProblemInside):
             return ".".join(part for part in (where, inner.where) if part), inner.what
-        what = str(inner)
         if where and what.startswith(f"{where}: "):  # a dataclass that names its own section
             what = what.removeprefix(f"{where}: ")
-    elif kind == "literal_error":
-        what = f"{given!r} is not allowed; allowed: {context['expected']}"
-    elif kind in {"tuple_type", "list_type"}:
-        what = f"this must be a list, such as [a, b], not {given!r}"
-    else:
-        what = f"{problem['msg'][0].lower()}{problem['msg'][1:]}, not {given!r}"
     return where, what

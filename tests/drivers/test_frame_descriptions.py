@@ -51,9 +51,9 @@ def test_a_field_stands_where_it_is_said_to_stand() -> None:
 
 
 BROKEN = {
-    "unknown key": ("baud: 9600\n" + STIM300, "baud: Extra inputs"),
+    "unknown key": ("baud: 9600\n" + STIM300, "baud: there is no such key here"),
     "unknown type": (STIM300.replace("latency_us: {type: u16", "latency_us: {type: u17"), "latency_us.type: "),
-    "unknown key in a field": (STIM300.replace("unit: us", "units: us"), "fields.latency_us.units: Extra inputs"),
+    "unknown key in a field": (STIM300.replace("unit: us", "units: us"), "latency_us.units: there is no such key here"),
     "field beyond the checksum": (STIM300.replace("length: 40", "length: 39"), "fields.latency_us: bytes 32 to 33"),
     "overlapping fields": (
         STIM300.replace("latency_us: {type: u16", "latency_us: {at: 30, type: u16"),
@@ -65,7 +65,43 @@ BROKEN = {
     "modulus too large": (STIM300.replace("modulus: 256", "modulus: 65536"), "counter.modulus: 65536 does not fit"),
     "step that does not divide": (STIM300.replace("step: 16", "step: 15"), "counter.step: does not divide"),
     "polynomial too wide": (STIM300.replace("width: 32", "width: 16"), "poly has more than 16 bits"),
-    "unknown checksum": (STIM300.replace("kind: crc", "kind: md5"), "checksum: Input tag 'md5'"),
+    "unknown checksum": (STIM300.replace("kind: crc", "kind: md5"), "checksum.kind: 'md5' is not allowed; .* 'crc'"),
+    "width of a checksum": (STIM300.replace("width: 32", "width: 4"), "incl.checksum.width: must be at least 8, not 4"),
+    "width that is a word": (
+        STIM300.replace("width: 32", "width: wide"),
+        "incl.checksum.width: must be a whole number, not 'wide'",
+    ),
+    "checksum without a kind": (STIM300.replace("kind: crc, ", ""), "checksum.kind: this key is missing"),
+    "span of one number": (
+        STIM300.replace("pad_to: 4", "span: [0]"),
+        "incl.checksum.span.1: this value of the list is missing",
+    ),
+    "no frames": (STIM300.split("frames:")[0] + "frames: {}\n", "yaml: frames: must have at least 1 entry"),
+    "a frame that is nothing": (
+        STIM300.split("frames:")[0] + "frames: {a: }\n",
+        "frames.a: must be a mapping .* nothing",
+    ),
+    "a name with a blank": (KVH.replace("format_A:", "format A:"), "frames.format A: 'format A' is not a name"),
+    "an array's element": (
+        KVH.replace("gyro_x: {type: f32}", "rate: {type: f32, names: [x, y], scale: 1^}"),
+        r"format_A.fields.rate.scale: '1\^' is not a number",
+    ),
+    "an array's element out of place": (
+        KVH.replace("gyro_x: {type: f32}", "rate: {type: f32, names: [x, y], at: 30}"),
+        r"format_A.fields.rate \(its element rate_x\): bytes 30 to 33",
+    ),
+    "a field named like an element": (
+        KVH.replace("gyro_x: {type: f32}", "gyro: {type: f32, names: [x]}\n      gyro_x: {type: f32}"),
+        "format_A.fields.gyro: its element gyro_x has the name of another field",
+    ),
+    "an element named like a field before": (
+        KVH.replace("gyro_y: {type: f32}", "gyro: {type: f32, names: [x, y]}"),
+        "format_A.fields.gyro: its element gyro_x has the name of another field",
+    ),
+    "an element of two arrays": (
+        KVH.replace("gyro_x: {type: f32}", "a: {type: f32, names: [b_c]}\n      a_b: {type: f32, names: [c]}"),
+        "format_A.fields.a_b: its element a_b_c has the name of another field",
+    ),
     "span outside": (STIM300.replace("pad_to: 4", "span: [0, 39]"), r"checksum.span: \[0, 39\] is not a part"),
     "bit that is not there": (KVH.replace("{bit: 0, good: 1}", "{bit: 8, good: 1}"), "gyro_x_valid: a u8 has no bit 8"),
     "same id twice": (KVH.replace("id: 00 AA", "id: FF 55"), "frames: two frames have the same id"),
@@ -73,7 +109,7 @@ BROKEN = {
     "no header at all": (STIM300.replace('    id: "93"\n', ""), "sync: a stream without a sync"),
     "zero scale": (STIM300.replace("scale: 2^-22", "scale: 0"), "incl_x: scale must not be 0"),
     "bad scale": (STIM300.replace("scale: 2^-22", "scale: 2^^2"), "incl_x.scale: '2\\^\\^2' is not a number"),
-    "no schema": (STIM300.replace("schema: hil.frames/1", ""), "schema: Field required"),
+    "no schema": (STIM300.replace("schema: hil.frames/1", ""), "schema: this key is missing"),
     "not a mapping": ("- 1", "is a mapping"),
     "not YAML": ("a: [", "not YAML"),
     "key given twice": (STIM300.replace("gyro_y:", "gyro_x:"), "key 'gyro_x' is given twice"),
