@@ -115,8 +115,12 @@ class WatlowF4t:
         for command in ("RSCALE MINUTES", f"RRATE {wanted:.1f}", "RACTION SETPOINT"):
             self._scpi.tell(f":SOURCE:CLOOP1:{command}")
         found = self._scpi.query(":SOURCE:CLOOP1:RRATE?", self._number)
-        if abs(found - wanted) > 0.05:
-            raise ProtocolError(f"{self.device} reads back a ramp of {found:g} °C/min instead of {wanted:g}")
+        scale, action = (self._scpi.query(f":SOURCE:CLOOP1:{name}?", str.upper) for name in ("RSCALE", "RACTION"))
+        if abs(found - wanted) > 0.05 or (scale, action) != ("MINUTES", "SETPOINT"):
+            raise ProtocolError(
+                f"{self.device} reads back a ramp of {found:g} per {scale} on {action} instead of {wanted:g} per "
+                "MINUTES on SETPOINT"
+            )
         return True
 
     def close(self) -> None:

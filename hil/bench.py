@@ -114,7 +114,7 @@ def build_bench(
         ports = _Ports(bench, clock, opened, unopened)
         baud = bench.imu.baud or description.baudrate
         imu_port = ports.open_stream(SerialLine(baud), lambda: simulators().imu)
-        chamber = _chamber(bench, ports, clock, lambda: simulators().chamber)
+        chamber = _chamber(bench, ports, clock, simulators)
         imu = StreamImu(
             imu_port,
             description,
@@ -152,8 +152,9 @@ def open_chamber(bench: Bench) -> LiveChamber:
     _check_port(bench, "chamber.port", bench.chamber.port)
     clock = _clock(bench)
 
-    def simulated() -> SimulatedDevice:
-        return simulate_devices(bench, load_frames(bench), begins_s=clock.now()).chamber
+    @cache
+    def simulated() -> SimulatedBench:
+        return simulate_devices(bench, load_frames(bench), begins_s=clock.now())
 
     with ExitStack() as opened:
         chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated)
@@ -224,9 +225,11 @@ class _Ports:
         self._opened.callback(reader.close)
         return reader
 
-    def open_second(self, key: str, url: str) -> Transport:
-        """Open a second, real port of a device."""
-        port = self._real(key, url, lambda: open_port(url, clock=self._clock))
+    def open_ramp(self, url: str, device: Callable[[], SimulatedDevice]) -> Transport:
+        """Open the chamber's second port, or what it simulates."""
+        if url.startswith(SIMULATED_SCHEME):
+            return MemoryTransport(device(), self._clock, url)
+        port = self._real("chamber.ramp_port", url, lambda: open_port(url, clock=self._clock))
         self._opened.callback(port.close)
         return port
 
@@ -251,10 +254,10 @@ def _clock(bench: Bench, start_utc: datetime | None = None, speed: float | None 
     return PacedClock(speed, start_utc)
 
 
-def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedDevice]) -> Chamber:
+def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench]) -> Chamber:
     section = bench.chamber
-    port = ports.open("chamber.port", section.port, section.line, simulated)
-    ramp_port = None if section.ramp_port is None else ports.open_second("chamber.ramp_port", section.ramp_port)
+    port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
+    ramp_port = None if section.ramp_port is None else ports.open_ramp(section.ramp_port, lambda: simulated().ramp_port)
     options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,

@@ -34,11 +34,15 @@ from hil.twin.devices import SimulatedBench, simulate_devices
 SCHEMA = "hil.simulate/1"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _HOST = "127.0.0.1"
+_PORT_KEYS = {"imu": ("imu", "port"), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Devices that are being served: what a client opens, by device (imu, chamber), and the devices themselves."""
+    """Devices that are being served: what a client opens, by device (imu, chamber, ramp), and the devices themselves.
+
+    `ramp` is the chamber's second port, where the bench file names one.
+    """
 
     bench: Bench
     ports: Mapping[str, str]
@@ -85,7 +89,8 @@ def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
     document["clock"] = "system"
     document.pop("polling", None)
     for device, port in ports.items():
-        document[device]["port"] = port
+        section, key = _PORT_KEYS[device]
+        document[section][key] = port
     return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
 
 
@@ -94,10 +99,12 @@ def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
     clock = SystemClock()
     devices = simulate_devices(bench, load_frames(bench), begins_s=clock.now())
     wanted = {"imu": bench.imu.port, "chamber": bench.chamber.port}
+    lines: dict[str, SimulatedDevice] = {"imu": devices.imu, "chamber": devices.chamber}
+    if bench.chamber.ramp_port is not None:
+        wanted["ramp"], lines["ramp"] = bench.chamber.ramp_port, devices.ramp_port
     host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
     with ExitStack() as stack:
         try:
-            lines: dict[str, SimulatedDevice] = {"imu": devices.imu, "chamber": devices.chamber}
             server = DeviceServer(lines, clock, tcp_ports=tcp_ports, host=host)
         except OSError as error:
             where = ", ".join(wanted.values())
@@ -106,7 +113,7 @@ def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
         ports = dict(server.urls)
         for device, port in wanted.items():
             if "://" not in port:
-                stack.callback(_link(bench, f"{device}.port", Path(port), Path(ports[device])))
+                stack.callback(_link(bench, ".".join(_PORT_KEYS[device]), Path(port), Path(ports[device])))
                 ports[device] = port
         yield server, Simulation(bench, ports, devices)
 
@@ -115,7 +122,8 @@ def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[s
     hosts, numbers = set(), {}
     for device, url in wanted.items():
         if url.startswith("rfc2217://"):
-            raise InputError(f"{bench.source}: {device}.port: {url} cannot be simulated; write socket://host:port")
+            key = ".".join(_PORT_KEYS[device])
+            raise InputError(f"{bench.source}: {key}: {url} cannot be simulated; write socket://host:port")
         if url.startswith("socket://"):
             parts = urlsplit(url)
             hosts.add(parts.hostname or _HOST)
@@ -123,7 +131,7 @@ def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[s
         elif tcp and url.startswith(SIMULATED_SCHEME):
             numbers[device] = 0
     if len(hosts) > 1:
-        raise InputError(f"{bench.source}: imu.port and chamber.port name different hosts; one program serves one host")
+        raise InputError(f"{bench.source}: the ports name different hosts; one program serves one host")
     return (hosts.pop() if hosts else _HOST), numbers
 
 

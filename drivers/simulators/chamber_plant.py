@@ -144,6 +144,7 @@ class ChamberPlant:
         self.ambient_degC = ambient_degC
         self._heating_per_s = heating_degC_per_min / 60.0
         self._cooling_per_s = cooling_degC_per_min / 60.0
+        self._ramp_per_s = (math.inf, math.inf)
         self._response_s = response_s
         self._settling_s = settling_s
         self._ripple = (ripple_degC, ripple_period_s)
@@ -168,6 +169,10 @@ class ChamberPlant:
             return
         self._commanded = setpoint_degC
         self._restart(at_s)
+
+    def bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
+        """Move no faster than this from the next command on, as a controller's own ramp does; 0 for no bound."""
+        self._ramp_per_s = (up_degC_per_min / 60.0 or math.inf, down_degC_per_min / 60.0 or math.inf)
 
     def kill(self, at_s: float) -> None:
         """Let compressor and heater fail: setpoints are taken and not followed until `revive`."""
@@ -213,7 +218,8 @@ class ChamberPlant:
             self._append(at_s, _Leak(air, self.ambient_degC, self._leak_s))
             return
         rises = self._commanded > air
-        limit = self._heating_per_s if rises else -self._cooling_per_s
+        up_per_s, down_per_s = self._ramp_per_s
+        limit = min(self._heating_per_s, up_per_s) if rises else -min(self._cooling_per_s, down_per_s)
         ramp = _Ramp(air, limit, rate, self._response_s)
         duration_s = ramp.duration_to(self._commanded)
         self._append(at_s, ramp)

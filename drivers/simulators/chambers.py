@@ -19,7 +19,8 @@ from drivers.simulators.simserv import SimulatedSimServ
 from drivers.simulators.thermotron import SimulatedThermotron
 from drivers.simulators.voetsch_ascii import SimulatedVoetschAscii
 from drivers.simulators.watlow_f4 import SimulatedWatlowF4
-from drivers.simulators.watlow_f4t import SimulatedWatlowF4t
+from drivers.simulators.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
+from drivers.voetsch_ascii import AsciiLayout
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class SimulatorOptions:
     terminator: bytes | None = None
     framing: Literal["rtu", "tcp"] | None = None
     description: Path | None = None
+    layout: AsciiLayout | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
 
@@ -40,6 +42,11 @@ class SimulatedChamberController(SimulatedDevice, Protocol):
     mode: str
     setpoint_degC: float
     alarms: tuple[str, ...]
+
+
+def ramp_port_of(chamber: object) -> SimulatedDevice | None:
+    """Return the simulated second port on which a controller takes its ramp, None where it has none."""
+    return SimulatedF4tScpi(chamber) if isinstance(chamber, SimulatedWatlowF4t) else None
 
 
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
@@ -79,6 +86,7 @@ def _voetsch_ascii(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedC
     return SimulatedVoetschAscii(
         plant,
         address=options.address or 0,
+        layout=options.layout,
         terminator=options.terminator or b"\r",
         faults=options.faults,
         begins_s=options.begins_s,

@@ -109,7 +109,6 @@ class SimulatedController(ABC):
         self._pending: list[tuple[float, bytes]] = []
         self._ready_at_s = begins_s
         self._sensor_degC: float | None = None
-        self._ramp_degC_per_min: float | None = None
         self._condition(begins_s)
 
     def inject(self, fault: ChamberFault) -> None:
@@ -265,6 +264,10 @@ class SimulatedController(ABC):
     def _condition(self, at_s: float) -> None:
         """Tell the plant what mode and setpoint mean for it."""
         self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
+
+    def _bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
+        """Bound how fast the air is moved from the next setpoint on; 0 for not at all."""
+        self._plant.bound_ramp(up_degC_per_min, down_degC_per_min)
 
     def _air(self, now_s: float) -> float:
         """Return the sensor's temperature in the unit of the panel."""

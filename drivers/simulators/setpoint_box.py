@@ -82,6 +82,7 @@ class SimulatedSetpointBox(SimulatedLines):
                     self.limits = ChamberLimits(self.limits.low_degC, self._taken(value))
                 case "ramp":
                     self.ramp_degC_per_min = value
+                    self._bound_ramp(value, value)
                 case _:
                     self.dead_man_s = value
             return quantity.confirm

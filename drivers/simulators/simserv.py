@@ -74,6 +74,7 @@ class SimulatedSimServ(SimulatedLines):
                 self._switch(on=numbers[1] == 1.0)
             case "11068" | "11072":
                 self.gradient_degC_per_min["up" if command == "11068" else "down"] = numbers[1]
+                self._bound_ramp(self.gradient_degC_per_min["up"], self.gradient_degC_per_min["down"])
             case "19014":
                 self.mode = "RUN"
             case "19015":

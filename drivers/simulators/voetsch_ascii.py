@@ -4,10 +4,10 @@ r"""A Vötsch chamber behind ASCII-2, with air behind it.
     device.receive(b"$00I\r", 0.0)
     device.transmit(0.1)                  # b"0010.0 0011.2 0000.0 … 0000000000000000\r"
 
-A VT 4002: five pairs of nominal and actual value, sixteen bits. As in the manual's example, every pair shows the same
-actual value. It conditions while start and temperature bit are both set. Bit 0 ("on") cannot be changed, bit 2 tells
-of an error, `$00Q` clears the first one. What it cannot understand, and what a locked panel refuses, it does not answer
-(inferred).
+A VT 4002 unless `layout` says otherwise: five pairs of nominal and actual value, sixteen bits. As in the manual's
+example, every pair shows the same actual value. It conditions while start and temperature bit are both set. The error
+bit tells of an error, `$00Q` clears the first one. What it cannot understand, and what a locked panel refuses, it does
+not answer (inferred). A gradient bounds how fast the air moves; 0 means none (inferred).
 """
 
 from __future__ import annotations
@@ -17,29 +17,32 @@ from typing import Any
 
 from drivers.simulators.chamber_plant import ChamberPlant
 from drivers.simulators.lines import SimulatedLines
+from drivers.voetsch_ascii import AsciiLayout
 
-_PAIRS, _BITS = 5, 16
-_START, _ERROR, _TEMPER = 1, 2, 3
 _NUMBER = r"-?\d{3,4}\.\d"
-_WRITE = re.compile(rf"((?:{_NUMBER} ){{{_PAIRS}}})([01]{{{_BITS - 1},{_BITS}}})")
-_GRADIENT = re.compile(rf"{_NUMBER}(?: {_NUMBER}){{{2 * _PAIRS - 1}}}")
 _TEXTS = {"01": "software test spec.protection.."}  # as the manual prints it
 
 
 class SimulatedVoetschAscii(SimulatedLines):
-    """A `SimulatedDevice`: a VT 4002 whose remaining bits are `other_bits`."""
+    """A `SimulatedDevice`. `other_bits` are the bits that the layout does not name, all 0 where they are not given."""
 
     def __init__(
         self,
         plant: ChamberPlant,
         *,
         address: int = 0,
-        other_bits: str = "0000000000000000",
+        other_bits: str | None = None,
+        layout: AsciiLayout | None = None,
         mode: str = "OFF",
         **settings: Any,
     ) -> None:
         self._address = f"${address:02d}"
-        self._others = other_bits
+        self._layout = layout = layout or AsciiLayout()
+        self._named = {layout.start_bit, layout.error_bit, layout.channel_bit}
+        # One leading 0 may be lost, as in the manual's printed example.
+        self._writes = re.compile(rf"((?:{_NUMBER} ){{{layout.written}}})([01]{{{layout.bits - 1},{layout.bits}}})")
+        self._gradient = re.compile(rf"{_NUMBER}(?: {_NUMBER}){{{2 * layout.written - 1}}}")
+        self._others = other_bits or "0" * layout.bits
         self._temper = False
         self.gradient_degC_per_min: tuple[float, float] = (0.0, 0.0)
         super().__init__(plant, mode=mode, **settings)
@@ -58,11 +61,12 @@ class SimulatedVoetschAscii(SimulatedLines):
                 return f"{len(self.alarms):02d}"
         self._refuse_if_locked()
         match command:
-            case "E" if found := _WRITE.fullmatch(rest):
-                self._write([float(number) for number in found[1].split()], found[2].rjust(_BITS, "0"))
-            case "U" if _GRADIENT.fullmatch(rest):
+            case "E" if found := self._writes.fullmatch(rest):
+                self._write([float(number) for number in found[1].split()], found[2].rjust(self._layout.bits, "0"))
+            case "U" if self._gradient.fullmatch(rest):
                 up, down, *_ = (float(number) for number in rest.split())
                 self.gradient_degC_per_min = (up, down)
+                self._bound_ramp(up, down)
             case "P" if re.fullmatch(r"\d{4}", rest):
                 self._program(int(rest))
             case _:
@@ -71,23 +75,30 @@ class SimulatedVoetschAscii(SimulatedLines):
 
     def _everything(self, now_s: float) -> str:
         actual = f"{max(-999.9, min(9999.9, self._air(now_s))):06.1f}"
-        nominal = [self._shown(self.setpoint_degC)] + [0.0] * (_PAIRS - 1)
-        return " ".join([*(f"{value:06.1f} {actual}" for value in nominal), self._digital()])
+        nominal = [f"{self._shown(self.setpoint_degC):06.1f}"] + ["0000.0"] * (self._layout.pairs - 1)
+        pairs = (f"{value} {actual}" if self._layout.nominal_first else f"{actual} {value}" for value in nominal)
+        return " ".join([*pairs, self._digital()])
 
     def _digital(self) -> str:
-        bits = list(self._others)
+        bits, layout = list(self._others), self._layout
         runs = self.mode in ("CONSTANT", "RUN")
-        for place, on in ((_START, runs), (_TEMPER, runs or self._temper), (_ERROR, bool(self.alarms))):
-            if on:
+        named = (
+            (layout.start_bit, runs),
+            (layout.channel_bit, runs or self._temper),
+            (layout.error_bit, bool(self.alarms)),
+        )
+        for place, on in named:
+            if on and place is not None:
                 bits[place] = "1"
         return "".join(bits)
 
     def _write(self, nominal: list[float], bits: str) -> None:
         self.setpoint_degC = self._taken(nominal[0])
-        self._others = "".join("0" if place in (_START, _ERROR, _TEMPER) else bit for place, bit in enumerate(bits))
-        self._temper = bits[_TEMPER] == "1"
-        if self.mode != "RUN" or bits[_START] == "0":
-            self.mode = "CONSTANT" if bits[_START] == bits[_TEMPER] == "1" else "OFF"
+        self._others = "".join("0" if place in self._named else bit for place, bit in enumerate(bits))
+        starts, channel = bits[self._layout.start_bit] == "1", self._layout.channel_bit
+        self._temper = channel is None or bits[channel] == "1"
+        if self.mode != "RUN" or not starts:
+            self.mode = "CONSTANT" if starts and self._temper else "OFF"
 
     def _program(self, number: int) -> None:
         if number:

@@ -31,6 +31,13 @@ class SimulatedWatlowF4t(SimulatedModbus):
         self.ramp = {"RSCALE": "HOURS", "RRATE": "0.0", "RACTION": "OFF"}
         super().__init__(plant, framing=framing, **settings)
 
+    def set_ramp(self, name: str, value: str) -> None:
+        """Set one of the three things that make a ramp; together they bound the air from the next setpoint on."""
+        self.ramp[name] = value
+        rate = float(self.ramp["RRATE"]) / (1.0 if self.ramp["RSCALE"] == "MINUTES" else 60.0)
+        works = self.ramp["RACTION"] in ("SETPOINT", "BOTH")
+        self._bound_ramp(rate if works else 0.0, rate if works else 0.0)
+
     def _register(self, address: int, now_s: float) -> int:
         for begins in _FLOATS:
             if address - begins in (0, 1):
@@ -130,5 +137,5 @@ class SimulatedF4tScpi:
         if name.endswith("?") and name[:-1] in ramp:
             return ramp[name[:-1]]
         if name in ramp and value:
-            ramp[name] = value
+            self._device.set_ramp(name, value)
         return None

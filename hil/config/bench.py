@@ -72,6 +72,7 @@ def _off_is_a_word(value: object) -> object:
 
 ImuPort = Annotated[str, BeforeValidator(lambda value: _port(value, "imu"))]
 ChamberPort = Annotated[str, BeforeValidator(lambda value: _port(value, "chamber"))]
+RampPort = Annotated[str, BeforeValidator(lambda value: _port(value, "ramp"))]
 
 
 _PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
@@ -81,13 +82,6 @@ def _chamber_driver(value: str) -> str:
     if value not in CHAMBER_DRIVERS:
         raise ValueError(f"{value!r} is not a chamber driver; there are {', '.join(sorted(CHAMBER_DRIVERS))}")
     return value
-
-
-def _real_port(value: object) -> str:
-    text = _port(value, "chamber")
-    if text.startswith(SIMULATED_SCHEME):
-        raise ValueError("this port is not simulated; leave it out")
-    return text
 
 
 def _settings(kind: type) -> BeforeValidator:
@@ -242,7 +236,7 @@ class ChamberSection(Section):
     address: NonNegativeInt | None = None
     terminator: Literal["CR", "LF", "CR LF"] | None = None
     framing: Literal["rtu", "tcp"] | None = None
-    ramp_port: Annotated[str, BeforeValidator(_real_port)] | None = None
+    ramp_port: RampPort | None = None
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] | None = None
     dead_man: Annotated[Seconds, Field(ge=600.0)] | None = None
     description: str | None = None
@@ -272,11 +266,18 @@ class ChamberSection(Section):
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
             having = " and ".join(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
             raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
-        if self.layout is not None:
-            if self.driver != "voetsch-ascii2":
-                raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
-            if self.port.startswith(SIMULATED_SCHEME):
-                raise ValueError("layout: the simulated chamber is a VT 4002; leave the layout out")
+        if self.layout is not None and self.driver != "voetsch-ascii2":
+            raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
+        return self
+
+    @model_validator(mode="after")
+    def _a_ramp_port_goes_with_its_chamber(self) -> ChamberSection:
+        if self.ramp_port is None:
+            return self
+        if self.driver != "watlow-f4t":
+            raise ValueError("ramp_port: only watlow-f4t sets its ramp on a port of its own; leave it out")
+        if self.ramp_port.startswith(SIMULATED_SCHEME) != self.port.startswith(SIMULATED_SCHEME):
+            raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
-from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatedChamberController, SimulatorOptions
+from drivers.simulators import SimulatedDevice
+from drivers.simulators.chambers import (
+    CHAMBER_SIMULATORS,
+    SimulatedChamberController,
+    SimulatorOptions,
+    ramp_port_of,
+)
 from drivers.simulators.mfs import IndexSettings, SimulatedImu
 from hil.config.bench import Bench
 from hil.errors import InputError
@@ -18,12 +24,23 @@ from hil.twin.unit import SimulatedUnit
 
 @dataclass(frozen=True)
 class SimulatedBench:
-    """Both devices and what they share. Tests ask `unit` for the truth and inject faults into the devices."""
+    """Both devices and what they share. Tests ask `unit` for the truth and inject faults into the devices.
+
+    `ramp` is the chamber's second port, where its controller takes its ramp on one.
+    """
 
     imu: SimulatedImu
     chamber: SimulatedChamberController
     unit: SimulatedUnit
     plant: LoggedPlant
+    ramp: SimulatedDevice | None = None
+
+    @property
+    def ramp_port(self) -> SimulatedDevice:
+        """The chamber's second port; raise `ValueError` where it has none."""
+        if self.ramp is None:
+            raise ValueError("this chamber has no second port for its ramp")
+        return self.ramp
 
 
 def simulate_devices(
@@ -89,6 +106,7 @@ def simulate_devices(
         terminator=bench.chamber.terminator_bytes,
         framing=bench.chamber.framing,
         description=bench.chamber_description,
+        layout=bench.chamber.layout,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
@@ -96,4 +114,4 @@ def simulate_devices(
         chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
-    return SimulatedBench(imu, chamber, unit, plant)
+    return SimulatedBench(imu, chamber, unit, plant, ramp_port_of(chamber))

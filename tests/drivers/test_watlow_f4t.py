@@ -11,6 +11,7 @@ from drivers.chamber import ChamberLimits, SafeState
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.modbus_exchange import ModbusTiming
+from drivers.ramp import RampedChamber
 from drivers.serial_port import open_port
 from drivers.simulators.chamber_plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
@@ -82,19 +83,50 @@ def test_without_its_scpi_port_there_is_no_native_ramp() -> None:
     assert chamber.set_ramp_rate(2.0) is False
 
 
-def test_the_scpi_transcript() -> None:
-    """Unit, scale, rate, action, and the rate read back; another rate is an error."""
+@pytest.mark.parametrize(
+    ("rate", "scale", "action", "message"),
+    [
+        (b"2.5\n", b"MINUTES\n", b"SETPOINT\n", None),
+        (b"2.0\n", b"MINUTES\n", b"SETPOINT\n", r"a ramp of 2 per MINUTES on SETPOINT instead of 2\.5"),
+        (b"2.5\n", b"HOURS\n", b"SETPOINT\n", r"a ramp of 2\.5 per HOURS"),
+        (b"2.5\n", b"MINUTES\n", b"OFF\n", r"on OFF instead"),
+    ],
+)
+def test_the_scpi_transcript(rate: bytes, scale: bytes, action: bytes, message: str | None) -> None:
+    """Unit, scale, rate, action, and all three read back: settings are not acknowledged, so one may have been lost."""
     clock = VirtualClock()
     exchanges = [
         (b":UNIT:TEMPERATURE?\n", b"C\n"),
         (b":SOURCE:CLOOP1:RSCALE MINUTES\n", b""),
         (b":SOURCE:CLOOP1:RRATE 2.5\n", b""),
         (b":SOURCE:CLOOP1:RACTION SETPOINT\n", b""),
-        (b":SOURCE:CLOOP1:RRATE?\n", b"2.0\n"),
+        (b":SOURCE:CLOOP1:RRATE?\n", rate),
+        (b":SOURCE:CLOOP1:RSCALE?\n", scale),
+        (b":SOURCE:CLOOP1:RACTION?\n", action),
     ]
     scpi = TranscriptDevice(exchanges)
     port = MemoryTransport(SimulatedWatlowF4t(ChamberPlant()), clock, "sim://chamber")
     controller = WatlowF4t(port, clock, scpi=MemoryTransport(scpi, clock, "sim://scpi"))
-    with pytest.raises(ProtocolError, match=r"a ramp of 2 °C/min instead of 2\.5"):
-        controller.set_ramp_rate(2.5)
+    if message is None:
+        assert controller.set_ramp_rate(2.5) is True
+    else:
+        with pytest.raises(ProtocolError, match=message):
+            controller.set_ramp_rate(2.5)
     scpi.finish()
+
+
+def test_the_air_moves_no_faster_than_the_ramp() -> None:
+    """By the controller: one setpoint is written."""
+    clock, plant = VirtualClock(), ChamberPlant()
+    device = SimulatedWatlowF4t(plant)
+    scpi = MemoryTransport(SimulatedF4tScpi(device), clock, "sim://scpi")
+    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, scpi=scpi)
+    chamber = RampedChamber(
+        SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), clock, degC_per_min=0.5
+    )
+    chamber.prepare()
+    assert chamber.native is True
+    chamber.set_temperature(52.0)
+    clock.sleep(1800.0)
+    assert chamber.read().temperature_degC == pytest.approx(37.0, abs=0.5)
+    assert device.setpoint_degC == pytest.approx(52.0)

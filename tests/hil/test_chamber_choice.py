@@ -115,8 +115,9 @@ def test_a_tcp_port_has_one_owner() -> None:
         ({"driver": "voetsch-ascii2", "layout": {"error_bit": 1}}, r"chamber\.layout: .*must be different bits"),
         ({"driver": "voetsch-ascii2", "layout": {"bits": 2}}, r"chamber\.layout: .*different bits from 0 to 1"),
         ({"driver": "voetsch-ascii2", "layout": {"bit": 8}}, r"chamber\.layout: unknown key 'bit'"),
-        ({"driver": "voetsch-ascii2", "layout": {"bits": 32}}, r"chamber: layout: the simulated chamber"),
-        ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: this port is not simulated"),
+        ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: .*the simulated ramp is sim://ramp"),
+        ({"ramp_port": "socket://192.0.2.5:5025"}, r"chamber: ramp_port: simulated with the chamber, or neither"),
+        ({"driver": "espec", "ramp_port": "sim://ramp"}, r"chamber: ramp_port: only watlow-f4t"),
     ],
 )
 def test_a_wrong_chamber_is_one_sentence(chamber: dict[str, Any], message: str) -> None:
@@ -179,17 +180,74 @@ def test_the_record_keeps_the_description_of_a_box(tmp_path: Path) -> None:
     assert "TTIM" in (tmp_path / "chamber.yaml").read_text()
 
 
+def test_the_ramp_of_an_f4t_goes_over_its_own_port() -> None:
+    """One setpoint is written, and the air follows at the rate that was asked for."""
+    with build_bench(bench_with("watlow-f4t", ramp_port="sim://ramp", ramp="0.5 degC/min")) as live:
+        live.devices.chamber.prepare()
+        live.devices.chamber.set_temperature(45.0)
+        device: Any = live.simulators and live.simulators.chamber
+        assert device.ramp == {"RSCALE": "MINUTES", "RRATE": "0.5", "RACTION": "SETPOINT"}
+        assert device.setpoint_degC == pytest.approx(45.0)
+
+
+def test_both_ports_of_an_f4t_can_be_served() -> None:
+    """To any client, as the controller has them."""
+    bench = bench_with("watlow-f4t", ramp_port="sim://ramp", ramp="2 degC/min")
+    with served(bench, tcp=True) as simulation:
+        assert set(simulation.ports) == {"imu", "chamber", "ramp"}
+        with open_chamber(client_bench(bench, simulation.ports)) as live:
+            live.chamber.prepare()
+            device: Any = simulation.devices.chamber
+            assert device.ramp["RRATE"] == "2.0"
+
+
+# Layouts as they were seen elsewhere: actual values first, no bit for the channel; one that numbers its bits to 32.
+LAYOUTS: list[dict[str, Any]] = [
+    {"pairs": 2, "nominal_first": False, "written": 2, "bits": 8, "channel_bit": None},
+    {"pairs": 6, "written": 6, "bits": 32, "start_bit": 0, "channel_bit": 5, "error_bit": 31},
+    {"pairs": 7, "written": 5, "start_bit": 2, "channel_bit": 1, "error_bit": 0},
+]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: f"{layout['pairs']} pairs")
+def test_any_layout_can_be_simulated(layout: dict[str, Any]) -> None:
+    """Prepared, set, read, an alarm, the safe state: as a VT 4002 does it."""
+    with build_bench(bench_with("voetsch-ascii2", layout=layout)) as live:
+        chamber, device = live.devices.chamber, live.simulators and live.simulators.chamber
+        assert device is not None
+        chamber.prepare()
+        chamber.set_temperature(60.0)
+        live.devices.clock.sleep(3600.0)
+        reading = chamber.read()
+        assert reading.temperature_degC == pytest.approx(60.0, abs=0.1)
+        assert (reading.mode, reading.alarms) == ("CONSTANT", ())
+        device.alarms = ("02",)
+        assert chamber.read().alarms == ("error 02: error",)
+        device.alarms = ()
+        chamber.safe_state()
+        assert device.mode == "OFF"
+
+
 @cache
-def _solved(driver: str, folder: Path) -> Mapping[tuple[int, int, str], Estimate]:
+def _solved(choice: str, folder: Path) -> Mapping[tuple[int, int, str], Estimate]:
     document = yaml.safe_load(Path(load_sweep("rd-gc-86-1").source).read_text(encoding="utf-8"))
     sweep = parse_sweep(yaml.safe_dump(document | {"self_calibrations_per_temperature": 1}), "sweep.yaml")
-    night = folder / driver
-    assert start_night(night, sweep, bench_with(driver)).state == "complete"
+    driver, more = CHOICES[choice]
+    night = folder / choice
+    assert start_night(night, sweep, bench_with(driver, **more)).state == "complete"
     return {
         (solution.sensor, solution.run or 0, name): estimate
         for solution in solve_campaign(campaign_of_night(night))
         for name, estimate in solution.parameters.items()
     }
+
+
+CHOICES: dict[str, tuple[str, dict[str, Any]]] = {
+    **{driver: (driver, {}) for driver in CHAMBER_DRIVERS},
+    **{f"voetsch-ascii2-{place}": ("voetsch-ascii2", {"layout": LAYOUTS[place]}) for place in (0, 1)},
+    "watlow-f4t-ramp": ("watlow-f4t", {"ramp_port": "sim://ramp", "ramp": "2 degC/min"}),
+    "espec-dead-man": ("espec", {"dead_man": "2 h"}),
+}
 
 
 @pytest.fixture(scope="module")
@@ -199,10 +257,10 @@ def nights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("driver", [name for name in CHAMBER_DRIVERS if name != "espec"])
-def test_the_published_sweep_gives_the_same_parameters_on_every_chamber(driver: str, nights: Path) -> None:
+@pytest.mark.parametrize("choice", [name for name in CHOICES if name != "espec"])
+def test_the_published_sweep_gives_the_same_parameters_on_every_chamber(choice: str, nights: Path) -> None:
     """All eight temperatures and three positions. Only when samples fall differs between two chambers: noise."""
-    reference, found = _solved("espec", nights), _solved(driver, nights)
+    reference, found = _solved("espec", nights), _solved(choice, nights)
     assert found.keys() == reference.keys()
     assert len(found) == 8 * 2 * 6
     for key, estimate in found.items():

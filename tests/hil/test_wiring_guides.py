@@ -33,8 +33,8 @@ def bench_around(**sections: Any) -> Bench:
 
 
 def with_simulated_chamber(section: dict[str, Any]) -> Bench:
-    """The simulated bench with this chamber, which is simulated too, with one port and the usual layout."""
-    simulated = {key: value for key, value in section.items() if key not in ("ramp_port", "layout")}
+    """The simulated bench with this chamber, which is simulated too."""
+    simulated = section | ({"ramp_port": "sim://ramp"} if "ramp_port" in section else {})
     if simulated["driver"] == "espec":
         simulated["model"] = "P3"  # whom the simulated ESPEC is
     return bench_around(chamber=simulated | {"port": "sim://chamber"})
