@@ -10,7 +10,7 @@ built-in (`matrix-6`, `collins-4` …) is the same object without values: they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ from hil.campaign import Conditions, FloatArray, Sensor
 from hil.config.files import find_config
 from hil.curve import Curve
 from hil.effects.base import Base, Effect
-from hil.effects.catalogue import effect_by_id
+from hil.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.effects.history import joined
 from hil.errors import InputError
 from hil.files import RealDisk, write_durably
@@ -58,6 +58,18 @@ class Term(_Section):
     added: Mapping[str, Any] = Field(default_factory=dict)
 
 
+class InsideCollects(_Section):
+    """What was found inside a sensor's collects and leaves no trace in their averages, on record.
+
+    It changes no average, so neither the solver nor the twin asks for it; a reconcile that finds it again says nothing.
+    """
+
+    effect: str
+    sensor: int
+    parameters: Mapping[str, Mapping[str, Any]] = Field(default_factory=dict)
+    added: Mapping[str, Any] = Field(default_factory=dict)
+
+
 class SensorNoise(_Section):
     """What a simulated sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
 
@@ -83,11 +95,16 @@ class Model(_Section):
     source: str = ""
     sensors: Mapping[int, Mapping[str, Curve]] = Field(default_factory=dict)
     terms: tuple[Term, ...] = ()
+    inside_collects: tuple[InsideCollects, ...] = ()
     noise: Mapping[int, SensorNoise] = Field(default_factory=dict)
 
     def has_values(self, sensor: Sensor) -> bool:
         """Whether the file gives this sensor's parameters; otherwise they are fitted to the data."""
         return sensor.number in self.sensors
+
+    def knows_inside(self, effect: str, sensors: Sequence[int]) -> bool:
+        """Whether an effect inside these sensors' collects is on record already."""
+        return all(any((known.effect, known.sensor) == (effect, n) for known in self.inside_collects) for n in sensors)
 
     def terms_for(self, sensor: Sensor) -> tuple[tuple[Term, Effect], ...]:
         """Return the terms that act on a sensor, each with its effect."""
@@ -231,6 +248,10 @@ def _check(path: Path, model: Model) -> None:
         unknown = [name for name in term.parameters if not effect.accepts(name)]
         if unknown:
             raise InputError(f"{path}: terms.{index}.parameters.{unknown[0]}: unknown key for effect {effect.id}")
+    for index, known in enumerate(model.inside_collects):
+        if known.effect not in {effect.id for effect in SERIES_EFFECTS}:
+            names = ", ".join(sorted({effect.id for effect in SERIES_EFFECTS}))
+            raise InputError(f"{path}: inside_collects.{index}.effect: {known.effect} is not one of {names}")
     if model.form in {"matrix-6", "collins-4", "matrix-6-thermal"}:
         expected = MATRIX_6[:4] if model.form == "collins-4" else MATRIX_6
         for number, curves in model.sensors.items():

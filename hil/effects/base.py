@@ -196,6 +196,17 @@ class SeriesEffect(Described):
     def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
         """Test every channel of one collect's series."""
 
+    def summary(self, series: Series, channel: int) -> FloatArray:
+        """Return what `together` needs of one collect's channel, (k,): empty where it asks for nothing."""
+        return np.empty(0)
+
+    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
+        """Test all collects of a channel at once for what each shows a little of: p-value, estimates, a sentence.
+
+        None where the effect has nothing that is the same from collect to collect.
+        """
+        return None
+
 
 def channel_labels(sensor: Sensor) -> tuple[str, ...]:
     """Name each channel by its axis, as in BA and BB (by itself where two channels share an axis)."""

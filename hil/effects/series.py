@@ -15,12 +15,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import fdtrc, ndtr
+from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.campaign import FloatArray, Sensor, Series
 from hil.effects.base import Parameter, SeriesEffect, SeriesFinding
 
 _BLOCKS = 60
+_FEWEST_TOGETHER = 8  # collects below which nothing is asked of all of them together
 _FEWEST = 16  # samples (or blocks) below which nothing is asked
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
@@ -97,9 +98,39 @@ class SettlingInCollect(_ChannelwiseTest):
     confusable_with = ("drift", "jump")
     experiment = "Discard the head, and compare."
 
+    def summary(self, series: Series, channel: int) -> FloatArray:
+        """Return the duration in s, then S in deg/hr at each time constant, fitted beside level and slope, (k,)."""
+        times, rates = blocked(series, channel)
+        if len(rates) < _FEWEST:
+            return np.empty(0)
+        basis, _ = np.linalg.qr(_level_and_slope(times))
+        shapes = np.exp(-times[:, None] / self.taus_s(times)[None, :])
+        beside = shapes - basis @ (basis.T @ shapes)
+        sizes = beside.T @ rates / np.sum(beside**2, axis=0)
+        return np.concatenate([[times[-1] - times[0]], sizes])
+
+    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
+        """Ask whether S is other than zero on average: Student's t, which needs nothing of the noise inside."""
+        known = [summary for summary in summaries if len(summary)]
+        if len(known) < _FEWEST_TOGETHER:
+            return None
+        sizes = np.stack(known)[:, 1:]
+        error = np.maximum(np.std(sizes, axis=0, ddof=1) / math.sqrt(len(sizes)), 1e-300)
+        t = np.abs(sizes.mean(axis=0)) / error
+        best = int(np.argmax(t))
+        p_value = min(2.0 * float(stdtr(len(sizes) - 1, -t[best])) * sizes.shape[1], 1.0)
+        size = float(sizes[:, best].mean())
+        tau = float(_SETTLING_TAUS[best] * np.mean([summary[0] for summary in known]))
+        estimates = {"S_deg_per_hr": size, "se_deg_per_hr": float(error[best]), "tau_s": tau}
+        return p_value, estimates, f"begin {size:+.3g} +- {error[best]:.2g} deg/hr off and settle in about {tau:.3g} s"
+
+    def taus_s(self, times: FloatArray) -> FloatArray:
+        """Return the time constants that are tried, s, (k,)."""
+        return _SETTLING_TAUS * float(times[-1] - times[0])
+
     def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
         times, rates = blocked(series, channel)
-        taus = _SETTLING_TAUS * (times[-1] - times[0])
+        taus = self.taus_s(times)
         candidates = np.exp(-times[:, None] / taus[None, :])
         index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
         estimates = {"S_deg_per_hr": size, "tau_s": float(taus[index])}
@@ -158,23 +189,45 @@ class Tone(_ChannelwiseTest):
     experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
 
     def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
-        times, rates = uniform(series, channel)
-        step = float(times[1] - times[0])
-        trend = np.polynomial.Polynomial.fit(times, rates, 1)(times)
-        spectrum = np.abs(np.fft.rfft(rates - trend)) ** 2
-        power = spectrum[1 : (len(rates) + 1) // 2]  # without the mean and the Nyquist ordinate
+        step, power = _periodogram(series, channel)
         if len(power) < 2 * _NEIGHBOURS:
             return math.nan, {}, "too few samples for a spectrum"
-        if np.ptp(rates) <= 1e-9 * np.abs(rates).max():
+        if not np.any(power):
             return 1.0, {}, "nothing changes"
+        return self._line(step, power, 1)
+
+    def summary(self, series: Series, channel: int) -> FloatArray:
+        """Return the sample spacing in s, then the periodogram, (k,)."""
+        step, power = _periodogram(series, channel)
+        return np.concatenate([[step], power]) if len(power) >= 2 * _NEIGHBOURS else np.empty(0)
+
+    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
+        """Look for a line in the mean spectrum of the collects that have the usual length and spacing."""
+        lengths = [len(summary) for summary in summaries if len(summary)]
+        if not lengths:
+            return None
+        usual = max(set(lengths), key=lengths.count)
+        alike = np.stack([summary for summary in summaries if len(summary) == usual])
+        step = float(np.median(alike[:, 0]))
+        alike = alike[np.abs(alike[:, 0] - step) < 1e-3 * step]
+        if len(alike) < _FEWEST_TOGETHER or not np.any(alike[:, 1:]):
+            return None
+        return self._line(step, alike[:, 1:].mean(axis=0), len(alike))
+
+    @staticmethod
+    def _line(step: float, power: FloatArray, averaged: int) -> tuple[float, Mapping[str, float], str]:
+        """Return the strongest line of a spectrum, averaged over so many collects."""
+        samples = 2 * len(power) + 1
         background, neighbours = _surroundings(power)
-        # Under locally flat noise each ratio is F distributed with 2 and twice the neighbours' degrees of freedom.
-        p_values = fdtrc(2, 2 * neighbours, power / background)
+        # Under locally flat noise each ratio is F distributed, with twice as many degrees of freedom as ordinates.
+        p_values = fdtrc(2 * averaged, 2 * neighbours * averaged, power / np.maximum(background, 1e-300))
         index = int(np.argmin(p_values))
-        amplitude = 2.0 / len(rates) * math.sqrt(max(float(power[index] - background[index]), 0.0))
-        frequency = (index + 1) / (len(rates) * step)
+        amplitude = 2.0 / samples * math.sqrt(max(float(power[index] - background[index]), 0.0))
+        frequency = (index + 1) / (samples * step)
         estimates = {"a_deg_per_hr": amplitude, "frequency_hz": frequency}
-        sentence = f"a line at {frequency:.4g} Hz with amplitude {amplitude:.3g} deg/hr"
+        sentence = f"have a line at {frequency:.4g} Hz with amplitude {amplitude:.3g} deg/hr"
+        if averaged == 1:
+            sentence = sentence.removeprefix("have ")
         return min(float(p_values[index]) * len(power), 1.0), estimates, sentence
 
 
@@ -290,6 +343,17 @@ def lattice_step(rates: FloatArray) -> float:
         return 0.0
     multiples = np.diff(values) / step
     return step if np.allclose(multiples, np.round(multiples), atol=0.02) else 0.0
+
+
+def _periodogram(series: Series, channel: int) -> tuple[float, FloatArray]:
+    """Return the spacing of a channel's samples and its periodogram without mean and Nyquist; zeros if it is still."""
+    times, rates = uniform(series, channel)
+    step = float(times[1] - times[0])
+    power = np.zeros((len(rates) - 1) // 2)
+    if np.ptp(rates) > 1e-9 * np.abs(rates).max():
+        trend = np.polynomial.Polynomial.fit(times, rates, 1)(times)
+        power = np.abs(np.fft.rfft(rates - trend)[1 : len(power) + 1]) ** 2
+    return step, power
 
 
 def _known(series: Series, channel: int) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from hil.campaign import Campaign, Conditions
 from hil.effects.base import Effect
-from hil.model import Model
+from hil.model import InsideCollects, Model
 from hil.reconcile.blocks import Block
 from hil.reconcile.fit import Added, BlockNoise, Fit
 from hil.reconcile.improve import described_parameters
@@ -77,9 +77,9 @@ def gap_of(
     )
 
 
-def verdict_of(steps: Sequence[Step], *, unresolved: bool, swapped: bool) -> str:
-    """Return the verdict of all steps together: the least certain kind among them."""
-    kinds = {step.naming.kind for step in steps}
+def verdict_of(steps: Sequence[Step], inside: Sequence[FoundEffect], *, unresolved: bool, swapped: bool) -> str:
+    """Return the verdict of all that was found, in averages and inside collects: the least certain kind among them."""
+    kinds = {step.naming.kind for step in steps} | {effect.kind for effect in inside}
     if unresolved:
         return "unresolved"
     if not kinds:
@@ -188,6 +188,29 @@ def _move(exchange: Exchange, position: str, campaign: Campaign) -> float:
     }
     other = next(label for label in exchange.positions if label != position)
     return float(np.nan_to_num(rates[position] - rates[other]))
+
+
+def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campaign: Campaign) -> Model:
+    """Return the model, as `version`, with what was found inside the collects; the same model where nothing was."""
+    if not found:
+        return model
+    date = SystemClock().utc().astimezone(UTC).date().isoformat()
+    new = [
+        InsideCollects(
+            effect=effect.id,
+            sensor=effect.sensors[0],
+            parameters={p["name"]: {"value": p["value"], "unit": p["unit"]} for p in effect.parameters},
+            added={
+                "campaign": campaign.title,
+                "simulated": campaign.simulated,
+                "date": date,
+                "probability": round(effect.probability, 4),
+                "where": effect.parameters[0]["at"] if effect.parameters else "",
+            },
+        )
+        for effect in found
+    ]
+    return model.model_copy(update={"inside_collects": (*model.inside_collects, *new), "version": version})
 
 
 def outlier_found(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:

@@ -1,54 +1,156 @@
 """What shows inside the collects: tones, settling, ramps, lattices, saturation, bursts, where the campaign has series.
 
 Each test of the catalogue is asked of every collect and channel; the p-values of one effect are combined by the
-smallest, corrected for how many were asked, and all effects share the search's rate of false alarms.
+smallest, corrected for how many were asked. What is the same from collect to collect is also asked of all together: a
+settling or a tone that no single collect proves shows there. All effects share one rate of false alarms.
+
+    findings = within_collects(campaign, SERIES_EFFECTS, 0.01)
+    inside = named_within(findings, SERIES_EFFECTS)        # effects for the result, each with its rivals
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, FloatArray
 from hil.campaign_reader import read_series
 from hil.effects.base import SeriesEffect, SeriesFinding
+from hil.reconcile.result import FoundEffect, Rival
+
+_LEAST_P = 1e-300
+_ERROR = "se_deg_per_hr"
+_UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
+_CERTAIN = 0.8
+RAMP = "drift"
+"""A slope inside a collect is what every slow effect looks like there: it is told, and named by the averages only."""
+
+
+@dataclass
+class _Asked:
+    """One effect on one channel of one sensor: what every collect answered, and what is asked of all."""
+
+    effect: SeriesEffect
+    sensor: int
+    channel: str
+    answers: list[tuple[int, SeriesFinding]] = field(default_factory=list)
+    summaries: list[FloatArray] = field(default_factory=list)
 
 
 def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: float) -> list[dict[str, Any]]:
-    """Return what the series show beyond chance, strongest first; empty where the campaign has no series."""
+    """Return what the series show beyond chance, strongest first; empty where the campaign has no series.
+
+    `alpha` is the rate at which anything is returned from series in which nothing is hidden.
+    """
+    asked = list(_asked(campaign, effects))
+    findings = [_finding(one, alpha, len(asked)) for one in asked]
+    return sorted((f for f in findings if f is not None), key=lambda item: item["q_value"])
+
+
+def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> Iterator[_Asked]:
+    """Yield every effect and channel that at least one collect could be asked about."""
     if not campaign.series_files:
-        return []
-    found: dict[tuple[str, int, str], list[tuple[int, SeriesFinding]]] = {}
+        return
     for number, collects in campaign.sensors.items():
+        sensor = collects.conditions.sensor
+        asked: dict[tuple[str, str], _Asked] = {}
         for collect in collects.conditions.collect.tolist():
             series = read_series(campaign, collect)
             if series is None:
                 continue
             for effect in effects:
-                if effect.applies_to(collects.conditions.sensor):
-                    for finding in effect.test(series, collects.conditions.sensor):
-                        found.setdefault((effect.id, number, finding.channel), []).append((collect, finding))
-    tests = max(len(found), 1)
+                if not effect.applies_to(sensor):
+                    continue
+                for index, answer in enumerate(effect.test(series, sensor)):
+                    if np.isfinite(answer.p_value):
+                        key = (effect.id, answer.channel)
+                        one = asked.setdefault(key, _Asked(effect, number, answer.channel))
+                        one.answers.append((collect, answer))
+                        one.summaries.append(effect.summary(series, index))
+        yield from asked.values()
+
+
+def _finding(asked: _Asked, alpha: float, tests: int) -> dict[str, Any] | None:
+    """Return one finding for the document, or None where chance explains it."""
+    collect, strongest = min(asked.answers, key=lambda pair: pair[1].p_value)
+    count = len(asked.answers)
+    together = asked.effect.together(asked.summaries)
+    ways = tests * (2 if together else 1)
+    shown = sum(answer.p_value * count * ways < alpha for _, answer in asked.answers)
+    p_value, estimates = strongest.p_value * count, strongest.estimates
+    told = f"Collect {collect}, channel {asked.channel}: {strongest.sentence}"
+    if together and together[0] < p_value:
+        p_value, estimates, shown = together[0], together[1], count
+        told = f"Channel {asked.channel}: all {count} collects together {together[2]}"
+    if p_value * ways >= alpha:
+        return None
+    return {
+        "id": asked.effect.id,
+        "sensor": asked.sensor,
+        "channel": asked.channel,
+        "collect": collect,
+        "collects": shown,
+        "asked": count,
+        "q_value": p_value * ways,
+        "estimates": dict(estimates),
+        "sentence": told,
+    }
+
+
+def named_within(findings: Sequence[dict[str, Any]], effects: Sequence[SeriesEffect]) -> list[FoundEffect]:
+    """Return what the findings are called: per sensor, the strongest of each group that can be taken for one another.
+
+    The share of a name among its rivals is that of its Bayes factor's bound, 1/(−e p ln p) (Sellke, Bayarri, Berger).
+    """
+    by_id = {effect.id: effect for effect in effects}
     out = []
-    for (identifier, number, channel), findings in found.items():
-        asked = [(collect, f) for collect, f in findings if np.isfinite(f.p_value)]
-        if not asked:
-            continue
-        collect, strongest = min(asked, key=lambda pair: pair[1].p_value)
-        p_value = min(1.0, strongest.p_value * len(asked) * tests)
-        if p_value < alpha:
-            out.append(
-                {
-                    "id": identifier,
-                    "sensor": number,
-                    "channel": channel,
-                    "collect": collect,
-                    "collects": sum(f.p_value * len(asked) * tests < alpha for _, f in asked),
-                    "q_value": p_value,
-                    "estimates": dict(strongest.estimates),
-                    "sentence": f"Collect {collect}, channel {channel}: {strongest.sentence}",
-                }
-            )
-    return sorted(out, key=lambda item: item["q_value"])
+    for sensor in dict.fromkeys(f["sensor"] for f in findings):
+        left = [f for f in findings if f["sensor"] == sensor and f["id"] != RAMP]
+        while left:
+            leader = left[0]
+            alike = [f for f in left if f["id"] == leader["id"] or _confusable(by_id, leader["id"], f["id"])]
+            out.append(_named(leader, alike, by_id))
+            left = [f for f in left if f not in alike]
+    return out
+
+
+def _confusable(by_id: dict[str, SeriesEffect], first: str, second: str) -> bool:
+    return second in by_id[first].confusable_with or first in by_id[second].confusable_with
+
+
+def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[str, SeriesEffect]) -> FoundEffect:
+    weight: dict[str, float] = {}
+    for finding in alike:
+        p = min(max(finding["q_value"], _LEAST_P), 0.3)
+        weight[finding["id"]] = max(weight.get(finding["id"], 0.0), -1.0 / (np.e * p * np.log(p)))
+    total = 1.0 + sum(weight.values())  # 1: that nothing is there
+    effect = by_id[leader["id"]]
+    probability = float(weight.pop(effect.id) / total)
+    return FoundEffect(
+        id=effect.id,
+        title=effect.title,
+        equation=effect.equation,
+        parameters=[_parameter(name, value, leader) for name, value in leader["estimates"].items() if name != _ERROR],
+        probability=probability,
+        confusable_with=[Rival(name, float(w / total), 0.0, by_id[name].title) for name, w in weight.items()],
+        kind="named" if probability >= _CERTAIN else "ambiguous",
+        sensors=(leader["sensor"],),
+        physics=f"{' '.join((type(effect).__doc__ or '').split())} {effect.signature} {leader['sentence']}.",
+        experiment=effect.experiment,
+    )
+
+
+def _parameter(name: str, value: float, finding: dict[str, Any]) -> dict[str, Any]:
+    """Return one estimate as a parameter: its name carries its unit."""
+    suffix, unit = next(((end, unit) for end, unit in _UNITS if name.endswith(end)), ("", "1"))
+    return {
+        "name": name.removesuffix(suffix),
+        "value": float(value),
+        "se": finding["estimates"].get(_ERROR),
+        "unit": unit,
+        "at": f"{finding['channel']}, {finding['collects']} of {finding['asked']} collects",
+        "sensor": finding["sensor"],
+    }

@@ -38,6 +38,7 @@ from hil.reconcile.findings import (
     picture,
     swap_findings,
     verdict_of,
+    with_inside,
 )
 from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
@@ -48,9 +49,10 @@ from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample,
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.search import Scan, Search
 from hil.reconcile.where import disagreements
-from hil.reconcile.within import within_collects
+from hil.reconcile.within import named_within, within_collects
 
 _DRAWS = 300
+_INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
 
 def reconcile(
@@ -76,7 +78,10 @@ def reconcile(
     rng = np.random.default_rng(seed)
     clean, problem, search, faults = _prepare(campaign, chosen, effects)
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-    branch = _choose(pursue(problem, search, alpha, draws, rng), clean, chosen, effects, alpha, draws, rng)
+    # The search over averages and the tests inside the collects share the stated rate of false alarms.
+    inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
+    of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
+    branch = _choose(pursue(problem, search, of_averages, draws, rng), clean, chosen, effects, of_averages, draws, rng)
     problem, search, steps = branch.problem, branch.search, branch.steps
     first, threshold, stricter, chance = branch.first, branch.threshold, branch.stricter, branch.chance
     blocks = list(search.blocks)
@@ -104,10 +109,13 @@ def reconcile(
     certain = reverted and first is not None and first.statistic > threshold + CERTAIN
     found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
     found = found or channels_touched(blocks, noise, conditions, final, chance)
-    verdict = verdict_of(kept, unresolved=certain, swapped=bool(faults["exchanges"]))
+    named_inside = [
+        effect for effect in named_within(inside, SERIES_EFFECTS) if not chosen.knows_inside(effect.id, effect.sensors)
+    ]
+    verdict = verdict_of(kept, named_inside, unresolved=certain, swapped=bool(faults["exchanges"]))
     gap = gap_of(proof, noise, blocks, reverted=reverted, unjudged=unjudged, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
-    results = [*swap_findings(faults["exchanges"]), *results]
+    results = [*swap_findings(faults["exchanges"]), *results, *named_inside]
     experiment = _next(kept, problem, noise, blocks)
     after = chosen
     if kept:
@@ -115,6 +123,7 @@ def reconcile(
         after = improved(
             chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record
         )
+    after = with_inside(after, chosen.version + 1, named_inside, campaign)
     return Reconciliation(
         campaign=campaign.title,
         model_before=chosen.title,
@@ -128,7 +137,7 @@ def reconcile(
         model_after=after,
         input_model=chosen,
         outliers=[outlier_found(o, clean) for o in faults["outliers"]],
-        within_collects=within_collects(campaign, SERIES_EFFECTS, alpha),
+        within_collects=inside,
         as_it_stands=as_it_stands(chosen, campaign),
         notes=notes,
         simulated=campaign.simulated,

@@ -1,0 +1,78 @@
+"""What is hidden inside the collects is named from their series: sealed cases by the blind benchmark's generator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.inside import INSIDE, write_series
+from benchmarks.blind.jobs import EIGHT
+from hil.campaign import Campaign
+from hil.campaign_reader import read_campaign
+from hil.effects.catalogue import SERIES_EFFECTS
+from hil.model import load_model, save_model
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.within import within_collects
+
+SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)
+
+
+def campaign_with(name: str, folder: Path, seed: int = 5, rho: float = 0.0) -> Campaign:
+    """A night of 24 collects with series in which `name` is hidden ("" for nothing)."""
+    case = make_case(seed, model="matrix-6", design=SMALL)
+    written = write_case(case, folder / "case")
+    write_series(case, name, written, seed, rho)
+    return read_campaign(written)
+
+
+def reconciled(campaign: Campaign, model: str = "matrix-6") -> Reconciliation:
+    """The campaign against a model, without the held-out comparison of averages."""
+    return reconcile(campaign, load_model(model), prove=False, draws=100)
+
+
+@pytest.mark.parametrize("name", sorted(INSIDE))
+def test_what_is_hidden_inside_collects_is_named(name: str, tmp_path: Path) -> None:
+    """The series' own name comes first, with its size and where it was seen."""
+    result = reconciled(campaign_with(name, tmp_path))
+    assert result.effects[0].id == name
+    assert result.verdict in {"named", "ambiguous"}
+    assert result.effects[0].parameters
+    assert "RA" in result.effects[0].parameters[0]["at"]
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
+    """White samples and correlated ones."""
+    campaign = campaign_with("", tmp_path, rho=rho)
+    assert within_collects(campaign, SERIES_EFFECTS, 0.01) == []
+    assert reconciled(campaign).verdict == "none"
+
+
+@pytest.mark.parametrize("name", ["settle", "beat"])
+def test_what_no_collect_proves_shows_in_all_together(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every collect begins a little off, or has a weak line; together they are a thousand times further from chance."""
+    campaign = campaign_with(name, tmp_path, seed=7)
+    effect = next(e for e in SERIES_EFFECTS if e.id == name)
+    together = within_collects(campaign, [effect], 0.01)
+    monkeypatch.setattr(type(effect), "together", lambda *_: None)
+    alone = within_collects(campaign, [effect], 0.01)
+    assert [f["channel"] for f in together] == ["RA"]
+    assert together[0]["q_value"] < 1e-3 * min([f["q_value"] for f in alone], default=1.0)
+
+
+def test_what_the_model_has_on_record_is_not_found_again(tmp_path: Path) -> None:
+    """The improved model, read back, finds nothing more in the same data."""
+    campaign = campaign_with("beat", tmp_path)
+    first = reconciled(campaign)
+    save_model(first.model_after, tmp_path / "model.yaml")
+    again = reconciled(campaign, str(tmp_path / "model.yaml"))
+    assert first.model_after.version == first.input_model.version + 1
+    assert [known.effect for known in first.model_after.inside_collects] == ["beat"]
+    assert again.verdict == "none"
+    assert again.effects == []
+    assert again.within_collects  # it is still told
