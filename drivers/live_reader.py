@@ -16,8 +16,9 @@ import threading
 from collections import deque
 from typing import Any
 
+from drivers.buffered_transport import BufferedTransport
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout, TransportError
+from drivers.errors import TransportError
 from drivers.transport import Transport
 
 _MOST_BYTES = 1 << 24  # three minutes of 2000 frames per second of 40 bytes
@@ -25,26 +26,24 @@ _LOOK_S = 0.05  # between looks whether the reader shall end
 _GATHER_S = 0.005  # between reads of a slow stream: one waking for many frames, far from what the system can hold
 _GATHERED = 2048  # bytes of a read after which the next follows at once
 _REOPEN_S = 0.25  # between attempts to open a port that failed
-_POLL_S = 0.002  # between looks at the queue while a read waits
 
 
-class LiveReader:
+class LiveReader(BufferedTransport):
     """A `drivers.transport.Transport` that drains `port` in a thread of its own until it is closed.
 
     A port that can `wait(timeout_s)` for bytes, as a serial port can, costs nothing while none arrive.
     """
 
     def __init__(self, port: Transport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
+        super().__init__(clock)
         self._port = port
         self._wait: Any = getattr(port, "wait", None)
-        self._clock = clock
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
         self._queue: deque[bytes | TransportError] = deque()
         self._queued = 0
         self._overflow = 0
         self._down: TransportError | None = None  # the port's failure, while it lasts
-        self._arrived = bytearray()  # taken from the queue by a read that wanted less
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._drain, name=f"reader of {port.name}", daemon=True)
         self._thread.start()
@@ -64,47 +63,11 @@ class LiveReader:
         """Send all of `data`."""
         self._port.write(data)
 
-    def read_available(self) -> bytes:
-        """Return what has already arrived, perhaps nothing; never waits."""
-        self._fill()
-        return self._take(len(self._arrived))
-
-    def read(self, size: int, timeout_s: float) -> bytes:
-        """Return `size` bytes, or fewer where `timeout_s` passed first."""
-        deadline_s = self._clock.now() + timeout_s
-        self._fill()
-        while len(self._arrived) < size and self._clock.now() < deadline_s:
-            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
-            self._fill()
-        return self._take(min(size, len(self._arrived)))
-
-    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
-        """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
-        deadline_s = self._clock.now() + timeout_s
-        self._fill()
-        while terminator not in self._arrived:
-            if self._clock.now() >= deadline_s:
-                raise DeviceTimeout(
-                    f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
-                )
-            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
-            self._fill()
-        return self._take(self._arrived.index(terminator) + len(terminator))
-
-    def drain(self) -> bytes:
-        """Throw away and return what has arrived."""
-        return self.read_available()
-
     def close(self) -> None:
         """End the thread and release the port. Closing twice is allowed."""
         self._ending.set()
         self._thread.join()
         self._port.close()
-
-    def _take(self, size: int) -> bytes:
-        data = bytes(self._arrived[:size])
-        del self._arrived[:size]
-        return data
 
     def _fill(self) -> None:
         """Take over what the thread has read, up to the next failure; raise that once nothing is before it."""

@@ -21,18 +21,19 @@ from typing import Any, TypeVar
 import serial
 from serial.tools import list_ports
 
+from drivers.buffered_transport import BufferedTransport
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout, TransportError
+from drivers.errors import TransportError
 
 _Result = TypeVar("_Result")
 
-_POLL_S = 0.002  # between looks at the port while a read waits
+_POLL_S = 0.002  # between looks at a port that cannot wait
 _WRITE_TIMEOUT_S = 2.0
 _READ_SIZE = 65536
 _MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that never stops cannot hold it for ever
 
 
-class SerialTransport:
+class SerialTransport(BufferedTransport):
     """A `drivers.transport.Transport` over pyserial. Deadlines are the injected clock's.
 
     The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O). With
@@ -51,8 +52,8 @@ class SerialTransport:
         stopbits: float = 1,
         low_latency: bool = True,
     ) -> None:
+        super().__init__(clock)
         self._url = url
-        self._clock = clock
         self._settings: dict[str, Any] = {
             "baudrate": baudrate,
             "bytesize": bytesize,
@@ -62,7 +63,6 @@ class SerialTransport:
             "write_timeout": _WRITE_TIMEOUT_S,
         }
         self._low_latency = low_latency
-        self._arrived = bytearray()
         self._closed = False
         self._port: Any = None
         self._opening = threading.Lock()  # one thread may write while another reads
@@ -77,39 +77,6 @@ class SerialTransport:
         """Send all of `data`."""
         self._guarded(lambda port: port.write(data))
 
-    def read_available(self) -> bytes:
-        """Return what has already arrived, perhaps nothing; never waits."""
-        self._fill()
-        data = bytes(self._arrived)
-        self._arrived.clear()
-        return data
-
-    def read(self, size: int, timeout_s: float) -> bytes:
-        """Return `size` bytes, or fewer where `timeout_s` passed first."""
-        deadline_s = self._clock.now() + timeout_s
-        self._fill()
-        while len(self._arrived) < size and self._clock.now() < deadline_s:
-            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
-            self._fill()
-        return self._take(min(size, len(self._arrived)))
-
-    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
-        """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
-        deadline_s = self._clock.now() + timeout_s
-        self._fill()
-        while terminator not in self._arrived:
-            if self._clock.now() >= deadline_s:
-                raise DeviceTimeout(
-                    f"{self._url}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
-                )
-            self._clock.sleep(min(_POLL_S, deadline_s - self._clock.now()))
-            self._fill()
-        return self._take(self._arrived.index(terminator) + len(terminator))
-
-    def drain(self) -> bytes:
-        """Throw away and return what has arrived."""
-        return self.read_available()
-
     def wait(self, timeout_s: float) -> bool:
         """Wait until bytes have arrived, at most `timeout_s`; tell whether they have. Costs nothing meanwhile."""
         if self._arrived:
@@ -120,11 +87,6 @@ class SerialTransport:
         """Release the port. Closing twice is allowed."""
         self._closed = True
         self._release()
-
-    def _take(self, size: int) -> bytes:
-        data = bytes(self._arrived[:size])
-        del self._arrived[:size]
-        return data
 
     def _fill(self) -> None:
         """Take over what the operating system holds."""
