@@ -17,10 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hil.audit.printed import find_table
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.errors import InputError
 
-_COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated", "flag")
+_COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")
 _BIASES = {"RA": ("BA2_matrix", "BA2_collins"), "RB": ("BB2_matrix", "BB2_collins")}
 _SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 _COLLECT_F = {"1": (-1.0, 0.0, 0.0), "2": (1.0, 0.0, 0.0), "3": (0.0, 0.0, 1.0)}
@@ -39,12 +40,15 @@ class _Cell:
     flag: str
 
 
-def read_published_table(path: Path) -> Campaign:
+def read_published_table(table: Path) -> Campaign:
     """Read a table in the layout of Table 1, one row per parameter and temperature, as a campaign of one sensor.
+
+    `table` is a path, or the name of a table that ships (rd-gc-86-1-table-1).
 
     One run per temperature, three collects each; standard errors are the printed sigmas over root n. Raises
     `InputError` naming file, row and column.
     """
+    path = find_table(table)
     cells = _read(path)
     temperatures = sorted({temperature for temperature, _ in cells})
     rates, errors, warnings = [], [], []
@@ -109,7 +113,7 @@ def _read(path: Path) -> dict[tuple[float, str], _Cell]:
         if values["sigma_printed"] <= 0 or count < 1:
             raise InputError(f"{path}: row {number}: sigma and n must be positive")
         key = (values["temperature_C"], row["parameter"])
-        cells[key] = _Cell(values["mean_printed"], values["sigma_printed"], count, row["flag"])
+        cells[key] = _Cell(values["mean_printed"], values["sigma_printed"], count, row.get("flag") or "ok")
     if not cells:
         raise InputError(f"{path}: the table has no rows")
     return cells

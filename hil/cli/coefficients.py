@@ -12,6 +12,8 @@ from rich.table import Table
 from hil.cli.output import JsonFlag, messages, print_json, results
 from hil.errors import InputError
 
+_READINGS_SHOWN = 4
+
 
 def _quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
     try:
@@ -118,4 +120,60 @@ def _print_allan(document: dict[str, Any]) -> None:
         messages().print(f"note: {note}")
 
 
-COMMANDS = (allan,)
+def audit(
+    table: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TABLE",
+            help="A CSV in the layout of Table 1 or Table A-1, or rd-gc-86-1-table-1, rd-gc-86-1-table-a1.",
+            show_default=False,
+        ),
+    ],
+    as_json: JsonFlag = False,
+) -> None:
+    """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
+    from hil.audit import audit_table
+
+    found = audit_table(table)
+    document = found.document()
+    if as_json:
+        print_json(document)
+        return
+    console = results()
+    listing = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("row", "identity", "residual", "tolerance", "verdict"):
+        listing.add_column(heading, no_wrap=True, justify="right" if heading in {"residual", "tolerance"} else "left")
+    doubtful = [each for each in document["identities"] if each["verdict"] != "ok"]
+    for each in doubtful:
+        numbers = (f"{each['residual']:+.4f}", f"{each['tolerance']:.4f}")
+        listing.add_row(str(each["row"]), each["identity"], *numbers, each["verdict"])
+    if doubtful:
+        console.print(listing)
+    for each in doubtful:
+        _print_mending(each)
+    console.print(f"\n{document['summary']}")
+    for note in document["notes"]:
+        messages().print(f"note: {note}")
+
+
+def _print_mending(identity: dict[str, Any]) -> None:
+    """What would mend one identity, in a few lines."""
+    console = results()
+    readings = identity["candidates"][:_READINGS_SHOWN]
+    alone = [each for each in identity["would_close"] if each["others_hold"]]
+    if identity["note"]:
+        console.print(f"\n{identity['row']}, {identity['identity']}: {identity['note']}")
+    elif readings or alone:
+        console.print(f"\n{identity['row']}, {identity['identity']} would be mended by")
+    for each in readings:
+        rest = "" if each["mends_row"] else "; something else in this row still fails"
+        left = f"leaves {each['residual']:+.4f}"
+        console.print(f"  {each['cell']} {each['printed']} read as {each['read']} ({each['change']}), {left}{rest}")
+    if not readings and len(alone) == 1:
+        console.print(f"  no single digit; only {alone[0]['cell']} = {alone[0]['value']} closes it with all others")
+    elif not readings and alone:
+        values = " or ".join(f"{each['cell']} = {each['value']}" for each in alone)
+        console.print(f"  no single digit; {values} would close it")
+
+
+COMMANDS = (allan, audit)
