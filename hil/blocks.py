@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from drivers.imu import FloatArray, SampleBlock
 from hil.errors import InputError
-from hil.files import Disk, RealDisk, write_durably
+from hil.files import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
 BLOCKS = "blocks"
@@ -86,7 +86,10 @@ class Samples:
 
 
 class BlockWriter:
-    """Writes the blocks of one night. `meanings` says what the decoded fields are, by name."""
+    """Writes the blocks of one night, as its only writer: unfinished ones that a crash left are removed.
+
+    `meanings` says what the decoded fields are, by name.
+    """
 
     def __init__(
         self,
@@ -101,6 +104,7 @@ class BlockWriter:
         self.meanings: Mapping[str, FieldMeaning] = {}
         self._keep_raw = keep_raw
         self._disk: Disk = disk or RealDisk()
+        remove_partials(folder / BLOCKS)
 
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:
         """Make the samples (times in seconds of the campaign) and raw bytes of a collect durable.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -65,3 +66,38 @@ def write_durably(disk: Disk, path: Path, data: bytes) -> None:
             partial.unlink(missing_ok=True)
         raise
     disk.synchronise_folder(path.parent)
+
+
+def make_folders(disk: Disk, folder: Path) -> list[Path]:
+    """Make `folder` and whatever is missing above it, durably; return what was made, the innermost first.
+
+    Raises `OSError` (read-only, a file in the way); what was made before that is removed again.
+    """
+    missing: list[Path] = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    made: list[Path] = []
+    try:
+        for new in reversed(missing):
+            new.mkdir()
+            made.insert(0, new)
+            disk.synchronise_folder(new.parent)
+    except OSError:
+        remove_folders(made)
+        raise
+    return made
+
+
+def remove_folders(made: Iterable[Path]) -> None:
+    """Remove what `make_folders` made, as far as it is still empty."""
+    for folder in made:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
+def remove_partials(folder: Path) -> None:
+    """Remove the unfinished files that a crash left in `folder`. Only its owner may do this, before it writes."""
+    for path in folder.glob(f"{PARTIAL}*") if folder.is_dir() else ():
+        with contextlib.suppress(OSError):
+            path.unlink()

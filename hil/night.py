@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import contextlib
 import getpass
+import glob
 import os
 import platform
 import shutil
@@ -37,7 +38,7 @@ from hil.blocks import FieldMeaning
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.configuration import configuration_of, configuration_text
 from hil.errors import InputError
-from hil.files import PARTIAL, RealDisk
+from hil.files import PARTIAL, RealDisk, make_folders, remove_folders
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import reading
 from hil.journal_records import Night
@@ -289,21 +290,41 @@ def _refuse_existing(folder: Path) -> None:
 def _whole_or_nothing(target: Path) -> Iterator[Path]:
     """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
     above = target.resolve().parent
-    while not above.is_dir():
-        if above.exists():
-            raise InputError(f"{above}: is not a folder, so nothing can be made in it")
-        above = above.parent
+    there = next(folder for folder in (above, *above.parents) if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
+    made: list[Path] = []
     partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
     try:
+        made = make_folders(RealDisk(), above)
+        _clear_away(above, target.name)
         partial.mkdir()
         yield partial
-        target.parent.mkdir(parents=True, exist_ok=True)
         RealDisk().rename(partial, target)
     except (OSError, sqlite3.OperationalError) as error:
         raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    RealDisk().synchronise_folder(target.parent)
+        remove_folders(made)
+    RealDisk().synchronise_folder(above)
+
+
+def _clear_away(above: Path, name: str) -> None:
+    """Remove the unfinished folders of this name whose process died while it made them."""
+    for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
+        number = left.name.rpartition("-")[2]
+        if number.isdecimal() and not _alive(int(number)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # signal 0 is none: it only asks
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # somebody else's, or no number of a process
+        return True
+    return True
 
 
 def _made(folder: Path) -> Path:

@@ -135,10 +135,17 @@ def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[s
     return (hosts.pop() if hosts else _HOST), numbers
 
 
+def _is_stale(path: Path) -> bool:
+    """Tell a link that a killed server left behind: its terminal is gone, or its number has a new owner since."""
+    if not path.is_symlink():
+        return False
+    return not path.exists() or path.stat().st_ctime_ns > path.lstat().st_ctime_ns
+
+
 def _link(bench: Bench, key: str, path: Path, terminal: Path) -> Callable[[], None]:
     """Let `path` lead to the terminal; return what undoes it."""
-    if path.is_symlink() and not path.exists():
-        path.unlink()  # left behind by a server that was killed
+    if _is_stale(path):
+        path.unlink()
     try:
         path.symlink_to(terminal)
     except FileExistsError as error:
