@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import chamber, coefficients, control, data, device, frames, model, night, replay
+from hil.cli import chamber, coefficients, control, dashboard, data, design, device, frames, model, night, replay, watchdog
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(
@@ -22,12 +22,13 @@ app = typer.Typer(
 
 for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS, *replay.COMMANDS):
     app.command()(with_status(command))
-for request in control.COMMANDS:
+for request in (*control.COMMANDS, *watchdog.COMMANDS):
     app.command()(with_status(request))
 app.command("continue")(with_status(control.go_on))
-for analysis in coefficients.COMMANDS:
+for analysis in (*coefficients.COMMANDS, *design.COMMANDS):
     app.command()(with_status(analysis))
 app.command("import")(with_status(data.import_table))
+app.command()(with_status(dashboard.dashboard))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 frames.frames_app.command()(with_status(frames.check))

@@ -1,0 +1,326 @@
+"""What can be wrong with a self-calibration: each source's effect on the rates, to first order and exactly.
+
+    scene = Scene(conditions, axes, base, sigma)
+    for source in sources(UncertaintySection(), slope_degC_per_min=0.03):
+        source.columns(scene)              # (n, c, k): change of the rates per unit of each of its k components
+        source.changes(scene, draws)       # (d, n, c): the same for d draws of the components (d, k), exactly
+
+Everything happens in the bench frame 1-2-3, where gravity G and earth rate W of each collect are turned, scaled or
+shifted; the rates are K·f + w of the result. The two columns of the budget come from these two methods, which share no
+arithmetic: the first is cross products, the second turns the vectors.
+
+Sensitivities that come out for RD-GC-86-1's collects: an error of the earth rate leaves BA, GSB and MUA alone; a tilt
+that is not known adds GSA·G3 to MUB; a drift in the order 1-2-3 enters MU three times as strongly as the bias.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+
+from hil.campaign import Conditions, FloatArray
+from hil.config.uncertainty import UncertaintySection
+from hil.effects.base import Base
+
+_STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One self-calibration of one sensor as it is assumed to be: n collects.
+
+    `axes` (n, 3, 3) are the sensor's axes in the bench frame, one row each; `base` gives B (n, c) and K (n, c, 3) at
+    each collect; `sigma` (n, c) is the noise of the averages, deg/hr.
+    """
+
+    conditions: Conditions
+    axes: FloatArray
+    base: Base
+    sigma: FloatArray
+
+    @property
+    def gravity(self) -> FloatArray:
+        """G in the bench frame at each collect, shape (n, 3), g."""
+        return np.asarray(np.einsum("nab,na->nb", self.axes, self.conditions.f_g))
+
+    @property
+    def earth_rate(self) -> FloatArray:
+        """W in the bench frame at each collect, shape (n, 3), deg/hr."""
+        return np.asarray(np.einsum("nab,na->nb", self.axes, self.conditions.w_deg_per_hr))
+
+    @property
+    def minutes(self) -> FloatArray:
+        """The middle of each collect, minutes from the middle of the self-calibration, shape (n,)."""
+        middle = self.conditions.start_s + 0.5 * self.conditions.duration_s
+        return np.asarray((middle - middle.mean()) / 60.0)
+
+    @property
+    def channels(self) -> int:
+        """How many rates there are at each collect."""
+        return len(self.conditions.sensor.channels)
+
+    def rates(self, gravity: FloatArray, earth_rate: FloatArray) -> FloatArray:
+        """Return K·f + w (..., n, c) for G and W (..., n, 3) in the bench frame; linear in both."""
+        n, c = len(self.axes), self.channels
+        pull = np.einsum("nca,nab->ncb", self.base.k, self.axes)
+        own = self.axes[:, self.conditions.sensor.channel_axes]
+        total = _flat(gravity) @ _each_row(pull).T + _flat(earth_rate) @ _each_row(own).T
+        return np.asarray(total.reshape(*total.shape[:-1], n, c))
+
+
+class Source(ABC):
+    """One source of error: `size` is one standard deviation of each of its independent components, in `unit`.
+
+    `varies` tells how often a new error is drawn: with every "run", so that repeats average it out, or never: it is the
+    "bench"'s. `origin` says where the size comes from.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    unit: ClassVar[str]
+    varies: ClassVar[str]
+    per_unit: ClassVar[float] = 1.0  # what `columns` and `changes` reckon in, per `unit`
+
+    def __init__(self, size: float, origin: str) -> None:
+        self.size, self.origin = size, origin
+
+    @abstractmethod
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return the change of the rates per unit of each component, shape (n, c, k), deg/hr."""
+
+    @abstractmethod
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the exact change of the rates for components (d, k), shape (d, n, c), deg/hr."""
+
+
+class Noise(Source):
+    """The noise of every average, independent of all others. Its components are in standard errors of the averages."""
+
+    id, title, unit, varies = "noise", "noise of the averages", "standard errors", "run"
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return each average's own standard error."""
+        n, c = scene.sigma.shape
+        return np.asarray(np.diag(scene.sigma.ravel()).reshape(n, c, n * c))
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the draws in deg/hr."""
+        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * scene.sigma)
+
+
+class _Turn(Source):
+    """Something turns about axes (n, 3, k) of the bench frame, by an angle each: the bench, the unit, or north."""
+
+    per_unit = np.pi / 180.0
+    unit = "deg"
+    turns_gravity: ClassVar[bool] = True
+
+    @abstractmethod
+    def about(self, scene: Scene) -> FloatArray:
+        """Return the axes, one for each component, shape (k, n, 3); zero in a collect that does not turn."""
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return the rates of what turning adds: axis x vector."""
+        gravity = np.cross(self.about(scene), scene.gravity) * self.turns_gravity
+        changed = scene.rates(gravity, np.cross(self.about(scene), scene.earth_rate))
+        return np.moveaxis(changed, 0, -1) * self.per_unit
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the rates with the vectors turned about one axis after the other, less those without."""
+        gravity, earth_rate = scene.gravity[None], scene.earth_rate[None]
+        for axis, angle in zip(self.about(scene), draws.T * self.per_unit, strict=True):
+            earth_rate = _turned(earth_rate, axis, angle)
+            gravity = _turned(gravity, axis, angle) if self.turns_gravity else gravity
+        return scene.rates(gravity - scene.gravity, earth_rate - scene.earth_rate)
+
+
+class Tilt(_Turn):
+    """The bench leans about its axes 2 and 3 after its level was measured, and gravity and earth rate lean in it."""
+
+    id, title, varies = "tilt", "level of the bench (axes 2 and 3)", "bench"
+
+    def about(self, scene: Scene) -> FloatArray:
+        """Return axes 2 and 3."""
+        return _constant(scene, np.eye(3)[1:])
+
+
+class Accelerometer(Tilt):
+    """G2 and G3 were measured wrong, so that the bench leans otherwise than is assumed."""
+
+    id, title, unit = "accelerometer", "accelerometer errors in G2 and G3", "g"
+    per_unit = 1.0  # at 1 g a component of as many g is an angle of as many radians
+
+
+class Heading(_Turn):
+    """North lies otherwise than is assumed: the earth rate turns about the vertical."""
+
+    id, title, varies, turns_gravity = "heading", "earth rate, by the heading", "bench", False
+
+    def about(self, scene: Scene) -> FloatArray:
+        """Return up."""
+        return _unit(scene.gravity)[None]
+
+
+class Latitude(Heading):
+    """The latitude is otherwise than is assumed: the earth rate turns about the east."""
+
+    id, title = "latitude", "earth rate, by the latitude"
+
+    def about(self, scene: Scene) -> FloatArray:
+        """Return north x up; zero where there is no earth rate, or only a vertical one."""
+        up = _unit(scene.gravity)
+        north = scene.earth_rate - np.sum(scene.earth_rate * up, axis=1, keepdims=True) * up
+        return np.cross(_unit(north), up)[None]
+
+
+class EarthRate(Source):
+    """The earth rate is otherwise wrong, in each component alike: a rounded table, a base that creeps."""
+
+    id, title, unit, varies = "earth_rate", "earth rate, each component", "deg/hr", "bench"
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return what a unit of W1, W2, W3 adds."""
+        each = _constant(scene, np.eye(3))
+        return np.moveaxis(scene.rates(np.zeros_like(each), each), 0, -1)
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return what W has more."""
+        more = np.repeat(draws[:, None, :], len(scene.axes), axis=1)
+        return scene.rates(np.zeros_like(more), more)
+
+
+class Gravity(Source):
+    """Gravity is larger than the g in which coefficients are stated."""
+
+    id, title, unit, varies = "gravity", "size of gravity", "g", "bench"
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return what gravity itself does."""
+        return scene.rates(_unit(scene.gravity), np.zeros_like(scene.gravity))[..., None]
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return what G has more."""
+        size = np.linalg.norm(scene.gravity, axis=1, keepdims=True)
+        moved = scene.gravity * ((size + draws[:, :, None]) / size)
+        return scene.rates(moved - scene.gravity, np.zeros_like(moved))
+
+
+class Index(_Turn):
+    """Each move ends beside its position, about the axis that the unit turned about.
+
+    A collect at the position of the one before shares its error, for nothing moved.
+    """
+
+    id, title, varies = "index", "index error of each move", "run"
+
+    def about(self, scene: Scene) -> FloatArray:
+        """Return, for each move, its axis in the collects that it brought the unit to."""
+        turns = [Rotation.from_matrix(after.T @ before).as_rotvec() for before, after in pairwise(scene.axes)]
+        moves = [turn for turn in turns if np.linalg.norm(turn) > _STILL_RAD]
+        first = moves[0] if moves else np.array([0.0, 1.0, 0.0])
+        about: list[FloatArray] = []
+        for i, turn in enumerate([first, *turns]):
+            if np.linalg.norm(turn) > _STILL_RAD:
+                about.append(np.zeros((len(scene.axes), 3)))
+                axis = turn / np.linalg.norm(turn)
+                axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+            about[-1][i] = axis
+        return -np.array(about)  # what stands still turns the other way, seen from the unit
+
+
+class Drift(Source):
+    """A steady drift of each rate from the first collect to the last, about its value in the middle."""
+
+    id, title, unit, varies = "drift", "steady drift of the rates", "deg/hr/min", "run"
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return the minutes from the middle, in each channel."""
+        return scene.minutes[:, None, None] * np.eye(scene.channels)
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the ramps."""
+        return np.asarray(scene.minutes[:, None] * draws[:, None, :])
+
+
+class Soak(Source):
+    """The unit's temperature still changes during the collects, and the biases with it."""
+
+    id, title, unit, varies = "soak", "soak that is not complete", "degC/min", "run"
+
+    def __init__(self, size: float, origin: str, bias_slope: float) -> None:
+        super().__init__(size, origin)
+        self.bias_slope = bias_slope
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return the change of both biases while the temperature changes by 1 degC/min."""
+        return np.repeat(self.bias_slope * scene.minutes[:, None, None], scene.channels, axis=1)
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the biases' ramps."""
+        warmer = draws * scene.minutes
+        return np.repeat(self.bias_slope * warmer[..., None], scene.channels, axis=-1)
+
+
+def sources(
+    known: UncertaintySection, where: str, slope_degC_per_min: float, slope_origin: str, noise_origin: str
+) -> tuple[Source, ...]:
+    """Return every source, sized as a bench file's `uncertainties` say; `where` names that file.
+
+    `slope_degC_per_min` is one standard deviation of how fast the temperature still changes.
+    """
+
+    def origin(key: str) -> str:
+        return f"{where}: uncertainties.{key}" if key in known.model_fields_set else f"default of uncertainties.{key}"
+
+    return (
+        Noise(1.0, noise_origin),
+        Tilt(known.tilt, origin("tilt")),
+        Accelerometer(known.accelerometer, origin("accelerometer")),
+        Heading(known.heading, origin("heading")),
+        Latitude(known.latitude, origin("latitude")),
+        EarthRate(known.earth_rate, origin("earth_rate")),
+        Gravity(known.gravity, origin("gravity")),
+        Index(known.index, origin("index")),
+        Drift(known.drift, origin("drift")),
+        Soak(slope_degC_per_min, f"{slope_origin}; {origin('bias_slope')}", known.bias_slope),
+    )
+
+
+def _turned(vectors: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Turn vectors (1 or d, n, 3) about unit axes (n, 3) by angles (d,), by Rodrigues' formula.
+
+    An axis of zeros turns nothing.
+    """
+    x, y, z = axis.T
+    zero = np.zeros_like(x)
+    across = _each_row(np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)).T
+    once = _flat(vectors) @ across
+    turned = _flat(vectors) + np.sin(angle)[:, None] * once + (1.0 - np.cos(angle))[:, None] * (once @ across)
+    return np.asarray(turned.reshape(-1, *axis.shape))
+
+
+def _flat(vectors: FloatArray) -> FloatArray:
+    """Return (..., n, 3) as (..., 3n): many small products become one large one."""
+    return vectors.reshape(*vectors.shape[:-2], -1)
+
+
+def _each_row(matrices: FloatArray) -> FloatArray:
+    """Return matrices (n, c, b), one for each collect, as one that acts on all collects at once, (n·c, n·b)."""
+    return np.asarray(block_diag(*matrices))
+
+
+def _constant(scene: Scene, axes: FloatArray) -> FloatArray:
+    """Return bench axes (k, 3) at every collect, shape (k, n, 3)."""
+    return np.broadcast_to(axes[:, None, :], (len(axes), len(scene.axes), 3))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3), zero where there is no direction."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-9))

@@ -1,0 +1,118 @@
+"""Commands that weigh a night before or after it: budget, design, scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from hil.cli.data import read_source
+from hil.cli.output import JsonFlag, print_json, results
+
+
+def budget(
+    source: Annotated[
+        str, typer.Argument(help="A sweep file (or its name), a campaign folder, or a night.", show_default=False)
+    ],
+    bench: Annotated[
+        str | None,
+        typer.Option("--bench", help="The bench; default: the night's own, else simulated.", show_default=False),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
+    ] = None,
+    run: Annotated[int | None, typer.Option(help="Which self-calibration; default: the worst.")] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: the sweep's, else 3.")] = None,
+    draws: Annotated[int, typer.Option(min=100, help="Monte Carlo draws per source.")] = 100_000,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
+    from hil.budget_document import Asked, budget_document, scatter_of
+    from hil.budget_scenes import measured_scenes, planned_scenes
+    from hil.config import load_bench, load_sweep
+    from hil.model import load_model
+
+    chosen = None if model is None else load_model(model)
+    if Path(source).is_dir():
+        campaign = read_source(Path(source))
+        its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
+        document = budget_document(
+            measured_scenes(campaign, its_bench, chosen),
+            campaign.title,
+            Asked(run, repeats or 3, draws, seed),
+            simulated=campaign.simulated,
+            observed=scatter_of(campaign),
+        )
+    else:
+        sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
+        document = budget_document(
+            planned_scenes(sweep, its_bench, chosen),
+            sweep.title,
+            Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed),
+        )
+    if as_json:
+        print_json(document)
+    else:
+        _print_budget(document)
+
+
+def _bench_of(folder: Path) -> Any:
+    """Return the bench that a night was recorded on, else the simulated one."""
+    from hil.config import load_bench
+    from hil.configuration import bench_of_record
+    from hil.journal_reader import JOURNAL_NAME, reading
+
+    if not (folder / JOURNAL_NAME).is_file():
+        return load_bench("simulated")
+    with reading(folder) as journal:
+        return bench_of_record(journal.night.configuration)
+
+
+def _print_budget(document: Mapping[str, Any]) -> None:
+    console = results()
+    console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
+    for number, sensor in document["sensors"].items():
+        at = "" if sensor["temperature_degC"] is None else f" at {sensor['temperature_degC']:.4g} °C"
+        console.print(
+            f"\nsensor {number}, run {sensor['run']}{at}, collects {'-'.join(sensor['positions'])}; GS and MU "
+            f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
+        )
+        console.print(_budget_table(document, sensor))
+        if not sensor["agrees"]:
+            console.print("calculation and Monte Carlo do NOT agree: the errors are too large for a linear calculation")
+
+
+def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("source")
+    table.add_column("size", justify="right")
+    for name, unit in sensor["parameters"].items():
+        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
+    names = list(sensor["parameters"])
+    for source in sensor["sources"]:
+        cells = [_two(source["parameters"][name]) for name in names]
+        table.add_row(source["title"], f"{source['size']:.3g} {source['unit']}", *cells)
+    table.add_row("all together, one run", "", *(_two(sensor["total"][name]) for name in names), style="bold")
+    table.add_row(f"mean of {document['repeats']} runs", "", *(_one(sensor["mean_of_repeats"][name]) for name in names))
+    table.add_row("of it from run to run", "", *(_one(sensor["run_to_run"][name]) for name in names))
+    seen = sensor["observed_run_to_run"]
+    if seen:
+        table.add_row("observed from run to run", "", *(_one(seen.get(name, {}).get("sd")) for name in names))
+    return table
+
+
+def _two(cell: Mapping[str, float | None]) -> str:
+    return "–" if cell["analytic"] is None else f"{_one(cell['analytic'])} ({_one(cell['monte_carlo'])})"
+
+
+def _one(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return "0" if value < 5e-4 else f"{value:.3f}"
+
+
+COMMANDS = (budget,)

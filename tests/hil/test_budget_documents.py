@@ -1,0 +1,132 @@
+"""The budget before a night, from its files, and after it, from what was measured; and from the command line."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.night import Design
+from hil.budget_document import Asked, budget_document, scatter_of
+from hil.budget_scenes import measured_scenes, planned_scenes
+from hil.campaign import Campaign
+from hil.campaign_reader import read_campaign
+from hil.cli.app import run
+from hil.config import load_bench, load_sweep, parse_bench
+from hil.errors import InputError
+
+FEW = Asked(draws=2000)
+
+
+def cli(*arguments: object) -> tuple[int, str, str]:
+    """Carry out one command: status, standard output, standard error."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        status = run([str(each) for each in arguments])
+    return status, out.getvalue(), err.getvalue()
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """A measured campaign of the report's collects: two temperatures, four runs each, nothing wrong."""
+    case = make_case(5, (), 0.0, design=Design(temperatures_degC=(0.0, 40.0), runs_per_temperature=4))
+    return read_campaign(write_case(case, tmp_path_factory.mktemp("case") / "campaign"))
+
+
+def test_before_a_night_sizes_come_from_the_files_and_say_so() -> None:
+    """What the bench file gives is named with its key, the rest as a default; the soak's limit is the sweep's."""
+    shipped = load_bench("simulated")
+    document = yaml.safe_load(shipped.text)
+    document["uncertainties"] = {"heading": "2 deg", "tilt": "1 mrad"}
+    bench = parse_bench(yaml.safe_dump(document), "my-bench.yaml")
+    sensor = budget_document(planned_scenes(load_sweep("rd-gc-86-1"), bench), "t", FEW)["sensors"]["2"]
+    by_id = {each["id"]: each for each in sensor["sources"]}
+    assert by_id["heading"]["size"] == 2.0
+    assert by_id["heading"]["origin"] == "simulated: uncertainties.heading"
+    assert by_id["tilt"]["size"] == pytest.approx(0.0573, abs=1e-4)
+    assert by_id["latitude"]["origin"] == "default of uncertainties.latitude"
+    assert by_id["soak"]["size"] == pytest.approx(0.05 / np.sqrt(3))
+    assert "unit_slope" in by_id["soak"]["origin"]
+    assert sensor["agrees"] is True
+    assert [each["run"] for each in sensor["runs"]] == list(range(1, 25))
+    twice = planned_scenes(load_sweep("rd-gc-86-1"), shipped)
+    small = budget_document(twice, "t", FEW)["sensors"]["2"]["sources"]
+    before, after = (
+        next(e for e in x if e["id"] == "heading")["parameters"]["MUB"] for x in (small, sensor["sources"])
+    )
+    assert after["analytic"] == pytest.approx(4.0 * before["analytic"], rel=0.05)
+
+
+def test_the_default_noise_is_that_of_the_reports_quiet_cells() -> None:
+    """0.12 deg/sqrt(hr) over 60 s is 0.93 deg/hr: a bias of 0.66, a MU of 1.14."""
+    noise = budget_document(planned_scenes(load_sweep("rd-gc-86-1"), load_bench("simulated")), "t", FEW)["sensors"]["2"]
+    parameters = noise["sources"][0]["parameters"]
+    assert parameters["BA"]["analytic"] == pytest.approx(0.93 / np.sqrt(2), abs=0.005)
+    assert parameters["MUB"]["analytic"] == pytest.approx(0.93 * np.sqrt(1.5), abs=0.005)
+
+
+def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Campaign) -> None:
+    """The collects' own standard errors, this run's own GS and MU, and beside it what was seen to scatter."""
+    bench = load_bench("simulated")
+    document = budget_document(measured_scenes(campaign, bench), "t", FEW, observed=scatter_of(campaign))
+    sensor = document["sensors"]["2"]
+    assert sensor["acting_on"] == "as solved from this run"
+    assert sensor["sources"][0]["origin"] == "measured standard errors"
+    rows = campaign.sensors[2]
+    measured = rows.rates_se_deg_per_hr[rows.conditions.run == sensor["run"]]
+    assert sensor["sources"][0]["parameters"]["MUB"]["analytic"] == pytest.approx(
+        np.sqrt(measured[2, 0] ** 2 + 0.25 * (measured[0, 0] ** 2 + measured[1, 0] ** 2)), rel=0.02
+    )
+    seen = sensor["observed_run_to_run"]["GSA"]
+    assert seen["degrees_of_freedom"] == 6
+    assert seen["sd"] > 0.0
+    assert set(sensor["run_to_run"]) == set(sensor["observed_run_to_run"])
+
+
+def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(campaign: Campaign) -> None:
+    """With positions that the bench does not know, up, north and east serve; the size of the contributions stays."""
+    bench = load_bench("simulated")
+    rows = campaign.sensors[2]
+    renamed = replace(rows, conditions=replace(rows.conditions, position=np.char.add("p", rows.conditions.position)))
+    foreign = replace(campaign, sensors={2: renamed})
+    own, other = (
+        {
+            each["id"]: each["parameters"]
+            for each in budget_document(measured_scenes(of, bench), "t", FEW)["sensors"]["2"]["sources"]
+        }
+        for of in (replace(campaign, sensors={2: rows}), foreign)
+    )
+    for source in ("heading", "latitude", "index", "gravity", "drift"):
+        for name in ("BA", "GSA", "MUB"):
+            assert other[source][name]["analytic"] == pytest.approx(own[source][name]["analytic"], abs=2e-4), source
+    still = replace(renamed, conditions=replace(renamed.conditions, w_deg_per_hr=np.zeros_like(rows.conditions.f_g)))
+    with pytest.raises(InputError, match="name its own bench with --bench"):
+        measured_scenes(replace(campaign, sensors={2: still}), bench)
+
+
+def test_from_the_command_line_for_programs_and_for_people(tmp_path: Path) -> None:
+    """One document; one screen with both columns; a run that is not there is refused in a sentence."""
+    status, out, _ = cli("budget", "quick", "--draws", "500", "--json")
+    told: dict[str, Any] = json.loads(out)
+    assert status == 0
+    assert told["schema"] == "hil.budget/1"
+    assert set(told["sensors"]) == {"1", "2"}
+    cell = told["sensors"]["2"]["sources"][0]["parameters"]["MUB"]
+    assert set(cell) == {"analytic", "monte_carlo", "monte_carlo_error"}
+    status, out, _ = cli("budget", "quick", "--draws", "500")
+    assert status == 0
+    assert "noise of the averages" in out
+    assert "all together, one run" in out
+    status, out, err = cli("budget", "quick", "--run", "9", "--draws", "500")
+    assert (status, out) == (2, "")
+    assert "there is no run 9" in err
+    assert os.listdir(tmp_path) == []
