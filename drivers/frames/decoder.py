@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -97,8 +98,12 @@ class StreamDecoder:
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
-        """Return what can still be had at the end of a file: nothing more will arrive."""
-        return self._decode(b"", give_up=True)
+        """Return what can still be had at the end of a file: nothing more will arrive.
+
+        What the end cuts off is skipped; it has not timed out, for nobody waited for it.
+        """
+        decoded = self._decode(b"", give_up=True)
+        return Decoded(decoded.frames, replace(decoded.counts, timed_out=0))
 
     def reset(self) -> None:
         """Forget the bytes of an unfinished frame and the last counter: what follows is not continuous with it."""
