@@ -49,7 +49,7 @@ def page(result: Reconciliation) -> str:
 
 def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
-    found = [effect for effect in result.effects if effect.id != "swap"]
+    found = [effect for effect in result.effects if effect.id != "swap" and not effect.inside_collects]
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
         if result.verdict == "none":
@@ -64,6 +64,8 @@ def summary(result: Reconciliation) -> list[str]:
             sentence += f", or {' or '.join(alike[:3])}: in these collects they look the same"
         elif effect.kind == "ambiguous":
             sentence += f" – probably ({_percent(effect.probability)}), not certainly"
+        if effect.inside_collects:
+            sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
     if found and np.isfinite(result.gap.before):
         proved = np.isfinite(result.gap.improved_p_value)

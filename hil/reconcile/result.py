@@ -54,7 +54,10 @@ class Rival:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """One effect that was added: its name, fitted parameters, stated probability and rivals."""
+    """One effect that was added: its name, fitted parameters, stated probability and rivals.
+
+    `inside_collects` is what shows in the series only and leaves the averages, and their gap, as they are.
+    """
 
     id: str
     title: str
@@ -67,6 +70,7 @@ class FoundEffect:
     sensors: Sequence[int] = ()
     physics: str = ""
     experiment: str = ""
+    inside_collects: bool = False
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
@@ -78,6 +82,7 @@ class FoundEffect:
             "shape": dict(self.shape),
             "sensors": list(self.sensors),
             "kind": self.kind,
+            "inside_collects": self.inside_collects,
             "probability": self.probability,
             "confusable_with": [rival.document() for rival in self.confusable_with],
         }

@@ -140,6 +140,7 @@ def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[
         sensors=(leader["sensor"],),
         physics=f"{' '.join((type(effect).__doc__ or '').split())} {effect.signature} {leader['sentence']}.",
         experiment=effect.experiment,
+        inside_collects=True,
     )
 
 

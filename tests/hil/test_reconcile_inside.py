@@ -41,6 +41,7 @@ def test_what_is_hidden_inside_collects_is_named(name: str, tmp_path: Path) -> N
     assert result.verdict in {"named", "ambiguous"}
     assert result.effects[0].parameters
     assert "RA" in result.effects[0].parameters[0]["at"]
+    assert result.document()["effects"][0]["inside_collects"] is True
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5])
