@@ -52,6 +52,11 @@ class SafeState:
         if (self.action == "hold") != (self.temperature_degC is not None):
             raise ValueError("a safe state has a temperature when, and only when, its action is hold")
 
+    @property
+    def words(self) -> str:
+        """What it is, as messages say it."""
+        return self.action if self.temperature_degC is None else f"{self.action} at {self.temperature_degC:g} °C"
+
 
 class Chamber(Protocol):
     """An environmental chamber. Every method either does what it says or raises a `DeviceError`."""

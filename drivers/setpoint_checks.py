@@ -148,6 +148,16 @@ def plausible_temperature(reading_degC: float, device: str) -> float:
     return reading_degC
 
 
+def reads_as_fahrenheit(read: float, confirmed_degC: float, resolution_degC: float) -> bool:
+    """Say whether a setpoint that was confirmed in °C now reads as its own value in °F: the panel was switched.
+
+    Near -40, where the two scales meet, it cannot be told and does not matter yet.
+    """
+    if agrees(read, confirmed_degC, resolution_degC):
+        return False
+    return agrees(read, confirmed_degC * 1.8 + 32.0, resolution_degC)
+
+
 def refuse_fahrenheit(reading: float, *, idle: bool, chamber_maximum: float | None, device: str) -> None:
     """Raise `WrongDevice` where a controller that cannot tell its unit seems to speak °F.
 

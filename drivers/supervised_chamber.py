@@ -36,6 +36,7 @@ from drivers.setpoint_checks import (
     clamped,
     confirm_settings,
     limits_around,
+    reads_as_fahrenheit,
     refuse_fahrenheit,
     representable_setpoint,
     writes_in_order,
@@ -93,6 +94,8 @@ class SupervisedChamber:
         self._watch = ReadingWatch(self._device, watch)
         self._wear = WriteWear(clock)
         self._latched: tuple[str, ...] = ()
+        self._confirmed: float | None = None  # the setpoint last read back
+        self._switched = False  # to °F, seen by its setpoint
         self._identity: ChamberIdentity | None = None
 
     @property
@@ -112,16 +115,15 @@ class SupervisedChamber:
 
     def identify(self) -> ChamberIdentity:
         """Ask model and unit; raise `WrongDevice` for another model, for °F, and for a suspicious unit."""
-        self._identity = None
+        self._identity, self._switched = None, False
         found = self._controller.identify()
         if self._expected_model is not None and not found.model.upper().startswith(self._expected_model.upper()):
             raise WrongDevice(
                 f"{self._device} says it is {found.model!r}, the bench file expects {self._expected_model!r}; "
                 "check the cable and the port, or correct the bench file"
             )
-        if found.unit is not None:
-            self._refuse_unit(found.unit)
-        elif not self._celsius_confirmed:
+        self._refuse_unit(found.unit)
+        if found.unit is None and not self._celsius_confirmed:
             state = self._controller.state()
             idle = state.mode in ("OFF", "STANDBY")
             refuse_fahrenheit(state.temperature, idle=idle, chamber_maximum=found.maximum, device=self._device)
@@ -212,7 +214,7 @@ class SupervisedChamber:
             except DeviceError as error:
                 if attempt == _ATTEMPTS:
                     raise type(error)(
-                        f"the safe state ({self._safe_words()}) could not be confirmed in {_ATTEMPTS} attempts; go to "
+                        f"the safe state ({self._safe.words}) could not be confirmed in {_ATTEMPTS} attempts; go to "
                         f"the chamber and stop it at its panel: {error}"
                     ) from error
                 self._clock.sleep(_MODE_CHANGE_S)
@@ -236,12 +238,20 @@ class SupervisedChamber:
 
     def _state(self) -> ControllerState:
         state = self._controller.state()
-        if state.unit is not None:
-            self._refuse_unit(state.unit)
+        self._refuse_unit(self._unit_of(state))
         return state
 
-    def _refuse_unit(self, unit: str) -> None:
-        if unit != "degC":
+    def _unit_of(self, state: ControllerState) -> str | None:
+        """Return the unit that a state is in, as the controller or its setpoint tells it; None where neither does."""
+        if state.unit is not None:
+            return state.unit
+        resolution = self._controller.resolution_degC
+        if self._confirmed is not None and reads_as_fahrenheit(state.setpoint, self._confirmed, resolution):
+            self._switched = True  # until somebody identifies it anew: what the safe state writes hides it
+        return "degF" if self._switched else None
+
+    def _refuse_unit(self, unit: str | None) -> None:
+        if unit == "degF":
             raise WrongDevice(f"{self._device} is set to °F; set it to °C at its panel, then check its setpoint")
 
     def _latch(self, alarms: tuple[str, ...]) -> None:
@@ -276,6 +286,7 @@ class SupervisedChamber:
             state = self._state()
             try:
                 confirm_settings(self._settings_of(state), wanted, self._controller.resolution_degC, self._device)
+                self._confirmed = setpoint_degC
                 return state
             except ProtocolError:
                 # A late reply to the question before the writes still shows the old values: ask once more.
@@ -296,6 +307,8 @@ class SupervisedChamber:
         return Settings(low, state.setpoint, high)
 
     def _write(self, which: str, value_degC: float) -> None:
+        if which == "setpoint":
+            self._confirmed = None
         self._wear.note({"low": "low limit", "high": "high limit"}.get(which, which))
         self._controller.write("low" if which == "low" else "high" if which == "high" else "setpoint", value_degC)
 
@@ -308,11 +321,6 @@ class SupervisedChamber:
             if look < looks:
                 self._clock.sleep(_MODE_CHANGE_S)
         raise ProtocolError(f"{self._device} is in mode {mode} and not in {' or '.join(modes)}")
-
-    def _safe_words(self) -> str:
-        if self._safe.temperature_degC is None:
-            return self._safe.action
-        return f"{self._safe.action} at {self._safe.temperature_degC:g} °C"
 
     def _reach_safe_state(self) -> None:
         """Write whatever is missing to the safe state, then insist on reading it."""
@@ -336,7 +344,7 @@ class SupervisedChamber:
     def _safe_actions(self, state: ControllerState | None, *, silent: bool) -> list[Callable[[], None]]:
         """Return what leads from `state` (None: it could not be read) to the safe state."""
         controller = self._controller
-        if state is not None and state.unit == "degF" and self._safe.action == "hold":
+        if state is not None and self._unit_of(state) == "degF" and self._safe.action == "hold":
             # A number means something else now. Nothing is held: what can be stopped is stopped, and somebody told.
             return [lambda: controller.stop(off=False)] if controller.can_stop else []
         actions: list[Callable[[], None]] = []

@@ -242,7 +242,7 @@ def test_a_sensor_that_freezes_on_the_way_is_a_fault(name: str) -> None:
 
 @every_chamber
 def test_somebody_switching_the_panel_to_fahrenheit_is_noticed(name: str) -> None:
-    """By its unit where it tells it, by the jump where it does not; and no setpoint is sent in the wrong unit."""
+    """By its unit where it tells it, by its setpoint where it does not; and no setpoint is sent in the wrong unit."""
     bench = ChamberBench(name)
     bench.chamber.prepare()
     bench.chamber.set_temperature(60.0)
@@ -250,15 +250,29 @@ def test_somebody_switching_the_panel_to_fahrenheit_is_noticed(name: str) -> Non
     bench.chamber.read()
     before = len(bench.setpoints)
     bench.fault(Fault.FAHRENHEIT)
-    with pytest.raises(WrongDevice if bench.kind.tells_unit else SensorFault, match="°C"):
+    with pytest.raises(WrongDevice, match="set to °F"):
         bench.chamber.read()
-    if bench.kind.tells_unit:
-        with pytest.raises(WrongDevice, match="set to °F"):
-            bench.chamber.set_temperature(45.0)
-        with pytest.raises(WrongDevice, match="go to the chamber"):
-            bench.chamber.safe_state()
-        assert bench.device.mode == "OFF"
-        assert len(bench.setpoints) == before
+    with pytest.raises(WrongDevice, match="set to °F"):
+        bench.chamber.set_temperature(45.0)
+    with pytest.raises(WrongDevice, match="go to the chamber"):
+        bench.chamber.safe_state()
+    assert bench.device.mode in ("OFF", "STANDBY")
+    assert set(bench.setpoints[before:]) <= {65.0}  # ASCII-2 cannot stop without sending one: 140 within the limits
+    with pytest.raises(WrongDevice, match="set to °F"):
+        bench.chamber.prepare()
+
+
+@every_chamber
+def test_a_setpoint_that_is_the_number_of_the_last_one_in_fahrenheit_is_no_switch(name: str) -> None:
+    """50 after 10 is a step; and 10 that reads as 50 is a panel in °F."""
+    bench = ChamberBench(name)
+    bench.chamber.prepare()
+    for setpoint in (10.0, 50.0, 10.0):
+        bench.chamber.set_temperature(setpoint)
+    assert bench.chamber.read().setpoint_degC == 10.0
+    bench.fault(Fault.FAHRENHEIT)
+    with pytest.raises(WrongDevice, match="set to °F"):
+        bench.chamber.set_temperature(20.0)
 
 
 @pytest.mark.parametrize("name", [name for name in KINDS if KINDS[name].sees_programs])
