@@ -115,4 +115,76 @@ def _one(value: float | None) -> str:
     return "0" if value < 5e-4 else f"{value:.3f}"
 
 
-COMMANDS = (budget,)
+def scatter(
+    source: Annotated[
+        str,
+        typer.Argument(help="A campaign folder, a night, or a printed table (its name or CSV).", show_default=False),
+    ],
+    as_json: JsonFlag = False,
+) -> None:
+    """Tell what makes repeats scatter: noise, the bias, MU or Collect 3, a drift; or say that they cannot tell."""
+    from hil.scatter import HYPOTHESES, NAMED
+    from hil.scatter_sources import campaign_signatures, overall, published_signatures
+
+    if Path(source).is_dir():
+        campaign = read_source(Path(source))
+        title, simulated, found = campaign.title, campaign.simulated, campaign_signatures(campaign)
+    else:
+        title, simulated, found = source, False, published_signatures(source)
+    if as_json:
+        print_json(
+            {
+                "schema": "hil.scatter/1",
+                "title": title,
+                "simulated": simulated,
+                "hypotheses": dict(HYPOTHESES),
+                "named_from": NAMED,
+                "signatures": [each.document() for each in found],
+            }
+        )
+        return
+    console = results()
+    console.print(title + ("  SIMULATED" if simulated else ""))
+    if not found:
+        console.print("nothing was repeated, so nothing scattered")
+        return
+    console.print(_scatter_table([each.document() for each in found]))
+    console.print(
+        "\nC: the contractor's bias (Collect 3), M: the matrix bias; 95 % interval. Probabilities of what changes:"
+    )
+    for name, title_of in HYPOTHESES.items():
+        console.print(f"  {_SHORT[name]}: {title_of}")
+    console.print(f"A cause is named from a probability of {NAMED:g}; of ten so named, nine or more are right.")
+    for each in overall(found):
+        console.print(f"{each.axis} of sensor {each.sensor}: {each.sentence}")
+
+
+_SHORT = {"white": "noise", "bias": "bias", "collect_3": "MU", "bias_and_collect_3": "bias, MU", "drift": "drift"}
+
+
+def _scatter_table(signatures: list[dict[str, Any]]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    spreads = ("c", "m", "mu")
+    for heading in ("sensor", "at °C", "runs", *(f"σ{of.upper()}\ndeg/hr" for of in spreads), "correlation C, M"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for short in _SHORT.values():
+        table.add_column(short, justify="right", no_wrap=True)
+    table.add_column("named")
+    for each in signatures:
+        at, correlation, probabilities = each["temperature_degC"], each["correlation"], each["probabilities"]
+        told = "–" if correlation["value"] is None else f"{correlation['value']:+.2f}"
+        if correlation["low"] is not None:
+            told += f" ({correlation['low']:+.2f} … {correlation['high']:+.2f})"
+        table.add_row(
+            f"{each['sensor']} {each['axis']}",
+            f"{at:.1f}" if at is not None else "all" if each["temperatures"] > 1 else "",
+            str(each["runs"]),
+            *(f"{each[f'sigma_{of}_deg_per_hr']['value']:.2f}" for of in spreads),
+            told,
+            *(f"{probabilities[name]:.2f}" if probabilities else "–" for name in _SHORT),
+            _SHORT.get(each["verdict"], "cannot tell") if probabilities else "sigmas contradict each other",
+        )
+    return table
+
+
+COMMANDS = (budget, scatter)

@@ -1,0 +1,51 @@
+"""The scatter of repeats from the command line: a printed table, a night, and `hil solve` saying it too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.errors import InputError
+from hil.scatter_sources import published_signatures
+
+
+def test_a_printed_table_is_read_with_the_runs_that_its_digits_tell(hil: Any) -> None:
+    """Three runs everywhere but at 100.1 °F, where the digits say five; one cell is impossible, and said to be."""
+    ended = hil("scatter", "rd-gc-86-1-table-1", "--json")
+    assert ended.returncode == 0, ended.stderr
+    told = json.loads(ended.stdout)
+    assert told["schema"] == "hil.scatter/1"
+    cells = {(each["axis"], each["temperature_degC"]): each for each in told["signatures"]}
+    assert len(cells) == 18
+    runs = {round(at): each["runs"] for (axis, at), each in cells.items() if axis == "B" and at is not None}
+    assert runs == {-30: 3, -14: 3, -7: 3, 6: 3, 23: 3, 38: 5, 49: 3, 60: 3}
+    assert cells["B", None]["degrees_of_freedom"] == 18
+    assert [axis for (axis, _), each in cells.items() if not each["probabilities"]] == ["A"]
+    people = hil("scatter", "rd-gc-86-1-table-1").stdout
+    assert "cannot tell" in people
+    assert "sigmas contradict each other" in people
+
+
+def test_a_night_says_it_with_its_solution(hil: Any, night: Path) -> None:
+    """Two repeats at two temperatures: both sensors, both channels, each temperature and all together."""
+    solved = json.loads(hil("solve", night, "--json").stdout)
+    assert len(solved["scatter"]) == 2 * 2 * 3
+    assert {each["degrees_of_freedom"] for each in solved["scatter"]} == {1, 2}
+    assert solved["both_sensors"]["sensors"] == [1, 2]
+    assert "what scattered from run to run" in hil("solve", night).stdout
+    assert json.loads(hil("scatter", night, "--json").stdout)["signatures"] == solved["scatter"]
+
+
+def test_a_table_without_sigmas_is_refused_in_a_sentence(tmp_path: Path, hil: Any) -> None:
+    """What is missing and which column would hold it; and a table that is not there."""
+    table = tmp_path / "means.csv"
+    rows = ["temperature_C,parameter,mean", "20,BA2_matrix,1.0", "20,BA2_collins,2.0", "20,MUB2_matrix,1.0"]
+    table.write_text("\n".join(rows) + "\n")
+    with pytest.raises(InputError, match="column sigma_printed"):
+        published_signatures(table)
+    ended = hil("scatter", "no-such-table")
+    assert ended.returncode == 2
+    assert "no such table" in ended.stderr
