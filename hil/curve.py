@@ -6,17 +6,24 @@
 
 Tables are monotone piecewise cubics (PCHIP), because a polynomial through Table 1 of RD-GC-86-1 does not fit it and
 swings between the plateaus. Outside its table a curve keeps the end value: extrapolated cubics are no knowledge.
+
+A curve that was fitted to measurements says where they were made, `valid_degC`, and refuses to be asked outside.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
 from scipy.interpolate import PchipInterpolator
+
+from hil.errors import InputError
+
+BEYOND_DEGC = 1.0
+"""How far outside its range a fitted curve still answers: setpoints and thermometers repeat no better."""
 
 FloatArray = NDArray[np.float64]
 
@@ -25,10 +32,35 @@ class _Entry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Constant(_Entry):
-    """The same value at every temperature, with its standard error where one is known."""
+class _Curve(_Entry):
+    """What every curve has: its unit, and (for a fitted one) the lowest and highest temperature measured."""
 
     unit: str
+    valid_degC: tuple[FiniteFloat, FiniteFloat] | None = None
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> Self:
+        if self.valid_degC is not None and self.valid_degC[0] > self.valid_degC[1]:
+            raise ValueError("valid_degC must give the lowest temperature first")
+        return self
+
+    def refuse_outside(self, temperature_degC: ArrayLike) -> None:
+        """Raise `InputError` where a temperature lies outside the range in which the curve was measured."""
+        temperatures = np.atleast_1d(np.asarray(temperature_degC, dtype=np.float64))
+        if self.valid_degC is None or not temperatures.size:
+            return
+        low, high = self.valid_degC
+        outside = temperatures[(temperatures < low - BEYOND_DEGC) | (temperatures > high + BEYOND_DEGC)]
+        if outside.size:
+            raise InputError(
+                f"{outside[0]:.4g} °C is outside {low:g} to {high:g} °C, where this curve ({self.unit}) was measured; "
+                "it is not extrapolated"
+            )
+
+
+class Constant(_Curve):
+    """The same value at every temperature, with its standard error where one is known."""
+
     value: FiniteFloat
     se: NonNegativeFloat | None = None
 
@@ -38,7 +70,8 @@ class Constant(_Entry):
         return False
 
     def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value for each temperature, shape (n,)."""
+        """Return the value for each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
+        self.refuse_outside(temperature_degC)
         return np.full(np.shape(temperature_degC), self.value)
 
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
@@ -46,10 +79,9 @@ class Constant(_Entry):
         return np.zeros(np.shape(temperature_degC))
 
 
-class Polynomial(_Entry):
+class Polynomial(_Curve):
     """Σ c_k (T − T0)^k, the coefficient of the lowest power first."""
 
-    unit: str
     polynomial: tuple[FiniteFloat, ...] = Field(min_length=1)
     reference_degC: FiniteFloat
     se: tuple[NonNegativeFloat, ...] | None = None
@@ -66,7 +98,8 @@ class Polynomial(_Entry):
         return len(self.polynomial) > 1
 
     def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value at each temperature, shape (n,)."""
+        """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
+        self.refuse_outside(temperature_degC)
         return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), self.polynomial))
 
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
@@ -96,10 +129,9 @@ class TableRows(_Entry):
         return self
 
 
-class Table(_Entry):
+class Table(_Curve):
     """A PCHIP curve through tabulated values; the end values hold outside the table."""
 
-    unit: str
     table: TableRows
 
     @property
@@ -116,7 +148,8 @@ class Table(_Entry):
         return self._curve.derivative()
 
     def at(self, temperature_degC: ArrayLike) -> FloatArray:
-        """Return the value at each temperature, shape (n,)."""
+        """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
+        self.refuse_outside(temperature_degC)
         temperatures = np.asarray(temperature_degC, dtype=np.float64)
         low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
         return np.asarray(self._curve(np.clip(temperatures, low, high)))
