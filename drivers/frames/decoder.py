@@ -19,8 +19,8 @@ from drivers.frames.scan import Scanner
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
 
-_FEW = 16  # below so many frames, looking at them one by one is faster
-_QUICK = 192  # frames below which those of the expected type are verified one by one
+_FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
+_QUICK = 384  # frames below which those of the expected type are verified one by one
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 
@@ -46,8 +46,9 @@ class StreamDecoder:
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
         self._nothing = [_no_frames(family.nothing()) for family in plain]
-        shortest, longest = min(family.shortest for family in plain), max(family.longest for family in plain)
-        self._few_bytes = _FEW * shortest
+        longest = max(family.longest for family in plain)
+        self._few_bytes = _FEW * (4 + len(plain))
+        self._clean_bytes = self._few_bytes // 8
         self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)))
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
@@ -202,14 +203,18 @@ class StreamDecoder:
 
     def _scan(self, buffer: bytes, at: int, end: int, *, last: bool) -> Scan:
         scanner = self._delimited_scanner if self._delimited else self._scanner
-        if end - at < self._few_bytes:
-            return scanner.scan_few(buffer[at:end], self._standing, last=last)
-        piece = np.frombuffer(buffer, np.uint8, end - at, at)
-        scan = scanner.scan_clean(piece, self._standing) if self._flawless else None
-        if scan is None:
+        size = end - at
+        piece = np.frombuffer(buffer, np.uint8, size, at)
+        if self._flawless and size >= self._clean_bytes:
+            clean = scanner.scan_clean(piece, self._standing)
+            if clean is not None:
+                return clean
+        if size < self._few_bytes:
+            scan = scanner.scan_few(buffer[at:end], self._standing, last=last)
+        else:
             scan = scanner.scan_many(piece, self._standing, last=last)
-            forms = sum(map(len, scan.found))
-            self._flawless = forms == 1 and scan.resyncs == 0
+        forms = sum(map(len, scan.found))
+        self._flawless = forms == 1 and scan.resyncs == 0
         return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int) -> Decoded:
