@@ -4,7 +4,7 @@
         lock.taken_over_from  # None, or the dead owner whose lock this was
 
 The lock itself is the kernel's (`flock`), which ends with the process, even by kill -9. The text in the file says who
-holds it, for people and for `hil status`; a text without a lock is what a dead owner leaves behind.
+holds it, for people, for `hil status` and for the watchdog; a text without a lock is what a dead owner leaves behind.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import fcntl
 import json
 import os
 import socket
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Self
 
 from drivers.clock import SystemClock
 from hil.errors import InputError
@@ -27,37 +29,71 @@ _PAUSE_S = 0.01
 
 @dataclass(frozen=True)
 class Owner:
-    """The process that holds (or held) a lock."""
+    """The process that holds (or held) a lock. `started` is the kernel's start time of it: pids are used again."""
 
     pid: int
     host: str
     since_utc: str
+    started: str = ""
+    what: str = ""  # what it works on, where the lock itself does not say so
 
     def __str__(self) -> str:
-        return f"process {self.pid} on {self.host} since {self.since_utc}"
+        working = f", working on {self.what}" if self.what else ""
+        return f"process {self.pid} on {self.host} since {self.since_utc}{working}"
+
+    @property
+    def is_that_process(self) -> bool:
+        """Tell whether the process of this number is certainly the one that took the lock, and on this machine."""
+        return self.host == socket.gethostname() and bool(self.started) and process_start(self.pid) == self.started
 
 
-class FolderLock:
-    """The right to write in a folder. Held by at most one process at a time, and by one object within a process."""
+def process_start(pid: int) -> str:
+    """Return when a process of this machine was started, in the kernel's ticks; empty where that cannot be told."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+    # The second field is the name in parentheses, which may hold anything; the start is the 22nd of all.
+    fields = text.rpartition(")")[2].split()
+    return fields[19] if len(fields) > 19 else ""
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / LOCK_NAME
+
+class LockFile:
+    """A lock that is held by at most one process at a time, and by one object within a process.
+
+    `refuse` says in one sentence why it cannot be had, given its owner (None where that is not known).
+    """
+
+    def __init__(self, path: Path, refuse: Callable[[Owner | None], str], what: str = "") -> None:
+        self._path = path
+        self._refuse = refuse
+        self._what = what
         self._descriptor: int | None = None
         self.taken_over_from: Owner | None = None
 
-    def acquire(self) -> FolderLock:
-        """Take the lock; raise `InputError` naming the owner where another controller holds it."""
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    def acquire(self) -> Self:
+        """Take the lock; raise `InputError` where somebody else holds it, or the file cannot be used."""
+        descriptor = self._open()
         try:
             self._lock(descriptor)
         except BaseException:
             os.close(descriptor)
             raise
         self._descriptor = descriptor
-        self.taken_over_from = _read_owner(self._path)
-        owner = Owner(os.getpid(), socket.gethostname(), SystemClock().utc().isoformat(timespec="seconds"))
+        self.taken_over_from = read_owner(self._path)
+        now = SystemClock().utc().isoformat(timespec="seconds")
+        owner = Owner(os.getpid(), socket.gethostname(), now, process_start(os.getpid()), self._what)
         self._write_text(json.dumps(asdict(owner)))
         return self
+
+    def _open(self) -> int:
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                # Without O_CREAT first: with it, the kernel refuses somebody else's file in a folder such as /run/lock.
+                return os.open(self._path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        except OSError as error:
+            raise InputError(f"{self._path}: the lock file cannot be used ({error.strerror})") from error
 
     def _lock(self, descriptor: int) -> None:
         # Somebody who only looks (`living_owner`) holds the lock for an instant; a controller holds it for a night.
@@ -66,11 +102,7 @@ class FolderLock:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
             SystemClock().sleep(_PAUSE_S)
-        owner = _read_owner(self._path)
-        raise InputError(
-            f"{self._path.parent}: another controller is at work here ({owner or 'owner unknown'}); "
-            "wait until it has ended, or abort it first"
-        )
+        raise InputError(self._refuse(read_owner(self._path)))
 
     def _write_text(self, text: str) -> None:
         if self._descriptor is not None:
@@ -86,11 +118,24 @@ class FolderLock:
             os.close(self._descriptor)
             self._descriptor = None
 
-    def __enter__(self) -> FolderLock:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.release()
+
+
+class FolderLock(LockFile):
+    """The right to write in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(
+            folder / LOCK_NAME,
+            lambda owner: (
+                f"{folder}: another controller is at work here ({owner or 'owner unknown'}); "
+                "wait until it has ended, or abort it first"
+            ),
+        )
 
 
 def living_owner(folder: Path) -> Owner | None:
@@ -103,14 +148,15 @@ def living_owner(folder: Path) -> Owner | None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return _read_owner(path) or Owner(0, "unknown host", "an unknown time")
+        return read_owner(path) or Owner(0, "unknown host", "an unknown time")
     else:
         return None
     finally:
         os.close(descriptor)
 
 
-def _read_owner(path: Path) -> Owner | None:
+def read_owner(path: Path) -> Owner | None:
+    """Return who a lock file names, or None where it names nobody that can be understood."""
     try:
         text = path.read_text(encoding="utf-8")
         return Owner(**json.loads(text)) if text.strip() else None

@@ -26,6 +26,7 @@ import shutil
 import sqlite3
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from importlib.metadata import version
@@ -34,11 +35,14 @@ from pathlib import Path
 from drivers.clock import PacedClock, VirtualClock
 from drivers.write_wear import wear_of
 from hil.bench import LiveBench, build_bench
+from hil.bench_lock import bench_lock
 from hil.blocks import FieldMeaning
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.configuration import configuration_of, configuration_text
+from hil.damage import damaged_self_calibrations
 from hil.errors import InputError
 from hil.files import PARTIAL, RealDisk, make_folders, remove_folders
+from hil.heartbeat import HeartbeatFile
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import reading
 from hil.journal_records import Night
@@ -95,21 +99,23 @@ def start_night(
     text = configuration_text(bench, sweep, seed)
     plan = make_plan(sweep.procedure())
     who = who or _user()
-    with _whole_or_nothing(target) as partial:
-        resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
-        attendant = Attendant(terminal)
-        live = build_bench(resolved, ask=attendant, speed=speed)
-        try:
-            began = live.devices.clock.utc()
-            chosen = resolved.simulation.seed if resolved.simulation else None
-            night = Night(sweep.title, who, began, resolved.simulated, text, chosen, versions())
-            SqliteJournal.create(partial, plan, night)
-        except BaseException:
-            live.close()
-            raise
-    with live, SqliteJournal.open(target, clock=live.devices.clock, who=who, keep_raw=resolved.record.raw) as journal:
-        journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
-        return _carry_out(journal, live, attendant, who, progress, stop)
+    with bench_lock(bench, target):
+        with _whole_or_nothing(target) as partial:
+            resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
+            attendant = Attendant(terminal)
+            live = build_bench(resolved, ask=attendant, speed=speed)
+            try:
+                began = live.devices.clock.utc()
+                chosen = resolved.simulation.seed if resolved.simulation else None
+                night = Night(sweep.title, who, began, resolved.simulated, text, chosen, versions())
+                SqliteJournal.create(partial, plan, night)
+            except BaseException:
+                live.close()
+                raise
+        clock, raw = live.devices.clock, resolved.record.raw
+        with live, SqliteJournal.open(target, clock=clock, who=who, keep_raw=raw) as journal:
+            journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
+            return _carry_out(journal, live, attendant, who, progress, stop)
 
 
 def resume_night(
@@ -124,40 +130,46 @@ def resume_night(
 ) -> NightOutcome:
     """Carry on the night in `folder`, with the configuration with which it began.
 
-    Steps that are done stay done; a partial collect is taken again and the soak starts over. Under a virtual clock
+    Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
+    samples are damaged is done again as a whole (hil.damage). Under a virtual clock
     `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
     controller is working on, or one whose bench cannot be put together any more.
     """
     folder, who = Path(folder), who or _user()
     with reading(folder) as reader:
-        night, controllers, done, plan = reader.night, reader.controllers(), reader.completed(), reader.plan
+        night, controllers, plan = reader.night, reader.controllers(), reader.plan
+        damaged = damaged_self_calibrations(reader)
+        withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
+        done = reader.completed().keys() - withdrawn
     if len(done) == len(plan.steps):
         return NightOutcome(folder, "complete", "every planned step was done before", 0)
     last_s = max((controller.seen_s for controller in controllers), default=0.0)
     first_run = next((n for n, steps in plan.self_calibrations.items() if any(s.key not in done for s in steps)), 1)
     half_done = plan.self_calibrations.get(first_run, ())
     visited = [s.position for s in half_done if s.kind is StepKind.COLLECT and s.key in done and s.position]
-    lock = FolderLock(folder).acquire()
-    try:
+    with ExitStack() as held:
+        lock = held.enter_context(FolderLock(folder).acquire())
         bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
-        start, attendant = night.utc(last_s + down_s), Attendant(terminal)
+        held.enter_context(bench_lock(bench, folder))
+        attendant = Attendant(terminal)
         live = build_bench(
             bench,
-            start_utc=start,
+            start_utc=night.utc(last_s + down_s),
             first_run=first_run,
             visited=visited,
             session=len(controllers),
             ask=attendant,
             speed=speed,
         )
-    except BaseException:
-        lock.release()
-        raise
-    with (
-        live,
-        SqliteJournal.open(folder, clock=live.devices.clock, who=who, keep_raw=bench.record.raw, lock=lock) as journal,
-    ):
+        held.enter_context(live)
+        clock, raw = live.devices.clock, bench.record.raw
+        journal = held.enter_context(SqliteJournal.open(folder, clock=clock, who=who, keep_raw=raw, lock=lock))
         _record_resumption(journal, who, night, len(done), last_s)
+        for number, what in damaged.items():
+            keys = {step.key for step in plan.self_calibrations[number]} & withdrawn
+            journal.withdraw(keys, f"done again, because samples were damaged: {what}")
+            message = f"self-calibration {number} is done again as a whole: {what}"
+            journal.event("damage", message, self_calibration=number, withdrawn=sorted(keys))
         return _carry_out(journal, live, attendant, who, progress, stop)
 
 
@@ -183,6 +195,7 @@ def _carry_out(
     stop = stop or StopRequest()
     clock = live.devices.clock
     log = NightLog(journal.folder, clock, who)
+    heartbeat = HeartbeatFile(journal.folder)
     shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live))
     try:
         journal.listen(log.say)
@@ -205,6 +218,7 @@ def _carry_out(
             powered_on=_powered_on(live),
             control=journal,
             attendant=attendant,
+            vital=heartbeat,
         )
         with _signals(stop):
             ended = sequencer.run()
@@ -218,6 +232,7 @@ def _carry_out(
         return outcome
     finally:
         shown.close()
+        heartbeat.close()
         log.close()
 
 

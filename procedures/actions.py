@@ -150,6 +150,7 @@ class Actions:
         began_s = self._watch.now_s
         self._watch.note = f"moving to position {position}"
         self._watch.poll()
+        self._watch.alive(step.parameters["index_timeout_s"])
         self._devices.positioner.move_to(position, step.parameters["index_timeout_s"])
         reached = self._devices.positioner.position()
         if reached != position:

@@ -38,6 +38,7 @@ from procedures.progress import Progress, Silent
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
 from procedures.verdict import Verdict
+from procedures.vital import SignOfLife
 from procedures.watch import Position, Watch
 
 # What each kind of step stands on, in the order in which it has to be restored.
@@ -53,6 +54,7 @@ _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
+_SAFE_STATE_SILENCE_S = 60.0  # a driver's own attempts at a chamber that does not answer
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 
 
@@ -85,7 +87,8 @@ class Sequencer:
     """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
 
     `powered_on` is when the unit was switched on, where that is known; `control` is where people's requests come from;
-    `attendant` puts the positioner's questions, which is to look at the bench meanwhile. `run` may be called once.
+    `attendant` puts the positioner's questions, which is to look at the bench meanwhile; `vital` tells a watchdog that
+    the controller lives. `run` may be called once.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class Sequencer:
         powered_on: datetime | None = None,
         control: Control | None = None,
         attendant: Attendant | None = None,
+        vital: SignOfLife | None = None,
     ) -> None:
         self._plan = plan
         self._devices = devices
@@ -111,7 +115,7 @@ class Sequencer:
         self._polling = polling or Polling()
         self._power_on_s = None if powered_on is None else (powered_on - began).total_seconds()
         rules = tuple(standard_interlocks(self._interlocks, devices.chamber.limits))
-        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began, control)
+        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began, control, vital)
         if attendant is not None:
             attendant.attend(self._watch)
         self._done: set[str] = set()
@@ -201,6 +205,7 @@ class Sequencer:
         problem = ""
         give_up_s = self._devices.clock.now() + self._polling.safe_state_s
         while True:
+            self._watch.alive(_SAFE_STATE_SILENCE_S)
             try:
                 self._devices.chamber.safe_state()
             except Exception as failure:

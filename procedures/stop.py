@@ -6,6 +6,9 @@
 
 A second Ctrl-C says the same thing again; it does not skip the safe state. A handler only sets a flag: nothing is
 interrupted in the middle of a write. Whatever waits, waits in pieces and asks between them.
+
+A signal that the process was told to ignore (`nohup` does so with SIGHUP) stays ignored. So are, meanwhile, those with
+which a terminal stops a process: a controller that Ctrl-Z has put to sleep watches over nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_THAT_STOP = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 
 
 class StopRequested(Exception):
@@ -54,7 +58,12 @@ class StopRequest:
 
         Only the main thread can do this (`ValueError` otherwise).
         """
-        former = {number: signal.signal(number, self._handle) for number in _SIGNALS}
+        former = {number: signal.getsignal(number) for number in (*_SIGNALS, *_THAT_STOP)}
+        for number in _SIGNALS:
+            if former[number] is not signal.SIG_IGN:
+                signal.signal(number, self._handle)
+        for number in _THAT_STOP:
+            signal.signal(number, signal.SIG_IGN)
         try:
             yield self
         finally:

@@ -28,6 +28,7 @@ from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
 from procedures.settings import Polling
 from procedures.stop import StopRequest
+from procedures.vital import SignOfLife, Unwatched
 
 _WALL_JUMP_S = 5.0
 _HOLD_CEILING_S = 3600.0
@@ -59,6 +60,7 @@ class Watch:
         progress: Progress,
         began: datetime,
         control: Control | None = None,
+        vital: SignOfLife | None = None,
     ) -> None:
         clock = devices.clock
         # Within one run time is monotonic, whatever happens to the wall clock; across a resume it is the wall clock's.
@@ -68,6 +70,7 @@ class Watch:
         self._journal = journal
         self._stop = stop
         self.desk = Desk(control or NoControl(), stop, self.event)
+        self._vital = vital or Unwatched()
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, self.event)
@@ -131,6 +134,10 @@ class Watch:
 
     # Looking
 
+    def alive(self, silent_s: float = 0.0) -> None:
+        """Tell a watchdog that the controller lives, and for how long it may be silent now."""
+        self._vital.alive(silent_s)
+
     def commanded(self, setpoint_degC: float | None) -> None:
         """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""
         self.commanded_degC, self.arrived = setpoint_degC, False
@@ -179,6 +186,7 @@ class Watch:
 
     def poll(self) -> tuple[Look, SampleBlock]:
         """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`."""
+        self.alive()
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
         block, span_s, stream_error = self._drain()
