@@ -1,0 +1,65 @@
+"""`hil watchdog`: a second process that makes the chamber safe when the controller cannot."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.output import Folder, messages
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from hil.config import Bench
+    from hil.watchdog import Watched
+    from procedures.stop import StopRequest
+
+
+def watchdog(
+    folder: Folder,
+    bench: Annotated[
+        str | None,
+        typer.Option("--bench", help="Another way to the chamber than the night's own bench file.", show_default=False),
+    ] = None,
+    timeout: Annotated[float, typer.Option("--timeout", help="Seconds of silence that are borne.", min=2.0)] = 60.0,
+    kill: Annotated[bool, typer.Option(help="Kill a controller that lives and is silent.")] = True,
+) -> int:
+    """Watch a night from another process; bring its chamber to the safe state when its controller dies or hangs.
+
+    Ends with status 0 when the controller has ended by itself, 3 when the watchdog made the chamber safe, 1 when it
+    could not: then somebody must go to the chamber.
+    """
+    from hil.config import load_bench
+    from hil.configuration import configuration_of
+    from hil.journal_reader import open_readonly
+    from procedures.stop import StopRequest
+
+    with open_readonly(folder) as journal:
+        text = journal.night.configuration
+    stop = StopRequest()
+    with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
+        on = configuration_of(text, Path(named_files))[0] if bench is None else load_bench(bench)
+        watched = _watch(folder, on, timeout, kill=kill, stop=stop)
+    _say(watched.message)
+    return watched.exit_status
+
+
+def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
+    from hil.config.bench import SIMULATED_SCHEME
+    from hil.watchdog import Patience, Watchdog
+
+    if on.chamber.port.startswith(SIMULATED_SCHEME):
+        raise InputError(f"{folder}: its chamber is simulated inside the controller and dies with it; nothing to watch")
+    patience = Patience(timeout_s=timeout, look_s=min(1.0, timeout / 5.0), term_s=min(10.0, timeout))
+    return Watchdog(folder, on, patience=patience, kill=kill, say=_say, stop=stop).run()
+
+
+def _say(what: str) -> None:
+    with suppress(OSError):  # a closed terminal must not end the watch
+        messages().print(what)
+
+
+COMMANDS = (watchdog,)

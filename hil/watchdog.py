@@ -1,0 +1,218 @@
+"""The watchdog of a night: another process that brings the chamber to its safe state when the controller cannot.
+
+    Watchdog(folder, bench, say=print).run()
+
+It ends when the controller has ended by itself. It acts when
+- the controller has died (killed, out of memory, a crash of the interpreter): proven by its lock, which the kernel
+  releases with the process, while the journal says nothing of an end; at once;
+- the controller lives but has shown no sign of life for `timeout_s`, beyond what it asked for (stopped, hung): it is
+  asked to end (SIGTERM), then killed (SIGKILL), because only one program can drive a chamber; then as above;
+- the controller has ended and could not reach the safe state itself.
+
+While it acts it holds the folder's lock and the bench's, so that nobody resumes meanwhile; a bench that another night
+has taken over is left alone. What it did is in the journal. The power of the computer itself is not its to answer: that
+is what a chamber's own dead-man timer is for (`dead_man` in the bench file).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError
+from hil.bench import open_chamber
+from hil.bench_lock import bench_lock
+from hil.config import Bench
+from hil.control import who_asks
+from hil.errors import InputError
+from hil.heartbeat import read_heartbeat
+from hil.journal import SqliteJournal
+from hil.journal_reader import open_readonly
+from hil.lock import FolderLock, Owner, living_owner
+from procedures.stop import StopRequest
+
+_KILLED_WITHIN_S = 10.0
+_LOOK_S = 0.05
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long the watchdog waits, in seconds of real time."""
+
+    timeout_s: float = 60.0  # without a sign of life, beyond what the controller asked for
+    look_s: float = 1.0  # between looks
+    term_s: float = 10.0  # between asking a silent controller to end and killing it
+    safe_state_s: float = 300.0  # how long the safe state is tried for
+    retry_s: float = 2.0
+
+
+@dataclass(frozen=True)
+class Watched:
+    """How a watch ended. Status 0: the controller ended by itself; 3: the chamber was made safe; 1: it could not be."""
+
+    message: str
+    exit_status: int
+
+
+class Watchdog:
+    """Watches the night in `folder`, whose chamber it reaches through `bench`. `say` hears what goes on, in words.
+
+    With `kill` False a silent controller that still lives is reported and left alone. Where `stop` is requested the
+    watch ends, but never in the middle of a safe state.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        bench: Bench,
+        *,
+        patience: Patience | None = None,
+        kill: bool = True,
+        say: Callable[[str], None],
+        stop: StopRequest | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self._folder = folder
+        self._bench = bench
+        self._patience = patience or Patience()
+        self._kill = kill
+        self._say = say
+        self._stop = stop or StopRequest()
+        self._clock = clock or SystemClock()
+        self._last: object = None  # the newest heartbeat, and when it was first seen
+        self._changed_s = self._clock.now()
+        self._reported = False
+
+    def run(self) -> Watched:
+        """Watch until the controller has ended, one way or the other."""
+        self._say(f"watching {self._folder}; the chamber is made safe {self._patience.timeout_s:g} s after silence")
+        while not self._stop.requested:
+            owner = living_owner(self._folder)
+            if owner is None:
+                ended = self._after_the_end()
+                if ended is not None:
+                    return ended
+            elif self._silent():
+                failed = self._end_silent(owner)
+                if failed is not None:
+                    return failed
+            self._clock.sleep(self._patience.look_s)
+        return Watched(f"the watch ended: {self._stop.reason}; nobody watches {self._folder} now", 0)
+
+    # Looking
+
+    def _silent(self) -> bool:
+        """Tell whether the heartbeat has not changed for too long."""
+        beat = read_heartbeat(self._folder)
+        if beat is None and self._last is None:
+            return False  # a controller that writes none can only be seen to die
+        if beat is not None and beat != self._last:
+            self._last, self._changed_s, self._reported = beat, self._clock.now(), False
+        allowed_s = self._patience.timeout_s + (0.0 if beat is None else beat.silent_s)
+        return self._clock.now() - self._changed_s > allowed_s
+
+    def _after_the_end(self) -> Watched | None:
+        """Decide what the end of a controller asks for; None where none has begun yet, or one begins just now."""
+        with open_readonly(self._folder) as journal:
+            controllers = journal.controllers()
+            unsafe = journal.standing("safe-state-not-reached", "safe-state")
+        if not controllers:
+            return None
+        last = controllers[-1]
+        if last.ended is None:
+            return self._act(f"the controller (process {last.pid} on {last.host}) died")
+        if unsafe is not None:
+            return self._act(f"the controller ended, but {unsafe.message}")
+        return Watched(f"the controller has ended: {last.ended}", 0)
+
+    # A controller that lives and is silent
+
+    def _end_silent(self, owner: Owner) -> Watched | None:
+        """Ask the controller to end, then kill it; return a failure, or None where the next look decides."""
+        silence = f"{owner} has shown no sign of life for {self._clock.now() - self._changed_s:.0f} s"
+        if not self._kill:
+            if not self._reported:
+                self._say(f"{silence}; it is left alone, as asked: go to the chamber")
+                self._reported = True
+            return None
+        if not owner.is_that_process:
+            where = "on another machine" if owner.host != socket.gethostname() else "not certainly this one"
+            return Watched(f"{silence}, and it is {where}, so it was not killed; GO TO THE CHAMBER", 1)
+        self._say(f"{silence}; it is asked to end")
+        try:
+            os.kill(owner.pid, signal.SIGTERM)
+            if self._gone_within(self._patience.term_s, or_beating=True):
+                return None
+            self._say("it does not react; it is killed")
+            if owner.is_that_process:
+                os.kill(owner.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            return None
+        except OSError as error:
+            return Watched(f"{silence}, and it cannot be ended ({error.strerror}); GO TO THE CHAMBER", 1)
+        if not self._gone_within(_KILLED_WITHIN_S):
+            return Watched(f"{silence}, and does not even die (a device driver hangs?); GO TO THE CHAMBER", 1)
+        return None
+
+    def _gone_within(self, seconds: float, *, or_beating: bool = False) -> bool:
+        until_s = self._clock.now() + seconds
+        while self._clock.now() < until_s:
+            if living_owner(self._folder) is None or (or_beating and not self._silent()):
+                return True
+            self._clock.sleep(_LOOK_S)
+        return False
+
+    # Acting
+
+    def _act(self, why: str) -> Watched | None:
+        """Bring the chamber to its safe state; None where somebody has resumed the night meanwhile."""
+        try:
+            lock = FolderLock(self._folder).acquire()
+        except InputError:
+            return None
+        with lock:
+            try:
+                with bench_lock(self._bench, self._folder):
+                    problem = self._make_safe(why)
+            except InputError as error:
+                return Watched(f"{why}, and its bench is not its own any more, so it was left alone: {error}", 0)
+            done = f"could not bring the chamber to its safe state: {problem}; GO TO THE CHAMBER"
+            message = f"{why}; the watchdog {done if problem else 'brought the chamber to its safe state'}"
+            self._record(lock, message, why, problem)
+            return Watched(message, 1 if problem else 3)
+
+    def _make_safe(self, why: str) -> str:
+        """Try for minutes; return why the safe state was not reached, or nothing."""
+        self._say(f"{why}; the chamber is being brought to its safe state")
+        until_s = self._clock.now() + self._patience.safe_state_s
+        while True:
+            try:
+                # Opened anew each time: the dead controller's port may take a moment to be free.
+                with open_chamber(self._bench) as live:
+                    live.chamber.safe_state()
+            except (DeviceError, InputError) as error:
+                problem = str(error)
+            else:
+                return ""
+            self._say(f"not yet: {problem}")
+            if self._clock.now() >= until_s:
+                return problem
+            self._clock.sleep(self._patience.retry_s)
+
+    def _record(self, lock: FolderLock, message: str, why: str, problem: str) -> None:
+        """Write into the journal what was done; a journal that fails must not hide it."""
+        try:
+            with SqliteJournal.open(self._folder, clock=self._clock, who=f"watchdog of {who_asks()}", lock=lock) as it:
+                it.event("watchdog", message, why=why)
+                it.event("safe-state-not-reached" if problem else "safe-state", problem or "by the watchdog")
+                it.finish(f"failed: {message}")
+        except (sqlite3.Error, OSError, InputError) as error:
+            with suppress(OSError):
+                self._say(f"the journal could not record it: {error}")

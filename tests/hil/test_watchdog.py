@@ -1,0 +1,239 @@
+"""A controller that dies or hangs, over pseudo-terminals: real processes, real signals, one real chamber protocol."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import pytest
+import yaml
+
+from drivers.clock import SystemClock
+from hil.bench import open_chamber
+from hil.bench_lock import bench_lock
+from hil.config import Bench, load_bench, load_sweep
+from hil.control import request
+from hil.errors import InputError
+from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
+from hil.journal import JOURNAL_NAME, SqliteJournal
+from hil.journal_reader import open_readonly
+from hil.journal_records import Night
+from hil.lock import Owner, process_start
+from hil.night import start_night
+from hil.simulate import client_bench, served
+from hil.status import night_status
+from hil.watchdog import Patience, Watchdog, Watched
+from procedures.control import RequestKind
+from procedures.plan import make_plan
+from procedures.stop import StopRequest
+
+SWEEP = """
+title: A soak that outlasts the test
+temperatures: [23 degC]
+self_calibrations_per_temperature: 1
+positions: [1, 3]
+restabilisation: {at_least: 2 h}
+"""
+TIMEOUT_S = 2.0
+
+
+def wait_until(
+    true: Callable[[], object], process: subprocess.Popen[str] | None = None, within_s: float = 30.0
+) -> None:
+    """Wait until something is true; a process that ends meanwhile, or the time, fails the test."""
+    clock = SystemClock()
+    while not true():
+        assert process is None or process.poll() is None, "the process ended"
+        assert clock.now() < within_s, "it did not come true"
+        clock.sleep(0.02)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    """A client's bench file; the devices behind it are served on pseudo-terminals by a thread of this process."""
+    with served(load_bench("simulated")) as simulation:
+        client = yaml.safe_load(client_bench(load_bench("simulated"), simulation.ports).text)
+        client["polling"] = {"interval": "1 s", "read_interval": "0.25 s"}
+        path = tmp_path / "bench.yaml"
+        path.write_text(yaml.safe_dump(client))
+        yield load_bench(path)
+
+
+class Processes:
+    """Starts hil commands; whatever still runs at the end of the test is killed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.night = folder / "night"
+        self.sweep = folder / "sweep.yaml"
+        self.sweep.write_text(SWEEP)
+        self._started: list[subprocess.Popen[str]] = []
+
+    def start(self, *arguments: object) -> subprocess.Popen[str]:
+        """Start a command."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hil", *map(str, arguments)],
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
+        self._started.append(process)
+        return process
+
+    def controller(self, bench: Bench) -> subprocess.Popen[str]:
+        """Start a night and return once it soaks."""
+        process = self.start("run", self.sweep, "--bench", bench.source, "--out", self.night, "--yes")
+        wait_until((self.night / HEARTBEAT_NAME).exists, process)
+        wait_until(lambda: night_status(self.night)["step"] == "T1/S1/restabilise", process)
+        return process
+
+    def close(self) -> None:
+        """End what still runs."""
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+            process.communicate(timeout=10)
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    """What a test starts."""
+    started = Processes(tmp_path)
+    yield started
+    started.close()
+
+
+def mode_of(bench: Bench) -> str:
+    """Ask the chamber itself."""
+    with open_chamber(bench) as live:
+        return live.chamber.read().mode
+
+
+def events(folder: Path) -> list[tuple[str, str]]:
+    """Return kind and message of the night's events."""
+    with open_readonly(folder) as journal:
+        return [(event.kind, event.message) for event in journal.events()]
+
+
+def watched(
+    bench: Bench, folder: Path, *, kill: bool = True, when: str = "", act: Callable[[], object] | None = None
+) -> Watched:
+    """Watch from this process; `act` takes place once the watchdog says `when`."""
+    stop = StopRequest()
+
+    def say(what: str) -> None:
+        if when and when in what:
+            (act or (lambda: stop.request("seen")))()
+
+    patience = Patience(TIMEOUT_S, look_s=0.2, term_s=1.0)
+    return Watchdog(folder, bench, patience=patience, kill=kill, say=say, stop=stop).run()
+
+
+def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(bench: Bench, processes: Processes) -> None:
+    """SIGKILL: the chamber itself says that it is safe, within the stated time; the journal says who did what."""
+    controller = processes.controller(bench)
+    watchdog = processes.start("watchdog", processes.night, "--timeout", TIMEOUT_S)
+    assert watchdog.stderr is not None
+    assert "watching" in watchdog.stderr.readline()
+    clock = SystemClock()
+    controller.kill()
+    _, said = watchdog.communicate(timeout=30)
+    took_s = clock.now()
+    assert watchdog.returncode == 3, said
+    assert took_s < TIMEOUT_S + 6.0  # a chamber's own pacing, on a machine that may be busy
+    assert mode_of(bench) == "STANDBY"
+    status = night_status(processes.night)
+    assert status["state"] == "failed"
+    assert "watchdog brought the chamber to its safe state" in status["reason"]
+    happened = dict(events(processes.night))
+    assert f"process {controller.pid}" in happened["watchdog"]
+    assert "safe-state" in happened
+
+
+def test_a_hung_controller_is_reported_killed_and_its_chamber_made_safe(bench: Bench, processes: Processes) -> None:
+    """Left alone where that was asked for; killed otherwise, because only one program can drive a chamber."""
+    controller = processes.controller(bench)
+    os.kill(controller.pid, signal.SIGSTOP)
+    assert watched(bench, processes.night, kill=False, when="left alone").exit_status == 0
+    assert controller.poll() is None
+    assert watched(bench, processes.night, when="it is killed", act=lambda: None).exit_status == 3
+    assert controller.wait(5) == -signal.SIGKILL
+    assert mode_of(bench) == "STANDBY"
+
+
+def test_a_controller_that_ends_by_itself_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
+    """A second night on its ports is refused with its name; and when it ends, the watchdog leaves the chamber alone."""
+    controller = processes.controller(bench)
+    with pytest.raises(InputError, match=f"process {controller.pid} .*{processes.night}"):
+        start_night(tmp_path / "second", load_sweep("quick"), bench)
+    assert not (tmp_path / "second").exists()
+    abort = partial(request, processes.night, RequestKind.ABORT, "ann", "enough")
+    ended = watched(bench, processes.night, when="watching", act=abort)
+    assert ended.exit_status == 0
+    assert "aborted by ann: enough" in ended.message
+    assert controller.wait(10) == 1
+    assert "watchdog" not in dict(events(processes.night))
+
+
+def test_a_bench_that_another_night_has_taken_over_is_left_alone(bench: Bench, tmp_path: Path) -> None:
+    """The watchdog of a dead night must not stop the chamber of a living one."""
+    folder = tmp_path / "night"
+    plan = make_plan(load_sweep("quick").procedure())
+    folder.mkdir()
+    SqliteJournal.create(folder, plan, Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=""))
+    SqliteJournal.open(folder, clock=SystemClock()).close()
+    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as journal:
+        journal.execute("UPDATE controllers SET ended = NULL")  # as a killed controller leaves it
+    with open_chamber(bench) as live:
+        live.chamber.prepare()
+    with bench_lock(bench, tmp_path / "another"):
+        left = watched(bench, folder)
+    assert left.exit_status == 0
+    assert "left alone" in left.message
+    assert mode_of(bench) == "CONSTANT"
+    assert watched(bench, folder).exit_status == 3
+    assert mode_of(bench) == "STANDBY"
+
+
+def test_one_adapter_is_one_port_whatever_its_name(bench: Bench, tmp_path: Path) -> None:
+    """/dev/serial/by-id/… and /dev/ttyUSB0 are the same lock."""
+    link = tmp_path / "by-id"
+    link.symlink_to(bench.chamber.port)
+    other = tmp_path / "other.yaml"
+    other.write_text(bench.text.replace(bench.chamber.port, str(link)))
+    with bench_lock(bench, tmp_path), pytest.raises(InputError, match="another controller owns the bench"):
+        bench_lock(load_bench(other), tmp_path).__enter__()
+
+
+def test_an_owner_is_told_from_another_process_with_its_number() -> None:
+    """A pid is used again; the kernel's start time tells."""
+    here = os.uname().nodename
+    me = Owner(os.getpid(), here, "", process_start(os.getpid()))
+    assert me.is_that_process
+    assert not Owner(os.getpid(), here, "", "1").is_that_process
+    assert not Owner(os.getpid(), "elsewhere", "", me.started).is_that_process
+    assert not Owner(2**22 + 1, here, "", "").is_that_process
+
+
+def test_a_heartbeat_costs_next_to_nothing_and_says_for_how_long_it_will_be_silent(tmp_path: Path) -> None:
+    """At most one write a second, unless more silence is announced."""
+    heartbeat = HeartbeatFile(tmp_path)
+    for _ in range(1000):
+        heartbeat.alive()
+    first = read_heartbeat(tmp_path)
+    heartbeat.alive(60.0)
+    second = read_heartbeat(tmp_path)
+    heartbeat.close()
+    assert first is not None
+    assert second is not None
+    assert (first.pid, first.count, first.silent_s) == (os.getpid(), 1, 0.0)
+    assert (second.count, second.silent_s) == (2, 60.0)
+    (tmp_path / HEARTBEAT_NAME).write_text(json.dumps({"pid": 1}))
+    assert read_heartbeat(tmp_path) is None
