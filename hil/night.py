@@ -53,11 +53,15 @@ from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
 from procedures.sequencer import Sequencer, SweepOutcome, SweepState
+from procedures.settings import Polling
 from procedures.stop import StopRequest
 
 CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
+
+
+_WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
 @dataclass(frozen=True)
@@ -196,7 +200,8 @@ def _carry_out(
     clock = live.devices.clock
     log = NightLog(journal.folder, clock, who)
     heartbeat = HeartbeatFile(journal.folder)
-    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live))
+    polling = _polling(live)
+    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live, polling))
     try:
         journal.listen(log.say)
         journal.describe_fields(field_meanings(live))
@@ -211,7 +216,7 @@ def _carry_out(
             stop,
             began=journal.began_utc,
             interlocks=live.bench.interlocks,
-            polling=live.bench.polling,
+            polling=polling,
             progress=Audience(
                 [shown, *([progress] if progress else [])], lost=lambda error: _onlooker_lost(journal, error)
             ),
@@ -240,12 +245,25 @@ def _onlooker_lost(journal: SqliteJournal, error: Exception) -> None:
     journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
 
-def _looked_at_every_s(live: LiveBench) -> float:
-    """How many seconds of real time lie between two polls; next to none on a clock that jumps."""
-    clock, every_s = live.devices.clock, live.bench.polling.read_interval_s
+def _polling(live: LiveBench) -> Polling:
+    """Return how often to look: oftener than the bench file says where somebody watches a simulated night."""
+    clock, polling = live.devices.clock, live.bench.polling
+    if not isinstance(clock, PacedClock):
+        return polling
+    usual, look_s = Polling(), _WATCHED_S * clock.speed
+    return replace(
+        polling,
+        interval_s=min(polling.interval_s, max(usual.interval_s, look_s)),
+        read_interval_s=min(polling.read_interval_s, max(usual.read_interval_s, look_s)),
+    )
+
+
+def _looked_at_every_s(live: LiveBench, polling: Polling) -> float:
+    """Return how many seconds of real time lie between two polls: next to none on a clock that jumps."""
+    clock = live.devices.clock
     if isinstance(clock, VirtualClock):
-        return every_s / clock.speed if isinstance(clock, PacedClock) else 0.0
-    return every_s
+        return polling.read_interval_s / clock.speed if isinstance(clock, PacedClock) else 0.0
+    return polling.read_interval_s
 
 
 def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:

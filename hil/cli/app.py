@@ -7,7 +7,20 @@ from collections.abc import Sequence
 
 import typer
 
-from hil.cli import chamber, coefficients, control, dashboard, data, design, device, frames, model, night, replay, watchdog
+from hil.cli import (
+    chamber,
+    coefficients,
+    control,
+    dashboard,
+    data,
+    design,
+    device,
+    frames,
+    model,
+    night,
+    replay,
+    watchdog,
+)
 from hil.cli.ending import run_to_exit, with_status
 
 app = typer.Typer(

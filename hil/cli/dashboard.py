@@ -1,0 +1,54 @@
+"""The command that serves the live page."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli.output import messages, results
+from hil.errors import InputError
+
+NightOrFolder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DIR_OR_FOLDER",
+        help="A night's folder, or a folder of such folders: all are shown.",
+        show_default=False,
+    ),
+]
+
+
+def dashboard(
+    folder: NightOrFolder,
+    host: Annotated[
+        str, typer.Option("--host", help="Where to listen. Beyond this machine, reading takes the token too.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0 takes a free one.")] = 8765,
+    token_file: Annotated[
+        Path | None,
+        typer.Option("--token-file", help="Keeps the token from one start to the next.", show_default=False),
+    ] = None,
+) -> None:
+    """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
+    from hil.dashboard.access import Access, is_loopback, new_token, token_from
+    from hil.dashboard.server import create_app, listen, serve
+    from hil.dashboard.watcher import Watcher
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder")
+    access = Access(token_from(token_file) if token_file else new_token(), host)
+    with listen(host, port) as listener:
+        number = listener.getsockname()[1]
+        shown = f"[{host}]" if ":" in host else host
+        results().print(f"http://{shown}:{number}/")
+        what = "pausing, continuing, aborting and answering"
+        if not is_loopback(host):
+            what = f"reading, {what}"
+            messages().print("note: what goes over the network is not encrypted; see docs/how-to/live-page.md")
+        results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
+        with suppress(KeyboardInterrupt):
+            serve(create_app(Watcher(folder), access), listener)
+

@@ -1,0 +1,125 @@
+"""Who may read the page, and who may ask something of a controller.
+
+Reading is free on the loopback address, where only this machine's people can come from; as soon as the page listens
+elsewhere it takes the token. Asking takes the token always. It travels in a header, which no other site's page can
+make a browser send, and never in an address, which ends in logs and histories.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from hil.errors import InputError
+
+LEAST_TOKEN = 12
+_ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # nothing that is mistaken for something else when it is typed
+_SCHEME = "Bearer "
+
+_HEADERS: Mapping[str, str] = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "manifest-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+def new_token() -> str:
+    """Return a token of 79 bits that can be typed on a phone: four groups of four."""
+    return "-".join("".join(secrets.choice(_ALPHABET) for _ in range(4)) for _ in range(4))
+
+
+def token_from(path: Path) -> str:
+    """Return the token in a file; make the file, for its owner only, with a new token where there is none.
+
+    Raises `InputError` where the file cannot be read or made, or its token is too short to be one.
+    """
+    try:
+        if not path.exists():
+            path.touch(mode=0o600, exist_ok=False)
+            path.write_text(new_token() + "\n", encoding="utf-8")
+        token = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: the token cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if len(token) < LEAST_TOKEN or not token.isascii():
+        raise InputError(f"{path}: a token has at least {LEAST_TOKEN} characters, all of them ASCII; delete the file")
+    return token
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether only this machine can reach a server that listens at `host`."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@dataclass(frozen=True)
+class Access:
+    """The rules of one server: its token, and the host that it listens at."""
+
+    token: str
+    host: str
+
+    def may_ask(self, headers: Headers) -> bool:
+        """Tell whether a request brings the token; takes as long whatever it brings."""
+        given = headers.get("authorization", "")
+        return secrets.compare_digest(given.encode(), (_SCHEME + self.token).encode())
+
+    def may_read(self, headers: Headers) -> bool:
+        """Tell whether a request may see the nights."""
+        return is_loopback(self.host) or self.may_ask(headers)
+
+    def is_addressed(self, host_header: str) -> bool:
+        """Tell whether the Host header names this server.
+
+        A page of another site whose name was made to point here (DNS rebinding) sends that name. An IP address as the
+        host cannot be such a name.
+        """
+        name = host_header.rpartition("]")[0].lstrip("[") if "]" in host_header else host_header.partition(":")[0]
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            ours = {"localhost"} if is_loopback(self.host) else {"localhost", self.host, socket.gethostname()}
+            return name.lower() in {each.lower() for each in ours}
+        return True
+
+
+class Guard:
+    """Refuses what is not addressed to this server, and sends the headers that keep a browser from doing more."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or pass on; what is no HTTP (a web socket) is refused by closing it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        if not self._access.is_addressed(Headers(scope=scope).get("host", "")):
+            refusal = PlainTextResponse("This server is not known by that name.", status_code=421)
+            await refusal(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        await self._app(scope, receive, send_guarded)

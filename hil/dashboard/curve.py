@@ -1,0 +1,91 @@
+"""A curve of bounded size: least and greatest value per bucket of time, with buckets that double when space runs out.
+
+    curve = Curve(3, buckets=2048)
+    curve.add(times_s, values)           # (n,), (n, 3)
+    curve.changes()                      # what a page has to draw anew
+
+A bucket is about a pixel of the screen, so that a spike of one second in fifteen hours is still drawn, and a night of
+any length costs the same memory.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_FIRST_WIDTH_S = 1.0
+
+
+class Curve:
+    """Several values over one time, in at most `buckets` buckets (an even number)."""
+
+    def __init__(self, columns: int, buckets: int = 2048, digits: int = 2) -> None:
+        self._least = np.full((buckets, columns), np.nan)
+        self._greatest = np.full((buckets, columns), np.nan)
+        self._digits = digits
+        self._start_s = math.nan
+        self._width_s = _FIRST_WIDTH_S
+        self._used = 0
+        self._unsent = 0
+
+    def add(self, times_s: FloatArray, values: FloatArray) -> None:
+        """Take in values, shape (n, columns), at times, shape (n,), that do not go backwards. NaN is no value."""
+        if not len(times_s):
+            return
+        if math.isnan(self._start_s):
+            self._start_s = float(times_s[0])
+        while self._index(float(times_s[-1])) >= len(self._least):
+            self._double()
+        index = np.maximum((np.asarray(times_s, dtype=float) - self._start_s) // self._width_s, 0).astype(int)
+        np.fmin.at(self._least, index, values)
+        np.fmax.at(self._greatest, index, values)
+        self._unsent = min(self._unsent, int(index[0]))
+        self._used = max(self._used, int(index[-1]) + 1)
+
+    def whole(self) -> dict[str, Any]:
+        """Return everything that there is to draw."""
+        return self._document(0)
+
+    def changes(self) -> dict[str, Any] | None:
+        """Return what changed since the last call, from its first bucket on; None where nothing did."""
+        if self._unsent >= self._used:
+            return None
+        document = self._document(self._unsent)
+        self._unsent = self._used
+        return document
+
+    def _index(self, time_s: float) -> int:
+        return int((time_s - self._start_s) // self._width_s)
+
+    def _double(self) -> None:
+        """Put two neighbours into one bucket, so that half of the buckets are free again."""
+        half = len(self._least) // 2
+        for table, smaller in ((self._least, np.fmin), (self._greatest, np.fmax)):
+            table[:half] = smaller(table[0::2], table[1::2])
+            table[half:] = np.nan
+        self._width_s *= 2.0
+        self._used = (self._used + 1) // 2
+        self._unsent = 0
+
+    def _document(self, first: int) -> dict[str, Any]:
+        """Return buckets from `first` on: where they begin, how wide they are, and a list per column."""
+        part = slice(first, self._used)
+        return {
+            "from": first,
+            "start_s": None if math.isnan(self._start_s) else round(self._start_s, 3),
+            "width_s": self._width_s,
+            "least": _lists(self._least[part], self._digits),
+            "greatest": _lists(self._greatest[part], self._digits),
+        }
+
+
+def _lists(table: FloatArray, digits: int) -> list[list[float | None]]:
+    rounded = np.round(table.T, digits).astype(object)
+    rounded[np.isnan(table.T)] = None
+    lists: list[list[float | None]] = rounded.tolist()
+    return lists

@@ -1,0 +1,226 @@
+"""What one night's journal and live files say, in the parts that the live page shows.
+
+    night = NightFacts(folder, "bench-2/night")
+    night.look()      # the parts that changed since the last look; {} where nothing did
+    night.whole()     # every part, for a page that was just opened
+
+Parts: `head` (what is going on now), `events`, `results`, `plan`, `temperatures` and `collect` (curves). The journal is
+opened read-only, for some milliseconds, and only where its files changed. Belongs to one thread.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import SystemClock
+from hil.config.files import parse_yaml
+from hil.dashboard.curves import NightCurves
+from hil.dashboard.results import ResultsSoFar
+from hil.journal_reader import JOURNAL_NAME, JournalReader, reading
+from hil.journal_records import Event
+from hil.live import LIVE_NAME, read_live
+from hil.lock import Owner, living_owner
+from hil.status import night_status
+from hil.step_words import step_in_words
+from procedures.plan import Plan, StepKind
+
+OLD_AFTER_S = 4.0
+"""Data of a living controller that are older are called old: with a look a second, people know within 5 s."""
+
+_LATE_POLLS = 3.0
+_EVENTS = 80
+_WORKING = ("running", "paused")
+_BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete"}
+_PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "prompt-ended", "safe-state", "wear"}
+
+Part = dict[str, Any]
+
+
+class NightFacts:
+    """One night, looked at again and again. `identity` names it on the page and in its addresses."""
+
+    def __init__(self, folder: Path, identity: str) -> None:
+        self.identity = identity
+        self.folder = folder
+        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
+        self._last_event = 0
+        self._stamp: object = None
+        self._owner: Owner | None = None
+        self._live: Part | None = None
+        self._live_stamp: object = None
+        self._status: Part = {}
+        self._about: Part = {}
+        self._steps: Mapping[str, str] = {}
+        self._curves = NightCurves(folder)
+        self._parts: Part = {}
+        self._results = ResultsSoFar(folder)
+
+    def whole(self) -> Part:
+        """Return every part as it was at the last look."""
+        return {**self._parts, **self._curves.whole()}
+
+    def look(self) -> Part:
+        """Look again and return the parts that changed. Raises `InputError` where the journal cannot be read."""
+        owner = living_owner(self.folder)  # before the journal, as in `night_status`
+        fresh: Part = {}
+        stamp = (_stamp(self.folder / JOURNAL_NAME), _stamp(self.folder / f"{JOURNAL_NAME}-wal"), owner)
+        if stamp != self._stamp:
+            fresh = self._read_journal(owner)
+            self._stamp = stamp
+        live_stamp = _stamp(self.folder / LIVE_NAME)
+        if live_stamp != self._live_stamp:
+            self._live, self._live_stamp = read_live(self.folder), live_stamp
+        fresh["head"] = self._head()
+        fresh = {name: part for name, part in fresh.items() if part != self._parts.get(name)}
+        self._parts |= fresh
+        return {**fresh, **self._curves.changes()}
+
+    @property
+    def working(self) -> bool:
+        """True while a controller is at work."""
+        return self._owner is not None
+
+    @property
+    def began_utc(self) -> str:
+        """When the night began, as text that sorts."""
+        return str(self._status.get("began_utc", ""))
+
+    def _read_journal(self, owner: Owner | None) -> Part:
+        self._owner = owner
+        self._status = night_status(self.folder)
+        with reading(self.folder) as journal:
+            if not self._about:
+                self._about = _about(journal)
+                self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
+            controllers = journal.controllers()
+            self._status["killed"] = bool(controllers) and controllers[-1].ended is None and owner is None
+            self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
+            self._status["pausing"] = _pausing(journal) if self._status["state"] == "running" else None
+            for event in journal.events(self._last_event):
+                self._last_event = event.number
+                self._events.append(_event(event, journal.night.utc(event.at_s)))
+            self._curves.take_heartbeats(journal)
+            fresh: Part = {"events": list(self._events), "plan": _plan(journal.plan)}
+            fresh["results"] = self._results.read(journal)
+        return fresh
+
+    def _head(self) -> Part:
+        """Return what is going on at this moment."""
+        status, live = self._status, self._live
+        theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
+        now = live if theirs and status["state"] in _WORKING else None
+        key = now["step"] if now else status["step"]
+        age_s = self._age_s(now) if self._owner is not None else None
+        limit_s = max(OLD_AFTER_S, _LATE_POLLS * float(now["every_s"])) if now else OLD_AFTER_S
+        return {
+            **self._about,
+            "state": status["state"],
+            "reason": status["reason"],
+            "working": self._owner is not None,
+            "killed": status["killed"],
+            "age_s": None if age_s is None else round(age_s),
+            "old": age_s is not None and age_s > limit_s,
+            "steps_done": status["steps_done"],
+            "steps_total": status["steps_total"],
+            "self_calibrations_done": status["self_calibrations_done"],
+            "self_calibrations_total": status["self_calibrations_total"],
+            "missing": status["missing"] if self._owner is None else [],
+            "finishing_utc": now["finishing_utc"] if now else status["eta_utc"],
+            "last_utc": status["last_utc"],
+            "step": self._steps.get(key) if key else None,
+            "paused": status["paused"],
+            "pausing": status["pausing"],
+            "prompt": status["prompt"],
+            "now": _now(now) if now else None,
+        }
+
+    def _age_s(self, now: Part | None) -> float:
+        """Return how long ago the controller last said anything, by the wall clock."""
+        said = [text for text in (self._status["seen_utc"], now and now["written_utc"]) if text]
+        if not said:
+            return 0.0
+        newest = max(datetime.fromisoformat(text) for text in said)
+        return max((SystemClock().utc() - newest).total_seconds(), 0.0)
+
+
+def _now(live: Part) -> Part:
+    """Return what the controller shows: countdown, temperatures, rates with their errors, and the stream."""
+    names = ("step_elapsed_s", "step_remaining_s", "elapsed_s", "attempt", "note", "chamber_degC", "setpoint_degC")
+    rates = {
+        label: {
+            "now": value,
+            "mean": live["rates_deg_per_hr"].get(label),
+            "se": live["rates_se_deg_per_hr"].get(label),
+        }
+        for label, value in {**live["rates_deg_per_hr"], **live["rates_now_deg_per_hr"]}.items()
+    }
+    counts = live["stream"]
+    damaged = sum(counts[name] for name in ("bad_checksum", "bad_delimiter", "unknown_id"))
+    stream = {"ok": counts["ok"], "lost": counts["lost"], "damaged": damaged, "unread_bytes": counts["overflow_bytes"]}
+    stream |= {"hz": live["stream_hz"], "nominal_hz": live["stream_nominal_hz"]}
+    return {**{name: live[name] for name in names}, "unit_degC": live["unit_degC"], "rates": rates, "stream": stream}
+
+
+def _about(journal: JournalReader) -> Part:
+    """Return what stays the same all night."""
+    bench = parse_yaml(journal.night.configuration, "the night's configuration").get("bench")
+    bench = bench if isinstance(bench, dict) else {}
+    unit = bench.get("unit") if isinstance(bench.get("unit"), dict) else {}
+    return {
+        "title": journal.night.title,
+        "bench": str(bench.get("name", "")),
+        "unit": " ".join(str(value) for value in (unit or {}).values()),
+        "simulated": journal.night.simulated,
+        "began_utc": journal.night.began_utc.isoformat(),
+    }
+
+
+def _pausing(journal: JournalReader) -> str | None:
+    """Return what was answered to a pause that does not hold yet, because a collect is finished first."""
+    asked = [row for row in journal.requests() if row.kind in ("pause", "continue") and row.accepted]
+    ended = max((event.at_s for event in journal.events() if event.kind == "continue"), default=-1.0)
+    if not asked or asked[-1].kind != "pause" or (asked[-1].answered_s or 0.0) < ended:
+        return None
+    return f"{asked[-1].who} asked for a pause: {asked[-1].answer}"
+
+
+def _event(event: Event, at: datetime) -> Part:
+    weight = "bad" if event.kind in _BAD else "plain" if event.kind in _PLAIN else "note"
+    return {
+        "number": event.number,
+        "at_utc": at.isoformat(timespec="seconds"),
+        "kind": event.kind,
+        "message": event.message,
+        "weight": weight,
+    }
+
+
+def _plan(plan: Plan) -> Part:
+    """Return the planned chamber temperature as corners of a line, in campaign seconds and °C, and the planned end."""
+    corners: list[list[float]] = []
+    for step in plan.steps:
+        if step.kind is StepKind.SETPOINT and step.temperature_degC is not None:
+            if corners:
+                corners.append([step.starts_s, corners[-1][1]])
+            corners.append([step.starts_s + step.duration_s, step.temperature_degC])
+    if corners:
+        corners.append([plan.total_s, corners[-1][1]])
+    return {"corners": corners, "total_s": plan.total_s}
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when a file does."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def unreadable(identity: str, error: Exception) -> Part:
+    """Return the head of a night that cannot be read."""
+    return {"head": {"title": identity, "state": "unreadable", "reason": str(error), "working": False}}

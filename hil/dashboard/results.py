@@ -1,0 +1,74 @@
+"""What a night has given so far: the collects of every self-calibration that has begun, and the parameters solved.
+
+The parameters are those of `hil solve`, by the same call.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hil.errors import InputError
+from hil.export import campaign_of_night
+from hil.journal_reader import JournalReader
+from hil.solve import solve_campaign
+from procedures.journal import StepResult
+from procedures.plan import Step, StepKind
+
+
+class ResultsSoFar:
+    """The results of one night, read again when it has got on; solved again when a self-calibration was finished."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._solved: tuple[int, ...] = ()
+        self._solutions: dict[int, list[dict[str, Any]]] = {}
+
+    def read(self, journal: JournalReader) -> list[dict[str, Any]]:
+        """Return a row for every self-calibration that has begun; solutions only where all of its steps are done."""
+        completed = journal.completed()
+        begun = {
+            number: steps
+            for number, steps in journal.plan.self_calibrations.items()
+            if any(step.key in completed for step in steps)
+        }
+        done = tuple(number for number, steps in begun.items() if all(step.key in completed for step in steps))
+        if done != self._solved:
+            self._solutions, self._solved = self._solve(), done
+        return [
+            {
+                "number": number,
+                "temperature_degC": steps[0].temperature_degC,
+                "done": number in done,
+                "collects": [_collect(step, completed.get(step.key)) for step in steps if _is_collect(step)],
+                "solutions": self._solutions.get(number, []) if number in done else [],
+            }
+            for number, steps in begun.items()
+        ]
+
+    def _solve(self) -> dict[int, list[dict[str, Any]]]:
+        try:
+            solutions = solve_campaign(campaign_of_night(self._folder))
+        except InputError:
+            return {}  # too little for a campaign, or a night that a later version recorded
+        rows: dict[int, list[dict[str, Any]]] = {}
+        for each in solutions:
+            rows.setdefault(each.run or 0, []).append(
+                {
+                    "sensor": each.sensor,
+                    "model": each.model,
+                    "verdict": str(each.verdict),
+                    "reason": each.reason,
+                    "parameters": {name: vars(estimate) for name, estimate in each.parameters.items()},
+                }
+            )
+        return rows
+
+
+def _is_collect(step: Step) -> bool:
+    return step.kind is StepKind.COLLECT
+
+
+def _collect(step: Step, result: StepResult | None) -> dict[str, Any]:
+    data = result.data if result else {}
+    return {"position": step.position, "verdict": data.get("verdict"), "reason": data.get("reason", "")}

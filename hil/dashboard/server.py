@@ -1,0 +1,164 @@
+"""The addresses of the live page.
+
+| request | answer |
+|---|---|
+| `GET /` and `GET /page/...` | the page and its files: nothing of any night |
+| `GET /api/stream` | server-sent events: everything, then once a second what changed |
+| `POST /api/ask` | pause, continue, abort, confirm, refuse: `{night, kind, who, why, prompt}` |
+
+There is nothing else, and no other method.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from hil.control import RequestKind, wait_for_answer
+from hil.control import request as ask_controller
+from hil.dashboard.access import Access, Guard
+from hil.dashboard.watcher import Watcher
+from hil.errors import InputError
+
+_STATIC = str(files("hil.dashboard") / "static")
+_LARGEST_BODY = 8192
+_LONGEST_NAME, _LONGEST_WHY = 60, 200
+_ANSWER_S = 5.0
+
+
+def create_app(watcher: Watcher, access: Access) -> Guard:
+    """Return the application that serves the nights of `watcher` to whom `access` lets in."""
+
+    @asynccontextmanager
+    async def watching(app: Starlette) -> AsyncIterator[None]:  # noqa: ARG001 - the signature of a lifespan
+        watcher.start()
+        try:
+            yield
+        finally:
+            await run_in_threadpool(watcher.stop)
+
+    async def page(request: Request) -> Response:  # noqa: ARG001 - the signature of an endpoint
+        return FileResponse(f"{_STATIC}/index.html")
+
+    async def stream(request: Request) -> Response:
+        if not access.may_read(request.headers):
+            return _refused("the token is needed to read")
+        return StreamingResponse(_events(watcher), media_type="text/event-stream")
+
+    async def ask(request: Request) -> Response:
+        if not access.may_ask(request.headers):
+            return _refused("the token is not right")
+        try:
+            asked = _asked(await _body(request))
+            answer = await run_in_threadpool(_ask, watcher, asked)
+        except InputError as error:
+            return JSONResponse({"error": str(error)}, status_code=409)
+        return JSONResponse(answer)
+
+    routes = [
+        Route("/", page, methods=["GET"]),
+        Route("/api/stream", stream, methods=["GET"]),
+        Route("/api/ask", ask, methods=["POST"]),
+        Mount("/page", StaticFiles(directory=_STATIC)),
+    ]
+    return Guard(Starlette(routes=routes, lifespan=watching), access)
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; raise `InputError` where that is not possible."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise InputError(
+            f"{host}:{port}: cannot be listened at ({error.strerror or error}); choose another --port or --host"
+        ) from error
+
+
+def serve(app: Guard, listener: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM. Open streams are cut off; pages connect again to the next server."""
+    settings = uvicorn.Config(
+        app, log_level="critical", access_log=False, server_header=False, timeout_graceful_shutdown=1
+    )
+    uvicorn.Server(settings).run(sockets=[listener])
+
+
+async def _events(watcher: Watcher) -> AsyncIterator[bytes]:
+    async with watcher.page() as updates:
+        while True:
+            yield await updates.get()
+
+
+def _refused(why: str) -> Response:
+    return JSONResponse({"error": why}, status_code=401, headers={"www-authenticate": "Bearer"})
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """Return the JSON object that was sent; raise `InputError` where it is none, or too long."""
+    data = b""
+    async for part in request.stream():
+        data += part
+        if len(data) > _LARGEST_BODY:
+            raise InputError("what was sent is too long")
+    try:
+        document = json.loads(data)
+    except ValueError:
+        document = None
+    if not isinstance(document, dict):
+        raise InputError("what was sent is no JSON object")
+    return document
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What somebody asks of the controller of a night, with their name."""
+
+    night: str
+    kind: RequestKind
+    who: str
+    why: str
+    prompt: int | None
+
+
+def _asked(document: dict[str, Any]) -> Asked:
+    """Check what was sent; raise `InputError` naming what is wrong."""
+    kinds = {each.value for each in RequestKind}
+    if document.get("kind") not in kinds:
+        raise InputError(f"kind: one of {', '.join(sorted(kinds))}")
+    kind = RequestKind(document["kind"])
+    who = _line(document, "who", _LONGEST_NAME)
+    if not who:
+        raise InputError("who: a name is needed, for the journal")
+    prompt = document.get("prompt")
+    if kind in (RequestKind.CONFIRM, RequestKind.REFUSE) and not isinstance(prompt, int):
+        raise InputError("prompt: the number of the question that is answered")
+    return Asked(_line(document, "night", 1000), kind, who, _line(document, "why", _LONGEST_WHY), prompt)
+
+
+def _line(document: dict[str, Any], name: str, longest: int) -> str:
+    """Return a text of one line; raise `InputError` where it is none."""
+    value = document.get(name, "")
+    if not isinstance(value, str) or len(value) > longest or not (value.isprintable()):
+        raise InputError(f"{name}: one line of at most {longest} characters")
+    return value.strip()
+
+
+def _ask(watcher: Watcher, asked: Asked) -> dict[str, Any]:
+    """Put the request into the journal, and wait for the answer for a while: `accepted` is null where none came."""
+    folder = watcher.folder_of(asked.night)
+    number = ask_controller(folder, asked.kind, f"{asked.who} (live page)", asked.why, prompt=asked.prompt)
+    answered = wait_for_answer(folder, number, _ANSWER_S)
+    return {"accepted": answered.accepted, "answer": answered.answer}

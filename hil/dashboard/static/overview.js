@@ -1,0 +1,47 @@
+// Several nights on one screen: one card each, and the whole night behind it.
+
+import { dayTime, degrees, duration, sentence } from "./words.js";
+import { stateOf, troubleOf } from "./state.js";
+
+const text = (tag, className, content) => {
+  const element = document.createElement(tag);
+  element.className = className;
+  element.textContent = content;
+  return element;
+};
+
+export function address(id) {
+  return `#${encodeURIComponent(id)}`;
+}
+
+export function showCards(list, nights) {
+  const cards = [...nights].map(([id, night]) => card(id, night.head));
+  list.replaceChildren(...cards);
+}
+
+function card(id, head) {
+  const link = document.createElement("a");
+  link.href = address(id);
+  link.className = "card";
+  const [word, className] = stateOf(head);
+  const badges = text("span", "", "");
+  badges.append(text("span", `badge ${className}`, word));
+  if (head.simulated) badges.append(" ", text("span", "badge simulated", "SIMULATED"));
+  link.append(text("span", "where", [head.bench, id].filter(Boolean).join(" · ")), badges);
+  link.append(text("span", "what", sentence(head.step || head.reason || head.title)));
+  const trouble = troubleOf(head);
+  if (trouble) link.append(text("span", "trouble", trouble.text));
+  link.append(text("span", "small", facts(head)));
+  const item = document.createElement("li");
+  item.append(link);
+  return item;
+}
+
+function facts(head) {
+  const found = [];
+  if (head.now) found.push(`chamber ${degrees(head.now.chamber_degC)} °C`);
+  if (head.steps_total) found.push(`${head.self_calibrations_done} of ${head.self_calibrations_total} self-calibrations`);
+  if (head.now && head.now.step_remaining_s) found.push(`step ${duration(head.now.step_remaining_s)} to go`);
+  if (head.finishing_utc) found.push(`finishing ${dayTime(head.finishing_utc)}`);
+  return found.join(", ");
+}

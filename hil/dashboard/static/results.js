@@ -1,0 +1,85 @@
+// The self-calibrations so far: one line for each sensor, with its parameters and their errors.
+
+import { degrees, withError } from "./words.js";
+
+function cell(tag, className, content) {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.textContent = content;
+  return made;
+}
+
+export function resultsTable(rows) {
+  if (!rows.length) return cell("p", "small", "No self-calibration has begun yet.");
+  const names = [...new Set(rows.flatMap((row) => row.solutions.flatMap((each) => Object.keys(each.parameters))))];
+  const table = document.createElement("table");
+  const head = table.createTHead().insertRow();
+  const units = unitsOf(rows);
+  head.append(heading("Run", "left"), heading("°C", ""), heading("Collects", "left"), heading("Sensor", ""));
+  head.append(heading("Verdict", "left"));
+  for (const name of names) head.append(heading(name, "", units.get(name)));
+  const body = table.createTBody();
+  for (const row of [...rows].reverse()) addRow(body, row, names);
+  return table;
+}
+
+function heading(text, className, unit = "") {
+  const made = cell("th", className, text);
+  made.scope = "col";
+  if (unit) made.append(document.createElement("br"), cell("span", "unit", unit));
+  return made;
+}
+
+function unitsOf(rows) {
+  const units = new Map();
+  for (const row of rows) {
+    for (const each of row.solutions) {
+      for (const [name, estimate] of Object.entries(each.parameters)) units.set(name, estimate.unit);
+    }
+  }
+  return units;
+}
+
+function addRow(body, row, names) {
+  const lines = row.solutions.length ? row.solutions : [null];
+  lines.forEach((solution, i) => {
+    const line = body.insertRow();
+    if (i === 0) line.append(...firstCells(row, lines.length));
+    line.append(cell("td", "", solution ? String(solution.sensor) : ""), verdictCell(solution, row));
+    for (const name of names) line.append(parameter(solution && solution.parameters[name]));
+  });
+}
+
+function firstCells(row, span) {
+  const number = cell("th", "", String(row.number));
+  number.scope = "row";
+  const collects = cell("td", "left", "");
+  for (const each of row.collects) {
+    const mark = cell("span", `verdict ${each.verdict || "todo"}`, each.position);
+    mark.title = each.verdict ? `${each.verdict}: ${each.reason}` : "to do";
+    collects.append(mark, " ");
+  }
+  const cells = [number, cell("td", "", degrees(row.temperature_degC)), collects];
+  for (const each of cells) each.rowSpan = span;
+  return cells;
+}
+
+function parameter(estimate) {
+  if (!estimate || estimate.value === null) return cell("td", "", estimate ? "not seen" : "");
+  const [value, error] = withError(estimate.value, estimate.se);
+  const made = cell("td", "", `${value} `);
+  made.append(cell("span", "se", error));
+  return made;
+}
+
+function verdictCell(solution, row) {
+  const made = cell("td", "left", "");
+  if (!solution) {
+    made.textContent = row.done ? "not solved" : "going on";
+    return made;
+  }
+  const mark = cell("span", `verdict ${solution.verdict}`, solution.verdict);
+  mark.title = solution.reason;
+  made.append(mark);
+  return made;
+}

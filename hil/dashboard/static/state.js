@@ -1,0 +1,28 @@
+// A night's state in one word, and its trouble in one sentence.
+
+import { duration } from "./words.js";
+
+// Return [word, class] for the badge.
+export function stateOf(head) {
+  if (head.killed) return ["controller dead", "dead"];
+  return [head.state, head.state];
+}
+
+// Return what must be said before anything else, or null.
+export function troubleOf(head) {
+  if (head.state === "unreadable") return { bad: true, text: `This night cannot be read: ${head.reason}` };
+  if (head.killed) {
+    return {
+      bad: true,
+      text: "The controller is dead: it was killed, or lost its power. The chamber may still be conditioning; hil watchdog makes it safe, hil resume carries on.",
+    };
+  }
+  if (head.working && head.old) {
+    return {
+      bad: head.age_s > 60,
+      text: `The controller has shown nothing for ${duration(head.age_s)}. What is below is that old.`,
+    };
+  }
+  if (head.state === "failed") return { bad: true, text: `Failed: ${head.reason}` };
+  return null;
+}

@@ -1,0 +1,169 @@
+"""Looks at the nights of a folder once a second, in a thread, and tells every open page what changed.
+
+    watcher = Watcher(folder)
+    watcher.start()
+    async with watcher.page() as updates:
+        frame = await updates.get()      # bytes of one server-sent event
+
+All pages get the same bytes, made once. A page that was just opened, or that was too slow to take what it was sent,
+gets everything again; so whoever is slow costs nobody anything, and what waits in memory is bounded.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import SystemClock
+from hil.dashboard.facts import NightFacts, Part, unreadable
+from hil.errors import InputError
+from hil.journal_reader import JOURNAL_NAME
+
+EVERY_S = 1.0
+MOST_NIGHTS = 12
+"""So many nights are shown at once: those at work first, then the newest."""
+
+_WAITING = 4
+
+
+class Watcher:
+    """The nights of a folder, or the one night that the folder is."""
+
+    def __init__(self, root: Path, every_s: float = EVERY_S) -> None:
+        self._root = root
+        self._every_s = every_s
+        self._nights: dict[str, NightFacts] = {}
+        self._broken: dict[str, Part] = {}
+        self._pages: dict[asyncio.Queue[bytes], bool] = {}  # whether it needs everything
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._everything_wanted = False  # set in the loop, read in the thread
+        self._wake = threading.Event()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="hil dashboard watcher", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look; called in the event loop that serves the pages."""
+        self._loop = asyncio.get_running_loop()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._wake.set()
+        self._thread.join()
+
+    def folder_of(self, identity: str) -> Path:
+        """Return the folder of a night that is shown; raise `InputError` where it is none of them."""
+        night = self._nights.get(identity)
+        if night is None:
+            raise InputError(f"{identity}: there is no such night on this page")
+        return night.folder
+
+    @asynccontextmanager
+    async def page(self) -> AsyncIterator[asyncio.Queue[bytes]]:
+        """Give a queue of server-sent events: everything first, then what changes."""
+        queue: asyncio.Queue[bytes] = asyncio.Queue(_WAITING)
+        self._pages[queue] = True
+        self._want_everything()
+        try:
+            yield queue
+        finally:
+            del self._pages[queue]
+
+    # The thread
+
+    def _run(self) -> None:
+        while not self._ended:
+            changed = self.look()
+            wanted, self._everything_wanted = self._everything_wanted, False
+            self._hand_over(self._frame(changed), self._frame(self._whole()) if wanted else b"")
+            self._wake.wait(self._every_s)
+            self._wake.clear()
+
+    def look(self) -> Mapping[str, Part]:
+        """Look at every night; return by night what changed since the last time."""
+        self._discover()
+        changed: dict[str, Part] = {}
+        for identity, night in self._nights.items():
+            try:
+                parts = night.look()
+                self._broken.pop(identity, None)
+            except Exception as error:  # one night that cannot be read must not hide the others
+                parts = unreadable(identity, error)
+                parts = {} if self._broken.get(identity) == parts else parts
+                self._broken[identity] = parts or self._broken[identity]
+            if parts:
+                changed[identity] = parts
+        return changed
+
+    def _discover(self) -> None:
+        """Find the nights that are there, and keep those that are shown."""
+        found = {self._name(path.parent): path.parent for path in self._journals()}
+        for identity in set(self._nights) - set(found):
+            del self._nights[identity]
+        for identity, folder in found.items():
+            if identity not in self._nights:
+                self._nights[identity] = NightFacts(folder, identity)
+
+    def _journals(self) -> list[Path]:
+        """Return the journals to show: the root's own, else of the folders below it, newest first."""
+        own = self._root / JOURNAL_NAME
+        if own.is_file():
+            return [own]
+        below = [*self._root.glob(f"*/{JOURNAL_NAME}"), *self._root.glob(f"*/*/{JOURNAL_NAME}")]
+        return sorted(below, key=self._rank, reverse=True)[:MOST_NIGHTS]
+
+    def _rank(self, journal: Path) -> tuple[bool, float]:
+        known = self._nights.get(self._name(journal.parent))
+        try:
+            newest = max(path.stat().st_mtime for path in journal.parent.glob(f"{JOURNAL_NAME}*"))
+        except (OSError, ValueError):  # it vanished meanwhile
+            newest = 0.0
+        return known is not None and known.working, newest
+
+    def _name(self, folder: Path) -> str:
+        return folder.resolve().name if folder == self._root else str(folder.relative_to(self._root))
+
+    def _whole(self) -> Mapping[str, Part]:
+        return {identity: self._broken.get(identity) or night.whole() for identity, night in self._nights.items()}
+
+    def _frame(self, nights: Mapping[str, Part]) -> bytes:
+        document: dict[str, Any] = {
+            "utc": SystemClock().utc().isoformat(timespec="milliseconds"),
+            "folder": self._root.resolve().name,
+            "shown": list(self._nights),
+            "nights": nights,
+        }
+        return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
+
+    def _hand_over(self, frame: bytes, everything: bytes) -> None:
+        loop = self._loop
+        if loop is not None and not self._ended:
+            try:
+                loop.call_soon_threadsafe(self._send, frame, everything)
+            except RuntimeError:  # the loop was closed while we looked
+                self._ended = True
+
+    # In the loop
+
+    def _send(self, frame: bytes, everything: bytes) -> None:
+        for queue, needs_everything in list(self._pages.items()):
+            if needs_everything and not everything:
+                continue  # opened while the thread was looking: the next frame is for it
+            if queue.full():
+                while not queue.empty():
+                    queue.get_nowait()
+                self._pages[queue] = True
+                self._everything_wanted = True  # with the next look: who is slow need not be hurried for
+                continue
+            queue.put_nowait(everything if needs_everything else frame)
+            self._pages[queue] = False
+
+    def _want_everything(self) -> None:
+        self._everything_wanted = True
+        self._wake.set()
