@@ -1,4 +1,4 @@
-"""The error budget of a self-calibration: 10^5 Monte Carlo draws of each of ten sources, through the solver.
+"""The error budget of a self-calibration: 10^5 Monte Carlo draws of each of eleven sources, through the solver.
 
 python -m pytest benchmarks/test_budget.py --benchmark-only --benchmark-disable-gc -p no:randomly
 """

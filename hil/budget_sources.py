@@ -114,6 +114,22 @@ class Noise(Source):
         return np.asarray(draws.reshape(-1, *scene.sigma.shape) * scene.sigma)
 
 
+class Instability(Source):
+    """What longer averaging does not take away: flicker, independent in every average, 0.664 B in size."""
+
+    id, title, unit, varies = "instability", "bias instability", "deg/hr", "run"
+    per_unit = 0.664  # the floor of the Allan deviation: sqrt(2 ln 2 / pi)
+
+    def columns(self, scene: Scene) -> FloatArray:
+        """Return one component for each average."""
+        n, c = scene.sigma.shape
+        return np.asarray(self.per_unit * np.eye(n * c).reshape(n, c, n * c))
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the draws as they stand."""
+        return np.asarray(self.per_unit * draws.reshape(-1, *scene.sigma.shape))
+
+
 class _Turn(Source):
     """Something turns about axes (n, 3, k) of the bench frame, by an angle each: the bench, the unit, or north."""
 
@@ -280,6 +296,7 @@ def sources(
 
     return (
         Noise(1.0, noise_origin),
+        Instability(known.bias_instability, origin("bias_instability")),
         Tilt(known.tilt, origin("tilt")),
         Accelerometer(known.accelerometer, origin("accelerometer")),
         Heading(known.heading, origin("heading")),

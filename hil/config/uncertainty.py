@@ -20,7 +20,8 @@ from hil.config.units import (
 class UncertaintySection(Section):
     """What the error budget reckons with. What a file does not give is what is usual for a well set up bench.
 
-    `angle_random_walk` is the noise of the rates (0.12 deg/sqrt(hr) is 0.93 deg/hr over 60 s, Table 1's quiet cells);
+    `angle_random_walk` is the noise of the rates (0.12 deg/sqrt(hr) is 0.93 deg/hr over 60 s, Table 1's quiet cells),
+    `bias_instability` the part of it that longer averaging does not take away (0.664 of it stays in every average);
     `tilt` how far the bench's level may have moved since it was measured; `accelerometer` the error with which G2 and
     G3 were measured; `heading`, `latitude` and `earth_rate` (each component, beyond those two) what is wrong with W;
     `index` the error of each move of the unit; `drift` a steady drift of each rate during a self-calibration (0.05
@@ -30,6 +31,7 @@ class UncertaintySection(Section):
     """
 
     angle_random_walk: Annotated[RandomWalk, Field(gt=0.0)] = 0.12
+    bias_instability: Annotated[DegreesPerHour, Field(ge=0.0)] = 0.5
     tilt: Annotated[Degrees, Field(ge=0.0)] = 0.0115  # 0.2 mrad
     accelerometer: Annotated[Gravities, Field(ge=0.0)] = 1e-4
     heading: Annotated[Degrees, Field(ge=0.0)] = 0.5

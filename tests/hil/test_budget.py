@@ -84,7 +84,7 @@ def test_calculation_and_draws_agree_for_every_source_and_parameter(order: str, 
     """Within the draws' own error, every source alone and all of them together."""
     budget = error_budget(scene(order, gravity), every_source(), matrix_6_form(SENSOR), draws=20_000)
     assert [each.source.id for each in budget.shares] == [
-        "noise", "tilt", "accelerometer", "heading", "latitude", "earth_rate", "gravity", "index", "drift", "soak",
+        "noise", "instability", "tilt", "accelerometer", "heading", "latitude", "earth_rate", "gravity", "index", "drift", "soak",
     ]  # fmt: skip
     for share in budget.shares:
         allowed = 4.5 * budget.simulation_error(share.analytic) + 1e-4
