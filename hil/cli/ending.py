@@ -9,6 +9,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 
@@ -67,7 +68,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
 
 
 def _say(what: object, status: Exit) -> int:
-    print(f"hil: {what}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
+    with suppress(OSError):  # a closed terminal does not change how it ended
+        print(f"hil: {what}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
     return status
 
 

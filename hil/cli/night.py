@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -181,9 +181,10 @@ def _start(sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, speed: float |
 
 
 def _end(ended: NightOutcome) -> int:
-    messages().print(f"{ended.folder}: {ended.state}: {ended.reason}")
-    if ended.exit_status != Exit.DONE:
-        messages().print(f"to carry on: hil resume {ended.folder}")
+    with suppress(OSError):  # the terminal was closed; the journal says it
+        messages().print(f"{ended.folder}: {ended.state}: {ended.reason}")
+        if ended.exit_status != Exit.DONE:
+            messages().print(f"to carry on: hil resume {ended.folder}")
     return ended.exit_status
 
 
@@ -194,7 +195,8 @@ def _watching(*, quiet: bool, simulated: bool) -> Iterator[Progress]:
         yield progress
     finally:
         if isinstance(progress, TerminalProgress):
-            progress.close()
+            with suppress(OSError):
+                progress.close()
 
 
 def status(folder: Folder, as_json: JsonFlag = False) -> int:
