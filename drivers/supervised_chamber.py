@@ -19,7 +19,8 @@ from collections.abc import Callable, Mapping
 
 from drivers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.clock import Clock
-from drivers.controller import Controller, ControllerState, DeadManController, RampingController
+from drivers.controller import Controller, ControllerState, RampingController
+from drivers.dead_man import DeadMan
 from drivers.errors import (
     CommandRefused,
     DeviceError,
@@ -44,7 +45,6 @@ from drivers.setpoint_checks import (
 from drivers.write_wear import WriteWear
 
 _ATTEMPTS = 3
-_RENEWED_WITHIN = 0.25  # of the dead-man's time
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
 
 
@@ -80,8 +80,7 @@ class SupervisedChamber:
             raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
         self._controller = controller
         self._clock = clock
-        self._dead_man_s = dead_man_s
-        self._armed_at_s: float | None = None
+        self._dead_man = DeadMan(controller, clock, dead_man_s)
         self._limits = limits
         self._native = ChamberLimits(
             round(limits.low_degC - native_margin_degC, 1), round(limits.high_degC + native_margin_degC, 1)
@@ -117,7 +116,9 @@ class SupervisedChamber:
         """Ask model and unit; raise `WrongDevice` for another model, for °F, and for a suspicious unit."""
         self._identity, self._switched = None, False
         found = self._controller.identify()
-        if self._expected_model is not None and not found.model.upper().startswith(self._expected_model.upper()):
+        if not self._is_expected(found.model):
+            found = self._controller.identify()  # on a line without checksums the name may have been damaged
+        if not self._is_expected(found.model):
             raise WrongDevice(
                 f"{self._device} says it is {found.model!r}, the bench file expects {self._expected_model!r}; "
                 "check the cable and the port, or correct the bench file"
@@ -149,7 +150,7 @@ class SupervisedChamber:
             raise CommandRefused(f"{self._device} is running a program; end it at the panel first")
         keeps = state.mode == "CONSTANT" and self._limits.low_degC <= state.setpoint <= self._limits.high_degC
         start = state.setpoint if keeps else clamped(state.temperature, self._limits)
-        self._arm_dead_man()
+        self._dead_man.arm()
         self._settle_on(representable_setpoint(start, self._limits, self._controller.resolution_degC))
         if state.mode != "CONSTANT":
             self._controller.start()
@@ -163,7 +164,7 @@ class SupervisedChamber:
         """
         state = self._believable()
         self._latch(state.alarms)
-        self._renew_dead_man()
+        self._dead_man.renew()
         return ChamberReading(
             temperature_degC=state.temperature,
             setpoint_degC=state.setpoint,
@@ -182,7 +183,7 @@ class SupervisedChamber:
         """
         wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
         self._require_identity()
-        self._renew_dead_man()
+        self._dead_man.renew()
         mode = self._settle_on(wanted).mode
         if mode != "CONSTANT":
             raise CommandRefused(
@@ -206,7 +207,7 @@ class SupervisedChamber:
         counts is what is read at the end. Raises the last `DeviceError`, saying that somebody must go there, where
         the state could not be confirmed.
         """
-        self._armed_at_s = None
+        self._dead_man.rest()
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 self._reach_safe_state()
@@ -257,20 +258,8 @@ class SupervisedChamber:
     def _latch(self, alarms: tuple[str, ...]) -> None:
         self._latched += tuple(alarm for alarm in alarms if alarm not in self._latched)
 
-    def _arm_dead_man(self) -> None:
-        if self._dead_man_s is None:
-            return
-        controller = self._controller
-        if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._dead_man_s)):
-            raise CommandRefused(f"{self._device} has no timer of its own; take dead_man out of the bench file")
-        self._armed_at_s = self._clock.now()
-
-    def _renew_dead_man(self) -> None:
-        """Arm an armed timer again, early enough that a renewal which fails can be tried anew."""
-        if self._armed_at_s is None or self._dead_man_s is None:
-            return
-        if self._clock.now() - self._armed_at_s >= _RENEWED_WITHIN * self._dead_man_s:
-            self._arm_dead_man()
+    def _is_expected(self, model: str) -> bool:
+        return self._expected_model is None or model.upper().startswith(self._expected_model.upper())
 
     def _require_identity(self) -> None:
         if self._identity is None:

@@ -64,7 +64,7 @@ def test_identify_asks_the_type_where_the_model_is_not_known() -> None:
 
 def test_another_model_is_refused_before_anything_is_written() -> None:
     """The message names the port, who answered, and whom the bench file expects."""
-    chamber, device = _chamber(MODEL, expected_model="P3")
+    chamber, device = _chamber(MODEL * 2, expected_model="P3")
     with pytest.raises(WrongDevice, match=r"sim://chamber says it is 'GL-ENA 3\.4\.0', the bench file expects 'P3'"):
         chamber.set_temperature(25.0)
     device.finish()
