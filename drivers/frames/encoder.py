@@ -16,10 +16,14 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
     """Return n frames, shape (n, length), with their checksums.
 
     `columns` holds numeric fields in their units, shape (n,) or one value for all frames, and text fields as text.
-    Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have.
+    Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have, `ValueError` for a type
+    of varying length, of items or of text: what such a frame holds is not told by its description.
     """
     if not isinstance(layout.description.length, int) or layout.description.items is not None:
-        raise ValueError(f"{layout.name}: a frame of varying length or of items cannot be encoded")
+        raise ValueError(
+            f"frames.{layout.name}: frames of varying length, of items or of text can be read, but not made; "
+            "simulate a unit whose frames have a fixed length, such as mfs"
+        )
     rows = layout.blank(n)
     for field, values in columns.items():
         if isinstance(values, str):
