@@ -215,8 +215,10 @@ class Sequencer:
             if not said:
                 with suppress(Exception):  # trying goes on whether or not this can be recorded
                     self._watch.event("safe-state-retry", f"{problem}; {_why(cause)}")
-            if self._devices.clock.now() >= give_up_s:
+            left_s = give_up_s - self._devices.clock.now()
+            if left_s <= 0.0:
                 return problem
+            self._watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
             self._devices.clock.sleep(max(self._polling.retry_wait_s, _LEAST_WAIT_S))
 
     def _outcome(self, cause: Exception | None, safe_reason: str) -> SweepOutcome:

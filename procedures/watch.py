@@ -111,6 +111,10 @@ class Watch:
         self._journal.event(kind, message, **evidence)
         self._show("event", kind, message)
 
+    def tell(self, kind: str, message: str) -> None:
+        """Let onlookers see what need not be recorded: that something goes on."""
+        self._show("event", kind, message)
+
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """Let onlookers see the plan."""
         self._show("sweep_began", plan, done)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from dataclasses import replace
 from datetime import timedelta
 
@@ -165,6 +166,24 @@ def test_a_safe_state_that_cannot_be_reached_is_said(bench):
     assert not outcome.safe
     assert "could not be brought to its safe state" in outcome.safe_reason
     assert bench.record.kinds()[-1] == "safe-state-not-reached"
+
+
+def test_somebody_who_watches_sees_that_the_safe_state_is_still_tried(bench):
+    """Minutes without a word look like a program that hangs; the journal keeps the first of them."""
+    said = []
+
+    class Onlooker(Silent):
+        def event(self, kind, message):
+            if kind == "safe-state-retry":
+                said.append(message)
+
+    bench.chamber.safe_fails = 4
+    bench.stop.request("stopped by SIGINT")
+    bench.run(progress=Onlooker())
+    seconds = [int(found[1]) for found in (re.search(r"trying again, (\d+) s left", line) for line in said) if found]
+    assert len(seconds) == 4
+    assert sorted(seconds, reverse=True) == seconds
+    assert bench.record.kinds().count("safe-state-retry") <= 1
 
 
 def test_an_onlooker_that_fails_is_dropped_and_the_night_goes_on(bench):
