@@ -46,6 +46,7 @@ class Job:
     noise: Noise = PLAIN
     alpha: float = 0.05
     triad: bool = False
+    follow: bool = False
 
 
 @lru_cache

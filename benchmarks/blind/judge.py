@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,11 @@ def ninety_percent_set(document: dict[str, Any]) -> set[str]:
 
 
 def places_f1(document: dict[str, Any], case: Case) -> float:
-    """F1 of the cells (collect, channel) called disagreeing against those where the hidden term is above 30 %."""
+    """F1 of the cells (collect, channel) called disagreeing against those where the hidden term is above 30 %.
+
+    A level that changes once is a higher one after or a lower one before: beside a bias nobody can tell, and the better
+    reading counts, channel by channel.
+    """
     signal = np.abs(sum(case.signals, np.zeros((len(case.night), 2))))
     truth = signal > 0.3 * signal.max()
     found = np.zeros_like(truth)
@@ -83,8 +88,16 @@ def places_f1(document: dict[str, Any], case: Case) -> float:
             rows &= np.isin(case.night.run, where["runs"])
         channels = np.array([0, 1] if "channel" not in where else [0 if where["channel"] == "RA" else 1])
         found[np.ix_(np.flatnonzero(rows), channels)] = True
-    right = float((found & truth).sum())
-    return 2.0 * right / max(float(found.sum() + truth.sum()), 1.0)
+    if case.hidden == ("jump",):
+        for channel in (0, 1):
+            other = ~truth[:, channel]
+            if truth[:, channel].any() and _f1(found[:, channel], other) > _f1(found[:, channel], truth[:, channel]):
+                truth[:, channel] = other
+    return _f1(found, truth)
+
+
+def _f1(found: np.ndarray, truth: np.ndarray) -> float:
+    return 2.0 * float((found & truth).sum()) / max(float(found.sum() + truth.sum()), 1.0)
 
 
 def oracle_gap(case: Case, job: Job) -> float:
@@ -104,6 +117,31 @@ def oracle_gap(case: Case, job: Job) -> float:
         beta_hat = np.linalg.lstsq((weight @ design)[rows], (weight @ y)[rows], rcond=None)[0]
         left[out] = y[out] - design[out] @ beta_hat
     return float(np.sqrt(np.mean(left**2)))
+
+
+def follow_up(job: Job, document: dict[str, Any]) -> Job | None:
+    """The case measured again as the result asks for, the effect as large as it was; None where nothing is asked."""
+    advice = document["next_experiment"]
+    if document["verdict"] != "ambiguous" or not advice or advice.get("impossible"):
+        return None
+    design = job.design
+    what = advice["what"]
+    if what.startswith("Collect "):
+        label = {"4": "4", "at 45 deg": "5", "at 135 deg": "6"}[what.removeprefix("Collect ")]
+        larger = replace(design, positions=(*design.positions, label))
+    elif "heading" in what:
+        turned = tuple((h + 90.0) % 360.0 for h in design.headings_deg)
+        larger = replace(
+            design, headings_deg=(*design.headings_deg, *turned), temperatures_degC=2 * design.temperatures_degC
+        )
+    elif "reverse" in what:
+        larger = replace(design, temperatures_degC=(*design.temperatures_degC, *reversed(design.temperatures_degC)))
+    else:
+        return None
+    rows = (
+        len(larger.positions) * len(larger.temperatures_degC) / (len(design.positions) * len(design.temperatures_degC))
+    )
+    return replace(job, row="measured again as advised", design=larger, d=job.d * float(np.sqrt(rows)))
 
 
 def share(flags: Iterable[bool]) -> str:

@@ -30,6 +30,7 @@ from benchmarks.blind.judge import (
     all_right,
     confidently_wrong,
     first_is_right,
+    follow_up,
     ninety_percent_set,
     oracle_gap,
     places_f1,
@@ -38,6 +39,7 @@ from benchmarks.blind.judge import (
 )
 from benchmarks.blind.poses import write_triad
 
+AGAIN = "measured again as advised"
 LOCALISED = {"one position, cold", "jump"}
 
 
@@ -54,6 +56,9 @@ def reconcile_job(job: Job) -> dict[str, Any]:
             case = make_case(job.seed, job.hidden, job.d, model=job.model, design=job.design, noise=job.noise)
             write_case(case, folder)
         document = dict(reconcile(read_campaign(folder), job.model, alpha=job.alpha).document())
+    again = None if job.triad or job.row == AGAIN else follow_up(job, document)
+    if job.follow and again:
+        document["again"] = outcome(again, reconcile_job(again))
     if not job.triad:
         document["kept"] = case.kept
         document["oracle_deg_per_hr"] = oracle_gap(case, job) if case.signals else None
@@ -85,6 +90,8 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "gap_ratio": _ratio(document),
         "worse": gap["after"] > gap["before"] * 1.001,
         "places_f1": document.get("places_f1"),
+        "advice": (document["next_experiment"] or {}).get("what", "none" if document["verdict"] == "ambiguous" else ""),
+        "again": document.get("again"),
     }
 
 
@@ -133,6 +140,10 @@ def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
     places = [o["places_f1"] for o in outcomes if o["places_f1"] is not None and o["found"]]
     if places:
         lines.append(f"\nplaces, mean F1 of {len(places)}: {np.mean(places):.2f}")
+    again = [o["again"] for o in outcomes if o["again"]]
+    if again:
+        settled = share(a["verdict"] == "named" and a["exact"] for a in again)
+        lines.append(f"\nambiguous, then measured again as advised: named and right in {settled} of {len(again)}")
     ratios = [o["gap_ratio"] for o in outcomes if o["gap_ratio"] is not None]
     if ratios:
         lines.append(f"\nheld-out mean square over the oracle's, median of {len(ratios)}: {np.median(ratios):.3f}")
@@ -151,6 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--keep", type=Path, help="add one line of JSON per case to this file")
     parser.add_argument("--tables", type=Path, nargs="+", help="print the tables of kept files, and run nothing")
+    parser.add_argument("--follow", action="store_true", help="measure ambiguous cases again, as the result advises")
     parser.add_argument("--verbose", action="store_true", help="one line per case")
     chosen = parser.parse_args(arguments)
     if chosen.tables:
@@ -158,7 +170,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(tables([json.loads(line) for line in lines]))
         return
     jobs = [job for group in chosen.only or GROUPS for job in GROUPS[group](chosen.cases)]
-    jobs = [replace(job, seed=job.seed + chosen.seed, alpha=chosen.alpha) for job in jobs]
+    given = {"alpha": chosen.alpha, "follow": chosen.follow}
+    jobs = [replace(job, seed=job.seed + chosen.seed, **given) for job in jobs]
     outcomes = []
     with ProcessPoolExecutor(chosen.processes) as pool:
         for job, document in zip(jobs, pool.map(reconcile_job, jobs, chunksize=1), strict=True):
