@@ -224,6 +224,7 @@ def _carry_out(
             control=journal,
             attendant=attendant,
             vital=heartbeat,
+            disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
         with _signals(stop):
             ended = sequencer.run()

@@ -33,6 +33,8 @@ class Look:
     stream_error: str = ""
     unit_degC: Mapping[int, float] = field(default_factory=dict)  # by sensor, mean of what was drained
     commanded_degC: float | None = None
+    frozen_s: Mapping[str, float] = field(default_factory=dict)  # "2.RA" → for how long it has not changed
+    disk_free_mb: float | None = None
     resting: bool = False  # somebody has paused the sweep
     arrived: bool = False  # the air has reached the commanded setpoint since it was commanded
 
@@ -84,6 +86,8 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
         _Rule("setpoint-not-followed", s.follow_grace_s, _setpoint_not_followed(s)),
         _Rule("unit-limits", s.unit_limit_grace_s, _unit_limits(s)),
         _Rule("stream-lost", s.stream_loss_s, _stream_lost),
+        _Rule("stream-frozen", 0.5 * s.frozen_s, _stream_frozen(s)),
+        _Rule("disk-low", s.disk_grace_s, _disk_low(s)),
     )
 
 
@@ -165,6 +169,33 @@ def _stream_lost(look: Look) -> str | None:
     return f"no good frame from the unit for {look.stream_span_s:.1f} s ({bad} damaged)"
 
 
+def _stream_frozen(settings: InterlockSettings) -> Callable[[Look], str | None]:
+    def check(look: Look) -> str | None:
+        if look.resting:
+            return ""
+        if not look.samples or not look.frozen_s:
+            return None
+        # One that alone stands still fails its collects; here it is about a unit that sends but does not measure. Half
+        # of the time is for the first sight: a coarse sensor may well show one value for a while.
+        lasting_s = min(look.frozen_s.values())
+        if lasting_s < 0.5 * settings.frozen_s:
+            return ""
+        return f"no rate of the unit has changed at all for {lasting_s:.0f} s: it sends, but does not measure"
+
+    return check
+
+
+def _disk_low(settings: InterlockSettings) -> Callable[[Look], str | None]:
+    def check(look: Look) -> str | None:
+        if look.disk_free_mb is None:
+            return None
+        if look.disk_free_mb >= settings.disk_low_mb:
+            return ""
+        return f"the disk is nearly full, {look.disk_free_mb:.0f} MB are free: free some space, then carry on"
+
+    return check
+
+
 @dataclass
 class _Suspicion:
     since_s: float
@@ -184,6 +215,18 @@ class Interlocks:
     def suspected(self) -> str:
         """What is suspected now, in words; empty where nothing is."""
         return "; ".join(f"{name}: {each.reason}" for name, each in self._suspicions.items())
+
+    def countdown(self, time_s: float) -> str:
+        """Say what is suspected and when it ends the sweep unless it clears; empty where nothing is."""
+        left = {
+            each.name: max(each.grace_s - (time_s - self._suspicions[each.name].since_s), 0.0)
+            for each in self._interlocks
+            if each.name in self._suspicions
+        }
+        return "; ".join(
+            f"{self._suspicions[name].reason}; safe state in {left_s:.0f} s unless it clears"
+            for name, left_s in sorted(left.items(), key=lambda each: each[1])
+        )
 
     def evaluate(self, look: Look) -> None:
         """Judge one look; raise `InterlockTripped` where a condition has lasted its grace."""

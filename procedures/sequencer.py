@@ -35,6 +35,7 @@ from procedures.journal import Journal, Outcome, StepResult
 from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent
+from procedures.rates import rate_interlocks
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
 from procedures.verdict import Verdict
@@ -88,7 +89,7 @@ class Sequencer:
 
     `powered_on` is when the unit was switched on, where that is known; `control` is where people's requests come from;
     `attendant` puts the positioner's questions, which is to look at the bench meanwhile; `vital` tells a watchdog that
-    the controller lives. `run` may be called once.
+    the controller lives; `disk_free_mb` says how much room the records have. `run` may be called once.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class Sequencer:
         control: Control | None = None,
         attendant: Attendant | None = None,
         vital: SignOfLife | None = None,
+        disk_free_mb: Callable[[], float] | None = None,
     ) -> None:
         self._plan = plan
         self._devices = devices
@@ -114,8 +116,9 @@ class Sequencer:
         self._interlocks = interlocks or InterlockSettings()
         self._polling = polling or Polling()
         self._power_on_s = None if powered_on is None else (powered_on - began).total_seconds()
-        rules = tuple(standard_interlocks(self._interlocks, devices.chamber.limits))
-        self._watch = Watch(devices, journal, stop, rules, self._polling, progress or Silent(), began, control, vital)
+        rules = (*standard_interlocks(self._interlocks, devices.chamber.limits), *rate_interlocks(self._interlocks))
+        onlooker = progress or Silent()
+        self._watch = Watch(devices, journal, stop, rules, self._polling, onlooker, began, control, vital, disk_free_mb)
         if attendant is not None:
             attendant.attend(self._watch)
         self._done: set[str] = set()

@@ -180,6 +180,12 @@ class InterlockSettings:
     unsettled_soaks: int = 3  # in a row, where self-calibrations are skipped at the ceiling: then the night is over
     ramp_factor: float = 3.0  # a ramp may take so many times the expected duration …
     ramp_extra_s: float = 20 * 60.0  # … and this on top
+    chamber_rate_degC_per_min: float = 25.0  # the fastest test chambers make 15
+    unit_rate_degC_per_min: float = 12.0
+    rate_grace_s: float = 60.0
+    frozen_s: float = 60.0  # a unit whose rates all stand still for so long sends, but does not measure
+    disk_low_mb: float = 20.0  # free where the records go; below it the night ends before a write fails
+    disk_grace_s: float = 60.0
     pause_s: float = 12 * 3600.0  # the longest pause; then nobody comes back
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -22,6 +22,7 @@ from drivers.errors import DeviceError
 from drivers.imu import SampleBlock, StreamCounts, rate_fields, rate_means
 from procedures.bench import BenchDevices
 from procedures.control import Control, Desk, NoControl, PauseAsked
+from procedures.frozen import Unchanged
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal import Journal, StepResult
 from procedures.plan import Plan, Step, StepKind
@@ -61,6 +62,7 @@ class Watch:
         began: datetime,
         control: Control | None = None,
         vital: SignOfLife | None = None,
+        disk_free_mb: Callable[[], float] | None = None,
     ) -> None:
         clock = devices.clock
         # Within one run time is monotonic, whatever happens to the wall clock; across a resume it is the wall clock's.
@@ -71,6 +73,8 @@ class Watch:
         self._stop = stop
         self.desk = Desk(control or NoControl(), stop, self.event)
         self._vital = vital or Unwatched()
+        self._disk_free_mb = disk_free_mb
+        self._unchanged = Unchanged(devices.imu.sensors)
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, self.event)
@@ -176,7 +180,7 @@ class Watch:
         give_up_s = self.now_s + _HOLD_CEILING_S
         self.event("hold", f"holding: {self._interlocks.suspected}")
         while self._interlocks.suspected:
-            self.note = f"holding: {self._interlocks.suspected}"
+            self.note = "holding"
             if self.now_s >= give_up_s:
                 raise InterlockTripped("held-too-long", self._interlocks.suspected)
             self.look_again()
@@ -209,6 +213,8 @@ class Watch:
             unit_degC=self._unit_temperatures(block),
             commanded_degC=self.commanded_degC,
             arrived=self.arrived,
+            frozen_s=self._unchanged.lasting_s(block, self._drained_s),
+            disk_free_mb=None if self._disk_free_mb is None else self._disk_free_mb(),
             resting=self.resting,
         )
         self.look = look
@@ -313,7 +319,7 @@ class Watch:
                 stream=self._stream,
                 stream_hz=frames / since_s if math.isfinite(since_s) else None,
                 stream_nominal_hz=look.sample_rate_hz,
-                note=self.note,
+                note=", ".join(filter(None, (self.note, self._interlocks.countdown(look.time_s)))),
                 steps_done=here.steps_done,
                 steps_total=here.steps_total,
             ),

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from drivers.chamber import ChamberLimits, ChamberReading
-from drivers.imu import StreamCounts
+from drivers.imu import SampleBlock, SensorChannels, StreamCounts
+from procedures.frozen import Unchanged
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
+from procedures.rates import rate_interlocks
 from procedures.settings import InterlockSettings
 
 READING = ChamberReading(20.0, 20.0, 80.0, -50.0, "CONSTANT")
@@ -23,6 +26,8 @@ GOOD = Look(
     unit_degC={2: 25.0},
     commanded_degC=20.0,
     arrived=True,
+    frozen_s={"2.RA": 0.0, "2.RB": 40.0},
+    disk_free_mb=5000.0,
 )
 SETTINGS = InterlockSettings()
 
@@ -45,6 +50,8 @@ BAD = {
     "setpoint-not-followed": (_air(23.5), SETTINGS.follow_grace_s),
     "unit-limits": (replace(GOOD, unit_degC={1: 20.0, 2: 91.0}), SETTINGS.unit_limit_grace_s),
     "stream-lost": (replace(GOOD, samples=0, counts=StreamCounts()), SETTINGS.stream_loss_s),
+    "stream-frozen": (replace(GOOD, frozen_s={"2.RA": 31.0, "2.RB": 90.0}), 0.5 * SETTINGS.frozen_s),
+    "disk-low": (replace(GOOD, disk_free_mb=1.0), SETTINGS.disk_grace_s),
 }
 
 
@@ -101,6 +108,62 @@ def test_a_good_bench_gives_no_suspicion():
     interlocks.evaluate(replace(_air(-20.0), arrived=False))
     interlocks.evaluate(replace(GOOD, commanded_degC=None, chamber=replace(READING, setpoint_degC=55.0)))
     assert told == []
+
+
+@pytest.mark.parametrize(
+    ("name", "move"),
+    [
+        ("chamber-rate", lambda look, degC: replace(look, chamber=replace(READING, temperature_degC=20.0 + degC))),
+        ("unit-rate", lambda look, degC: replace(look, unit_degC={2: 20.0 + degC})),
+    ],
+)
+@pytest.mark.parametrize(("degC_per_min", "trips"), [(30.0, True), (-30.0, True), (5.0, False)])
+def test_a_temperature_that_runs_away_trips_by_its_rate(name, move, degC_per_min, trips):
+    """Up or down, before any limit is reached; a quick ramp does not, and one wrong reading clears again."""
+    rule = next(each for each in rate_interlocks(SETTINGS) if each.name == name)
+    said = [rule.problem(move(replace(GOOD, time_s=t), degC_per_min * t / 60.0)) for t in np.arange(0.0, 300.0, 10.0)]
+    assert bool(said[-1]) is trips
+    assert said[0] is None
+    glitch = [
+        rule.problem(move(replace(GOOD, time_s=1000.0 + t), 50.0 * (t == 0.0))) for t in np.arange(0.0, 300.0, 10.0)
+    ]
+    assert glitch[-1] == ""
+
+
+def test_the_countdown_names_what_is_suspected_and_the_seconds_that_are_left():
+    """A chamber that does not answer: what somebody at the terminal sees."""
+    interlocks, _ = _make()
+    assert interlocks.countdown(0.0) == ""
+    look, grace_s = BAD["chamber-lost"]
+    interlocks.evaluate(replace(look, time_s=100.0))
+    assert interlocks.countdown(130.0).endswith(f"safe state in {grace_s - 30.0:.0f} s unless it clears")
+    assert "does not answer: no answer" in interlocks.countdown(130.0)
+
+
+def test_in_a_pause_the_stream_may_be_unplugged_and_the_chamber_may_not():
+    """A pause is for cables; what the chamber does matters all the same."""
+    interlocks, _ = _make()
+    for name in ("stream-lost", "stream-frozen"):
+        look, grace_s = BAD[name]
+        for time_s in (0.0, 2.0 * grace_s):
+            interlocks.evaluate(replace(look, time_s=time_s, resting=True))
+    look, grace_s = BAD["chamber-alarm"]
+    interlocks.evaluate(replace(look, time_s=1000.0, resting=True))
+    with pytest.raises(InterlockTripped, match="chamber-alarm"):
+        interlocks.evaluate(replace(look, time_s=1000.0 + grace_s, resting=True))
+
+
+def test_a_rate_that_never_changes_is_timed_and_noise_is_not():
+    """Across drains; a change anywhere begins it anew."""
+    sensors = {2: SensorChannels({"RA": "rate_A2", "RB": "rate_B2"}, {}, None)}
+    unchanged = Unchanged(sensors)
+
+    def block(b_deg_per_hr):
+        return SampleBlock(np.zeros(3), {"rate_A2": np.array([1.0, 2.0, 1.5]), "rate_B2": np.full(3, b_deg_per_hr)})
+
+    seen = [dict(unchanged.lasting_s(block(b), t)) for t, b in ((0.0, 4.0), (10.0, 4.0), (35.0, 4.0), (40.0, 5.0))]
+    assert [each["2.RB"] for each in seen] == [0.0, 10.0, 35.0, 0.0]
+    assert [each["2.RA"] for each in seen] == [0.0] * 4
 
 
 def test_a_stream_of_mostly_damaged_frames_is_a_lost_stream():

@@ -1,0 +1,60 @@
+"""An interlock on how fast a temperature moves: a runaway shows in its rate long before it reaches a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from procedures.interlocks import Look
+from procedures.settings import InterlockSettings
+
+_WINDOW_S = 120.0  # over which a rate is judged: long enough for a thermometer's resolution not to matter
+
+
+class RateInterlock:
+    """A `procedures.interlocks.Interlock`: nothing that `values` takes from a look may move faster than the limit."""
+
+    def __init__(
+        self, name: str, grace_s: float, limit_degC_per_min: float, values: Callable[[Look], Mapping[str, float]]
+    ) -> None:
+        self.name = name
+        self.grace_s = grace_s
+        self._limit = limit_degC_per_min
+        self._values = values
+        self._seen: dict[str, list[tuple[float, float]]] = {}
+
+    def problem(self, look: Look) -> str | None:
+        """Return what moves too fast, "" where nothing does, None where this look has no news."""
+        said: list[str] = []
+        news = False
+        for what, value in self._values(look).items():
+            seen = self._seen.setdefault(what, [])
+            seen.append((look.time_s, value))
+            while len(seen) > 2 and look.time_s - seen[0][0] > _WINDOW_S:
+                seen.pop(0)
+            (begin_s, begin), (end_s, end) = seen[0], seen[-1]
+            if end_s - begin_s < _WINDOW_S / 4.0:
+                continue
+            news = True
+            rate = 60.0 * (end - begin) / (end_s - begin_s)
+            if abs(rate) > self._limit:
+                said.append(f"{what} moves by {rate:+.1f} °C/min, {self._limit:g} are allowed")
+        return ", ".join(said) if news else None
+
+
+def rate_interlocks(settings: InterlockSettings) -> Sequence[RateInterlock]:
+    """Return those of every bench."""
+    grace_s = settings.rate_grace_s
+    return (
+        RateInterlock("chamber-rate", grace_s, settings.chamber_rate_degC_per_min, _chamber_air),
+        RateInterlock("unit-rate", grace_s, settings.unit_rate_degC_per_min, _unit_sensors),
+    )
+
+
+def _chamber_air(look: Look) -> Mapping[str, float]:
+    """Return the chamber's new reading, if there is one."""
+    return {"the chamber": look.chamber.temperature_degC} if look.chamber_fresh and look.chamber is not None else {}
+
+
+def _unit_sensors(look: Look) -> Mapping[str, float]:
+    """Return the unit's own temperatures."""
+    return {f"sensor {number}": value for number, value in look.unit_degC.items()}
