@@ -120,6 +120,13 @@ class JournalReader:
             for key, n, by, began, ended, outcome, reason, data in rows
         )
 
+    def withdrawn(self) -> frozenset[tuple[str, int]]:
+        """Return step key and number of the attempts that were DONE and count no more."""
+        rows = self._connection.execute(
+            f"SELECT step_key, attempt FROM attempts WHERE {self._withdrawn} IS NOT NULL"  # noqa: S608
+        )
+        return frozenset((key, attempt) for key, attempt in rows)
+
     def done_attempts(self) -> Mapping[str, Attempt]:
         """Return the one DONE attempt of every step that has one, by step key."""
         return {each.step_key: each for each in self.attempts() if each.outcome is Outcome.DONE}

@@ -50,8 +50,13 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
                 problems += journal.damage()
                 rows = journal.blocks()
                 attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
+                withdrawn = journal.withdrawn()
                 for row in rows:
-                    problems += _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
+                    found = _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
+                    if (row.step_key, row.attempt) in withdrawn:
+                        notes += [f"{each}; it counts no more, and was done again" for each in found]
+                    else:
+                        problems += found
                     checked += 1
                 problems += _collects_without_samples(journal, rows)
                 notes += _orphans(folder, rows)

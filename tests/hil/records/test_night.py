@@ -347,3 +347,38 @@ def test_an_export_of_damaged_samples_leaves_no_half_made_folder(finished: Path,
     with pytest.raises(InputError, match="were written"):
         export_campaign(copy, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["night"]
+
+
+@pytest.mark.parametrize("damage", ["lost", "changed"])
+def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
+    finished: Path, tmp_path: Path, damage: str
+) -> None:
+    """All of it, soak included, because its collects count as simultaneous; the other stands, byte for byte."""
+    folder = tmp_path / "night"
+    shutil.copytree(finished, folder)
+    with SqliteJournal.open_readonly(folder) as journal:
+        samples = {row.step_key: folder / row.block.path for row in journal.blocks() if row.block.kind == SAMPLES}
+        before = journal.completed()
+    victim = samples["T1/S1/C2/collect"]
+    if damage == "lost":
+        victim.unlink()
+    else:
+        victim.write_bytes(victim.read_bytes()[:-1] + b"x")
+    others = {key: path.read_bytes() for key, path in samples.items() if "S2" in key}
+    outcome = resume_night(folder)
+    assert (outcome.state, outcome.exit_status) == ("complete", 0)
+    with SqliteJournal.open_readonly(folder) as journal:
+        after = journal.completed()
+        (event,) = [event for event in journal.events() if event.kind == "damage"]
+        soaks = [each.outcome for each in journal.attempts() if each.step_key == "T1/S1/restabilise"]
+    assert soaks == [Outcome.FAILED, Outcome.DONE]
+    assert after["T1/S1/C1/collect"].data["start_s"] > before["T1/S1/C1/collect"].data["start_s"]
+    assert {key: after[key] for key in after if "S2" in key} == {key: before[key] for key in before if "S2" in key}
+    assert {key: path.read_bytes() for key, path in samples.items() if "S2" in key} == others
+    assert "self-calibration 1 is done again as a whole" in event.message
+    assert victim.name in event.message
+    assert any(kind == "damage" for _, kind, _ in night_content(folder).events)  # and the report says so
+    document = verify_night(folder)
+    assert document["complete"], document["problems"]
+    assert any(victim.name in note for note in document["notes"])
+    assert len(list(campaign_of_night(folder).sensors)) == 2
