@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def calibration(outcomes: list[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(4.5, 4.5), layout="constrained")
     axes = figure.subplots()
     said = [(p, right) for o in outcomes for p, right in o["stated"]]
-    for low, high in zip(_BINS[:-1], _BINS[1:], strict=True):
+    for low, high in pairwise(_BINS):
         inside = [(p, right) for p, right in said if low <= p < high]
         if inside:
             n, right = len(inside), sum(r for _, r in inside)
