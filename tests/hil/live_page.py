@@ -1,0 +1,110 @@
+"""What the tests of the live page stand on: nights that run at speed in processes of their own, and a dashboard."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hil.config.files import find_config
+
+SWEEP: dict[str, Any] = {
+    "title": "A short night",
+    "temperatures": ["30 degC", "20 degC"],
+    "self_calibrations_per_temperature": 1,
+    "positions": [1, 2, 3],
+    "restabilisation": {"at_least": "45 min", "ceiling": "4 h"},
+    "collect": {"settle": "30 s", "duration": "20 min", "index_timeout": "20 h"},
+}
+SPEED = 1800
+TOKEN = "abcd-efgh-jkmn-pqrs"  # noqa: S105 - of a test
+
+
+def sweep_file(folder: Path, **changes: Any) -> Path:
+    """Write a sweep of two temperatures and return its file."""
+    path = folder / "sweep.yaml"
+    path.write_text(yaml.safe_dump(SWEEP | changes))
+    return path
+
+
+def bench_file(folder: Path, name: str, *, operator: bool = False) -> Path:
+    """Write a simulated bench that is looked at every 20 s of the night, and return its file."""
+    text = find_config("benches", "simulated").read_text()
+    text = text.replace(
+        "polling: {interval: 30 s, read_interval: 30 s}", "polling: {interval: 20 s, read_interval: 20 s}"
+    )
+    text = text.replace("name: simulated", f"name: {name}")
+    path = folder / f"{name}.yaml"
+    path.write_text(text.replace("positioner: indexing", "positioner: operator") if operator else text)
+    return path
+
+
+def begin_night(folder: Path, sweep: Path, bench: Path, speed: float = SPEED) -> subprocess.Popen[bytes]:
+    """Begin a night in the new `folder`; wait for nothing."""
+    command = [
+        sys.executable,
+        "-m",
+        "hil",
+        "run",
+        sweep,
+        "--bench",
+        bench,
+        "--out",
+        folder,
+        "--speed",
+        speed,
+        "--quiet",
+    ]
+    return subprocess.Popen(
+        [str(each) for each in command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def free_port() -> int:
+    """Return a port of this machine that nobody listens at."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
+@dataclass
+class Dashboard:
+    """`hil dashboard` in a process of its own, which can be ended and begun again at the same address."""
+
+    root: Path
+    token_file: Path
+    port: int = field(default_factory=free_port)
+    process: subprocess.Popen[str] | None = None
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://127.0.0.1:{self.port}/"
+
+    def begin(self) -> None:
+        """Start it and wait until it listens."""
+        options = ["--port", str(self.port), "--token-file", str(self.token_file)]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "hil", "dashboard", str(self.root), *options], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline().strip() == self.url
+
+    def end(self) -> int:
+        """End it as Ctrl-C does; return its exit status."""
+        if self.process is None:
+            return 0
+        self.process.send_signal(signal.SIGINT)
+        status = self.process.wait(20.0)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        self.process = None
+        return status
