@@ -310,6 +310,27 @@ def test_a_delimiter_is_looked_at_in_every_frame() -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "frame"), [("mfs", "sample"), ("kvh1750", "format_A"), ("stim300", "rate_acc"), ("aceinna", "scaled_1")]
+)
+@pytest.mark.parametrize("together", [1, 2, 5, 40])
+def test_gaps_and_repetitions_between_good_frames_count_the_same_however_few_arrive_at_once(
+    name: str, frame: str, together: int
+) -> None:
+    """Counters that stand still or skip now and then, over many turns, in feeds of whole frames and all at once."""
+    description, rng = shipped(name), np.random.default_rng(together)
+    counter = description.frames[frame].counter
+    assert counter is not None
+    steps = rng.choice([0, 1, 2, 3], 800, p=[0.02, 0.92, 0.03, 0.03])
+    counters = (counter.modulus - 300 * counter.step + np.cumsum(steps) * counter.step) % counter.modulus
+    sent = encode(description, frame, {counter.field: counters})
+    size = together * len(sent) // 800
+    outcome = decode(description, [sent[at : at + size] for at in range(0, len(sent), size)])
+    assert outcome == decode(description, [sent])
+    assert outcome.counts.lost == int((steps[1:] - 1).clip(0).sum())
+    assert outcome.counts.duplicate == int((steps[1:] == 0).sum())
+
+
+@pytest.mark.parametrize(
     ("name", "frame"), [("mfs", "sample"), ("kvh1750", "format_A"), ("stim300", "rate_acc"), ("epson-g3xx", "burst")]
 )
 def test_a_byte_flipped_anywhere_in_a_frame_fed_by_itself_is_noticed(name: str, frame: str) -> None:
@@ -321,13 +342,13 @@ def test_a_byte_flipped_anywhere_in_a_frame_fed_by_itself_is_noticed(name: str, 
     size = len(sent) // 6
     frames = [sent[at : at + size] for at in range(0, len(sent), size)]
     for at in range(size):
-        bad = bytearray(frames[3])
+        bad = bytearray(frames[4])
         bad[at] ^= 0x11
-        spoiled = [*frames[:3], bytes(bad), *frames[4:]]
+        spoiled = [*frames[:4], bytes(bad), *frames[5:]]
         for together in (1, 3):
             pieces = [b"".join(spoiled[first : first + together]) for first in range(0, 6, together)]
             outcome = decode(description, pieces)
-            assert outcome.frames[frame] == frames[:3] + frames[4:], (at, together)
+            assert outcome.frames[frame] == frames[:4] + frames[5:], (at, together)
             assert (outcome.counts.lost, outcome.counts.skipped_bytes) == (1, size), (at, together)
 
 
