@@ -103,8 +103,9 @@ class ThermometerLag(Effect):
     id = "T_lag"
     family = "thermal"
     title = "Thermometer lag"
-    equation = "R += (dB/dT + dK/dT f) dT/dt lag"
+    equation = "R += (dB/dT + k_share dK/dT f) dT/dt lag"
     parameters = (Parameter("lag", "min", (5.0, 25.0)),)
+    shapes = (ShapeParameter("k_share", "1", (0.0, 1.0)),)
     needs = frozenset({"dTdt_degC_per_min"})
     needs_base = True
     needs_slopes = True
@@ -115,11 +116,15 @@ class ThermometerLag(Effect):
     experiment = "Loop area against ramp rate: a lag's grows with the rate, true hysteresis does not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return slope of the rate by temperature times dT/dt, shape (n, c, 1)."""
+        """Return slope of the rate by temperature times dT/dt, shape (n, c, 1).
+
+        `k_share` is how much of the acceleration terms lags too: all, where the thermometer is late (as without it);
+        none, where the part is late that the bias alone follows.
+        """
         base = required_base(self, base)
         if base.bias_slope is None or base.k_slope is None:
             raise InputError("effect T_lag needs a base model that depends on temperature (its slopes)")
-        slope = base.bias_slope + np.einsum("nca,na->nc", base.k_slope, conditions.f_g)
+        slope = base.bias_slope + shape.get("k_share", 1.0) * np.einsum("nca,na->nc", base.k_slope, conditions.f_g)
         rate = np.nan_to_num(column(conditions, "dTdt_degC_per_min"))
         return np.asarray((slope * rate[:, None])[..., None])
 
@@ -135,7 +140,7 @@ class Hysteresis(Effect):
     parameters = (
         Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
     )
-    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 20.0)),)
+    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0)),)
     needs = frozenset({"temperature_degC"})
     signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")

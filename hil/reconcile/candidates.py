@@ -8,7 +8,7 @@ catalogue would get the catalogue's nearest name.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +31,9 @@ _HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 """Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
+
+
+BaseBeside = Callable[[Effect, Mapping[str, float]], Base]
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,17 @@ class Candidate:
 
 
 def catalogue_candidates(
-    number: int, conditions: Conditions, base: Base, catalogue: Sequence[Effect]
+    number: int, conditions: Conditions, base_beside: BaseBeside, catalogue: Sequence[Effect]
 ) -> Iterator[Candidate]:
-    """Yield the candidates of every catalogue effect that can be asked about on this sensor."""
+    """Yield the candidates of every catalogue effect that can be asked about on this sensor.
+
+    `base_beside` gives the base as it is if an effect of a shape acts beside it.
+    """
     for effect in catalogue:
         if effect.id in _SEARCHED_ELSEWHERE or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         for shape in effect.shape_grid(conditions):
-            yield from _of_shape(number, conditions, base, effect, shape)
+            yield from _of_shape(number, conditions, base_beside(effect, shape), effect, shape)
 
 
 def _of_shape(

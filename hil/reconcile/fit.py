@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.blocks import Block, BoolArray, independent_columns
+from hil.reconcile.blocks import Block, BoolArray
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.noise import covariances
@@ -166,12 +166,3 @@ def _least_squares(
 def _unit(columns: FloatArray) -> FloatArray:
     norm = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(norm > 0, norm, 1.0))
-
-
-def without_rows(blocks: Sequence[Block], keep: Sequence[BoolArray]) -> list[Block]:
-    """Return the blocks with only some rows; base columns that the rest cannot support are dropped."""
-    out = []
-    for block, rows in zip(blocks, keep, strict=True):
-        less = block.take(rows)
-        out.append(replace(less, base=independent_columns(less.base, 1e-6)))
-    return out

@@ -10,20 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
-from hil.campaign import FloatArray
+from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, NoiseTable, _log_sum
 
 _ACTS = 0.03  # a parameter that moves a block less than this, beside the block it moves most, does not tie the two
-_JOINT_POINTS = 3
 _SAME = 0.98
 _FEW = 2
-_Piece = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]
 _PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
 
 
@@ -136,18 +133,15 @@ class JointEvidence:
         self._states = [block.projection.log_null(values, block.prior) for block, values in zip(blocks, y, strict=True)]
 
     def log_factor(self, unit: Unit) -> FloatArray:
-        """Return the log Bayes factor of one unit, shape (m,)."""
+        """Return the log Bayes factor of one unit, shape (m,): all combinations of the blocks' noise points at once."""
         pieces = [self._pieces(b, columns) for b, columns in zip(unit.blocks, unit.columns, strict=True)]
-        factors, weights = [], []
-        for combination in product(*(range(len(piece)) for piece in pieces)):
-            chosen = [piece[k] for piece, k in zip(pieces, combination, strict=True)]
-            factors.append(_joint_factor([c[0] for c in chosen]))
-            weights.append(np.sum([c[1] for c in chosen], axis=0))
-        weight = np.array(weights)
-        return _log_sum(weight + np.array(factors)) - _log_sum(weight)
+        places = np.indices([len(piece.before) for piece in pieces]).reshape(len(pieces), -1)
+        chosen = [piece.take(place) for piece, place in zip(pieces, places, strict=True)]
+        weight = np.sum([piece.log_weight for piece in chosen], axis=0)
+        return _log_sum(weight + _joint_factors(chosen)) - _log_sum(weight)
 
-    def _pieces(self, b: int, columns: FloatArray) -> list[tuple[_Piece, FloatArray]]:
-        """Gram, score and scale at the block's best noise points, without and with the unit, and their log weights."""
+    def _pieces(self, b: int, columns: FloatArray) -> _Piece:
+        """What the block says of the unit at its best noise points, without and with the unit."""
         block = self.blocks[b]
         residual, rss, log_null = self._states[b]
         white = block.noise.whitening @ columns
@@ -161,43 +155,57 @@ class JointEvidence:
         explained = np.einsum("tqm,tqm->tm", score, np.linalg.solve(ridge, score))
         with_unit = log_null - power * np.log1p(-np.clip(0.5 * explained / offset, 0.0, 1.0 - 1e-9))
         order_null, order_unit = np.argsort(-log_null.mean(axis=1)), np.argsort(-with_unit.mean(axis=1))
-        points = list(
-            dict.fromkeys([int(order_null[0]), int(order_unit[0]), int(order_unit[min(1, len(order_unit) - 1)])])
-        )
-        return [((gram[t], score[t], before[t], offset[t], power), log_null[t]) for t in points[:_JOINT_POINTS]]
+        best = dict.fromkeys([int(order_null[0]), int(order_unit[0]), int(order_unit[min(1, len(order_unit) - 1)])])
+        return _Piece(gram, score, before, offset, log_null, power).take(np.array(list(best)))
 
 
-def _joint_factor(chosen: Sequence[_Piece]) -> FloatArray:
-    """Log Bayes factor at fixed noise points; the scale of each block is re-estimated with the candidate in place."""
-    draws = chosen[0][1].shape[1]
-    offsets = [c[3] for c in chosen]
-    changes = [np.zeros(draws) for _ in chosen]
-    before = np.sum([c[2] for c in chosen], axis=0)
+@dataclass(frozen=True)
+class _Piece:
+    """One block at several noise points: Gram (t, q, q), score (t, q, m), norms (t, q), offset and weight (t, m)."""
+
+    gram: FloatArray
+    score: FloatArray
+    before: FloatArray
+    offset: FloatArray
+    log_weight: FloatArray
+    power: float
+
+    def take(self, place: IntArray) -> _Piece:
+        """Return some points, in this order, repeated where asked for."""
+        gram, score, before = self.gram[place], self.score[place], self.before[place]
+        return _Piece(gram, score, before, self.offset[place], self.log_weight[place], self.power)
+
+
+def _joint_factors(chosen: Sequence[_Piece]) -> FloatArray:
+    """Log Bayes factors (t, m); the scale of each block is re-estimated with the candidate in place."""
+    offsets = [c.offset for c in chosen]
+    changes = [np.zeros_like(c.offset) for c in chosen]
+    before = np.sum([c.before for c in chosen], axis=0)
     normal = 1.0 / np.sqrt(np.where(before > 0, before, 1.0))
-    rank = np.zeros(draws)
+    rank = np.zeros_like(chosen[0].offset)
     for _ in range(2):
-        precision = [c[4] / offset for offset, c in zip(offsets, chosen, strict=True)]
-        gram = np.sum(
-            [p[:, None, None] * (c[0] * normal[:, None] * normal) for p, c in zip(precision, chosen, strict=True)],
-            axis=0,
-        )
-        whole = np.sum([p.mean() * c[2] for p, c in zip(precision, chosen, strict=True)], axis=0) * normal**2
-        score = np.sum(
-            [p[:, None] * (c[1] * normal[:, None]).T for p, c in zip(precision, chosen, strict=True)], axis=0
-        )
+        precision = [c.power / offset for offset, c in zip(offsets, chosen, strict=True)]
+        pairs = list(zip(precision, chosen, strict=True))
+        scaled = normal[:, :, None] * normal[:, None, :]
+        gram = np.sum([p[:, :, None, None] * (c.gram * scaled)[:, None] for p, c in pairs], axis=0)
+        whole = np.sum([p.mean(axis=1)[:, None] * c.before for p, c in pairs], axis=0) * normal**2
+        score = np.sum([p[:, :, None] * np.swapaxes(c.score * normal[:, :, None], 1, 2) for p, c in pairs], axis=0)
         values, vectors = np.linalg.eigh(gram)
-        usable = values > _INVISIBLE**2 * max(float(whole.max()), 1e-300)
+        usable = values > _INVISIBLE**2 * np.maximum(whole.max(axis=1), 1e-300)[:, None, None]
         inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
-        fit = np.einsum("mqk,mk,mrk,mr->mq", vectors, inverse, vectors, score) * normal
-        rank = usable.sum(axis=1).astype(np.float64)
-        changes = [2.0 * np.einsum("mq,qm->m", fit, c[1]) - np.einsum("mq,qr,mr->m", fit, c[0], fit) for c in chosen]
-        offsets = [np.maximum(c[3] - 0.5 * change, 1e-9 * c[3]) for c, change in zip(chosen, changes, strict=True)]
+        turned = inverse[..., None] * (np.swapaxes(vectors, 2, 3) @ score[..., None])
+        fit = (vectors @ turned)[..., 0] * normal[:, None]
+        rank = usable.sum(axis=2).astype(np.float64)
+        changes = [2.0 * np.einsum("tmq,tqm->tm", fit, c.score) - np.sum((fit @ c.gram) * fit, axis=2) for c in chosen]
+        offsets = [
+            np.maximum(c.offset - 0.5 * change, 1e-9 * c.offset) for c, change in zip(chosen, changes, strict=True)
+        ]
     terms = []
     for g in _G:
         total = -0.5 * rank * np.log1p(g) - np.log(len(_G))
         for c, change in zip(chosen, changes, strict=True):
-            share = 0.5 * change / c[3] * (g / (1.0 + g))
-            total = total - c[4] * np.log1p(-np.clip(share, None, 1.0 - 1e-9))
+            share = 0.5 * change / c.offset * (g / (1.0 + g))
+            total = total - c.power * np.log1p(-np.clip(share, None, 1.0 - 1e-9))
         terms.append(total)
     return np.where(rank > 0, _log_sum(np.array(terms)), 0.0)
 

@@ -24,6 +24,7 @@ from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, is_r
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 
 _RICH_ORDER = 5
+_ROUNDS = 5
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,23 @@ class SensorProblem:
     def base_on(self, conditions: Conditions) -> Base:
         """Return the base on other rows of this sensor."""
         return _added(base_at(self.form, conditions, self.values), self.given, conditions)
+
+    def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
+        """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.
+
+        Base and effect are fitted together, and the effect's columns taken anew about that base, until they agree.
+        """
+        base = self.base
+        if not effect.needs_base:
+            return base
+        conditions = self.collects.conditions
+        plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
+        rates = self.collects.rates_deg_per_hr - self.known_rates()
+        for _ in range(_ROUNDS):
+            columns = effect_columns(effect, conditions, base, shape)
+            joint = _fit(np.concatenate([plain, columns], axis=2), rates, self.collects.rates_se_deg_per_hr)
+            base = _added(base_at(self.form, conditions, joint[: len(self.form.names)]), self.given, conditions)
+        return base
 
     def known_rates(self) -> FloatArray:
         """Return what is not fitted at each row, (n, c): the earth rate, and the values that stand."""
@@ -83,7 +101,7 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
         own = sensor_blocks(number, collects, sensor.known_rates(), columns)
         alone = calibration == PER_TEMPERATURE and not is_repeated(own)
         blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
-        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base, catalogue))
+        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, catalogue))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
 

@@ -7,22 +7,25 @@ everything is refitted there, and the run that was not seen is predicted with an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
-from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit, without_rows
-from hil.reconcile.hypotheses import Evidence, Hypothesis, Unit, build_evidence
-from hil.reconcile.noise import NoiseGrid
+from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit
+from hil.reconcile.hypotheses import Hypothesis, build_evidence
 
 _FLIPS = 2000
 _ENOUGH_FOLDS = 6
 _MOSTLY = 0.6
-_KEPT_POINTS = 3
+_KEPT_POINTS = 20
+_FEW = 6
 _MORE = 2  # a fold may need another effect or two where it sees one in pieces
+_LOOKED_AT = 30
+_MOST = 0.7
+_LEAST_FREEDOM = 3
 
 
 @dataclass(frozen=True)
@@ -202,26 +205,54 @@ def _select(
     threshold: float,
     points: Sequence[IntArray],
 ) -> list[Added]:
-    """Search again on the rows that are kept; what is returned has columns for every row.
+    """Search again on the rows that are kept: as many effects as all rows show, more if they pass the threshold.
 
-    Even odds are enough for as many effects as all rows show; more must pass the search's own threshold.
+    A row with a base column of its own says nothing of anything else, so that the tables made for all rows serve.
     """
-    less = without_rows(blocks, keep)
-    small = [_table(block, table.grid, point) for block, table, point in zip(less, tables, points, strict=True)]
-    reduced = [replace(h, units=tuple(_less(u, keep) for u in h.units)) for h in hypotheses]
+    present = [b.with_base(np.eye(len(b.y))[:, ~rows]) for b, rows in zip(blocks, keep, strict=True)]
+    few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
+    many = [table.take(point) for table, point in zip(tables, points, strict=True)]
     added: list[Added] = []
     for place in range(steps + _MORE if steps else 0):
-        evidence = _evidence(reduced, less, small)
-        factors, units = evidence.log_factors([block.y[:, None] for block in less])
-        prior = np.array([h.log_prior for h in hypotheses])
-        posterior = factors[:, 0] + prior
-        if float(np.logaddexp.reduce(posterior)) < (min(threshold, 0.0) if place < steps else threshold):
+        if min(len(b.y) - b.base.shape[1] for b in present) < _LEAST_FREEDOM:
             break
-        best = _best(hypotheses, posterior)
-        added.append(chosen_units(hypotheses[best], units[best][:, 0]))
-        extra = chosen_units(reduced[best], units[best][:, 0]).columns(len(less))
-        less = [block if e is None else block.with_base(e) for block, e in zip(less, extra, strict=True)]
+        likely = [h for h in _strongest(hypotheses, present, few) if _shows(h, keep)]
+        if not likely:
+            break
+        posterior, units = _weighed(likely, present, many)
+        if place >= steps and float(np.logaddexp.reduce(posterior)) < threshold:
+            break
+        best = _best(likely, posterior)
+        added.append(chosen_units(likely[best], units[best][:, 0]))
+        extra = added[-1].columns(len(present))
+        present = [b if e is None else b.with_base(e) for b, e in zip(present, extra, strict=True)]
     return added
+
+
+def _strongest(
+    hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]
+) -> list[Hypothesis]:
+    """The hypotheses that can win, by a look at a few noise models, in the order given."""
+    posterior, _ = _weighed(hypotheses, blocks, tables)
+    return [hypotheses[i] for i in np.sort(np.argsort(-posterior)[:_LOOKED_AT])]
+
+
+def _shows(hypothesis: Hypothesis, keep: Sequence[BoolArray]) -> bool:
+    """Whether most of an effect lies in the kept rows: from its last traces nobody could tell its size elsewhere."""
+    return all(
+        np.linalg.norm(columns[keep[b]]) > _MOST * np.linalg.norm(columns)
+        for unit in hypothesis.units
+        for b, columns in zip(unit.blocks, unit.columns, strict=True)
+    )
+
+
+def _weighed(
+    hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Log posterior odds of each hypothesis (h,), and the log Bayes factors of its units."""
+    evidence = build_evidence(hypotheses, blocks, tables, [() for _ in blocks], keep_all=True)
+    factors, units = evidence.log_factors([block.y[:, None] for block in blocks])
+    return factors[:, 0] + np.array([h.log_prior for h in hypotheses]), units
 
 
 def _best(hypotheses: Sequence[Hypothesis], posterior: FloatArray) -> int:
@@ -234,19 +265,13 @@ def _best(hypotheses: Sequence[Hypothesis], posterior: FloatArray) -> int:
     return places[int(np.argmax(posterior[places]))]
 
 
-def _evidence(hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]) -> Evidence:
-    return build_evidence(hypotheses, blocks, tables, [() for _ in blocks])
+def noise_points(bases: Sequence[Block], table: NoiseTable) -> IntArray:
+    """Return the noise points at which the folds search, the most probable of each base in turn, (t,).
 
-
-def _table(block: Block, grid: NoiseGrid, points: IntArray) -> NoiseTable:
-    return NoiseTable.on(block, grid.take(points))
-
-
-def _less(unit: Unit, keep: Sequence[BoolArray]) -> Unit:
-    return replace(unit, columns=tuple(c[keep[b]] for b, c in zip(unit.blocks, unit.columns, strict=True)))
-
-
-def noise_points(block: Block, table: NoiseTable) -> IntArray:
-    """Return the most probable noise points of a block with its present base, most probable first."""
-    (log_null, _), *_ = restricted_likelihood(table, [block.base], block.y, ScalePrior.of(block))
-    return np.asarray(np.argsort(-log_null)[:_KEPT_POINTS])
+    `bases` are one block as it is and with everything that was found: a missing effect looks like noise.
+    """
+    orders = []
+    for block in bases:
+        (log_null, _), *_ = restricted_likelihood(table, [block.base], block.y, ScalePrior.of(block))
+        orders.append(np.argsort(-log_null)[:_KEPT_POINTS])
+    return np.array(list(dict.fromkeys(np.column_stack(orders).ravel().tolist())))

@@ -209,7 +209,7 @@ def _prove(
         return None
     full = search.with_base(joined_columns([step.added for step in steps], len(search.blocks)))
     points = [
-        np.unique(np.concatenate([noise_points(with_all, table), noise_points(block, table)]))
+        noise_points((with_all, block), table)
         for with_all, block, table in zip(full.blocks, search.blocks, search.noise, strict=True)
     ]
     runs = [block.run for block in search.blocks]
