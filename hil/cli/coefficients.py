@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hil.cli.output import JsonFlag, messages, print_json, results
+from hil.cli.data import Source, read_source
+from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
 
 _READINGS_SHOWN = 4
@@ -176,4 +177,70 @@ def _print_mending(identity: dict[str, Any]) -> None:
         console.print(f"  no single digit; {values} would close it")
 
 
-COMMANDS = (allan, audit)
+def thermal(
+    source: Source,
+    model: Annotated[
+        str | None, typer.Option(help="matrix-6, collins-4, constant or triad-12; default: what fits.")
+    ] = None,
+    highest_order: Annotated[int, typer.Option(min=0, max=8, help="The highest polynomial that is tried.")] = 5,
+    apart: Annotated[str, typer.Option(help="How far apart two temperatures are, to count as two.")] = "4 degC",
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Fit every parameter against temperature, and say whether modelling it improves the unit."""
+    from hil.config.units import DIFFERENCE, to_number
+    from hil.thermal import fit_thermal
+    from hil.thermal.document import thermal_document
+    from hil.thermal.files import write_thermal
+
+    apart_degC = _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
+    if apart_degC == 0.0:
+        raise InputError("--apart: two temperatures must be more than 0 °C apart")
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; the result needs a folder")
+    campaign = read_source(source)
+    result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
+    written = [] if out is None else write_thermal(result, out)
+    document = thermal_document(result)
+    if as_json:
+        print_json(document)
+        return
+    warn(tuple(campaign.warnings))
+    mark = "  SIMULATED" if document["simulated"] else ""
+    results().print(f"{document['campaign']}{mark}")
+    for sensor in document["sensors"]:
+        _print_thermal(sensor)
+    if written:
+        results().print(f"\nwritten to {out}: {', '.join(written)}")
+
+
+def _print_thermal(sensor: dict[str, Any]) -> None:
+    console = results()
+    low, high = sensor["range_degC"]
+    console.print(
+        f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
+        f"{low:.1f} to {high:.1f} °C"
+    )
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    headings = ("", "unit", "form", "held-out error", "with a constant", "one run scatters", "from below - from above")
+    for heading in headings if sensor["both_directions_degC"] else headings[:-1]:
+        table.add_column(heading, no_wrap=True)
+    for name, each in sensor["parameters"].items():
+        scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"
+        errors = (f"{each['leave_one_out_error']:.3g}", f"{each['leave_one_out_error_constant']:.3g}")
+        form = each["form"] + (" ?" if each["finding"] == "undescribed" else "")
+        change = each["hysteresis"]
+        last = [] if change is None else [f"{change['from_below_less_from_above']:+.2f} ±{change['se']:.2f}"]
+        table.add_row(name, each["unit"], form, *errors, scatter, *last)
+    console.print(table)
+    for name, each in sensor["parameters"].items():
+        console.print(f"{name}: {each['verdict']}")
+    console.print(sensor["verdict"]["words"])
+    for note in sensor["notes"]:
+        messages().print(f"note: {note}")
+
+
+COMMANDS = (allan, audit, thermal)

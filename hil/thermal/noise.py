@@ -1,0 +1,113 @@
+"""The noise of a campaign's rates beside a curve that is free at every temperature: white, run-level, heteroscedastic.
+
+The noise models are those of `hil.reconcile.noise`, on a grid; what is used is their mean, each weighted by its
+restricted likelihood. The free curve leaves no misfit that could be taken for noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hil.campaign import Collects, FloatArray, IntArray
+from hil.reconcile.blocks import Block, sensor_blocks
+from hil.reconcile.calibration import is_repeated
+from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
+from hil.reconcile.noise import NoiseGrid, covariances, noise_grid
+
+_CELLS = 4_000_000  # of the grid's matrices in memory at a time
+_LEAST_WEIGHT = 1e-5  # grid points this much less probable than the best change nothing
+
+
+@dataclass(frozen=True)
+class RateNoise:
+    """The noise of m measured rates, in the order `row` (m,), `channel` (m,).
+
+    `white` (m,) and `run` (m, m) are variances, (deg/hr)²; `rows_left` and `runs_left` are the degrees of freedom that
+    they were estimated with. `stated` says that the size rests on stated standard errors alone, `known` that there is
+    anything to judge the size by.
+    """
+
+    row: IntArray
+    channel: IntArray
+    white: FloatArray
+    run: FloatArray
+    rows_left: int
+    runs_left: int
+    stated: bool
+    known: bool
+
+    @property
+    def covariance(self) -> FloatArray:
+        """The covariance of the rates, (m, m)."""
+        return np.asarray(np.diag(self.white) + self.run)
+
+
+def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs: int) -> RateNoise:
+    """Estimate the noise of a sensor's rates beside the columns `free` (n, c, q); channels have noise of their own.
+
+    `repeated_runs` is how many runs there are beyond one per temperature (and direction).
+    """
+    conditions = collects.conditions
+    channels = free.shape[1]
+    # A copy of every column for each channel: so no column ties two channels, and each is a block.
+    apart = np.concatenate([free * (np.arange(channels) == c)[None, :, None] for c in range(channels)], axis=2)
+    blocks = sensor_blocks(number, collects, conditions.w_channels_deg_per_hr, apart)
+    alone = not is_repeated(blocks)
+    blocks = [replace(block, sigma_trusted=alone and block.sigma_stated) for block in blocks]
+    parts = [block_noise(block, block.y[:, None]) for block in blocks]
+    rows_left = sum(len(block.y) - block.base.shape[1] for block in blocks)
+    stated = all(block.sigma_stated for block in blocks)
+    return RateNoise(
+        row=np.concatenate([block.rows for block in blocks]),
+        channel=np.concatenate([block.channel for block in blocks]),
+        white=np.concatenate([white[0] for white, _ in parts]),
+        run=block_diag(*(run[0] for _, run in parts)),
+        rows_left=max(rows_left - repeated_runs * channels, 0),
+        runs_left=repeated_runs,
+        stated=stated and rows_left <= 0,
+        known=stated or rows_left > 0,
+    )
+
+
+def block_noise(block: Block, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the mean white variances (d, N) and the mean run-level covariances (d, N, N) of a block.
+
+    `y` (N, d) are d sets of rates on the block's rows: one campaign, or many draws of it.
+    """
+    grid = noise_grid(block)
+    if np.any(grid.run_bias > 0):  # with runs, slow correlation is the run term's
+        grid = grid.take(np.flatnonzero(grid.collect_drift == 0.0))
+    prior = ScalePrior.of(block)
+    freedom = len(block.y) - block.base.shape[1]
+    shape = (len(grid), y.shape[1])
+    log_weight, scale = np.empty(shape), np.empty(shape)
+    for points in _in_parts(len(grid), len(block.y)):
+        beside = Projection.of(NoiseTable.on(block, grid.take(points)), block.base)
+        _, rss, log_weight[points] = beside.log_null(y, prior)
+        scale[points] = (prior.b + 0.5 * rss) / max(prior.a + 0.5 * freedom - 1.0, 0.5)
+    weight = np.exp(log_weight - log_weight.max(axis=0))
+    kept = np.flatnonzero(np.any(weight > _LEAST_WEIGHT, axis=1))
+    weight = weight[kept] / weight[kept].sum(axis=0) * scale[kept]
+    rows = len(block.y)
+    white, total = np.zeros((y.shape[1], rows)), np.zeros((y.shape[1], rows, rows))
+    for points in _in_parts(len(kept), rows):
+        own = grid.take(kept[points])
+        total += np.tensordot(weight[points].T, covariances(block, own), axes=1)
+        white += weight[points].T @ np.diagonal(covariances(block, _white_only(own)), axis1=1, axis2=2)
+    diagonal = np.arange(rows)
+    total[:, diagonal, diagonal] -= white
+    return white, total
+
+
+def _white_only(grid: NoiseGrid) -> NoiseGrid:
+    zero = np.zeros(len(grid))
+    return replace(grid, run_bias=zero, run_sensitivity=zero, collect_drift=zero)
+
+
+def _in_parts(points: int, rows: int) -> Sequence[IntArray]:
+    at_once = max(1, _CELLS // rows**2)
+    return [np.arange(start, min(start + at_once, points)) for start in range(0, points, at_once)]
