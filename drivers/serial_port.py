@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import re
 import select
 import threading
@@ -25,8 +26,14 @@ from drivers.buffered_transport import BufferedTransport
 from drivers.clock import Clock
 from drivers.errors import TransportError
 
+try:
+    from termios import error as TerminalError  # noqa: N812 - pyserial lets it through, and it is no OSError
+except ImportError:  # Windows has no such terminals
+    TerminalError = OSError  # type: ignore[assignment, misc]
+
 _Result = TypeVar("_Result")
 
+_PSEUDO_TERMINALS = "/dev/pts/"
 _POLL_S = 0.002  # between looks at a port that cannot wait
 _WRITE_TIMEOUT_S = 2.0
 _READ_SIZE = 65536
@@ -110,7 +117,7 @@ class SerialTransport(BufferedTransport):
             raise TransportError(
                 f"{self._url}: the port takes no bytes ({_WRITE_TIMEOUT_S:g} s); check flow control and the cable"
             ) from None
-        except (serial.SerialException, OSError, TypeError) as error:
+        except (serial.SerialException, OSError, TypeError, TerminalError) as error:
             # pyserial raises TypeError where another thread, or a lost device, took the descriptor away in a call.
             self._release()
             raise TransportError(f"{self._url}: the port failed ({error}); check its cable and power") from error
@@ -119,9 +126,11 @@ class SerialTransport(BufferedTransport):
         settings = dict(self._settings)
         if "://" not in self._url:
             settings["exclusive"] = True
+            if os.path.realpath(self._url).startswith(_PSEUDO_TERMINALS):
+                settings |= {"bytesize": 8, "parity": "N"}  # it passes bytes on, and takes other settings only once
         try:
             self._port = serial.serial_for_url(self._url, **settings)
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, TerminalError) as error:
             raise TransportError(_why_not_open(self._url, error)) from error
         if self._low_latency:
             with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # not every port can
@@ -131,7 +140,7 @@ class SerialTransport(BufferedTransport):
         port, self._port = self._port, None
         self._arrived.clear()
         if port is not None:
-            with suppress(serial.SerialException, OSError, TypeError):
+            with suppress(serial.SerialException, OSError, TypeError, TerminalError):
                 port.close()
 
 
@@ -179,6 +188,8 @@ def existing_ports() -> list[str]:
 def _error_number(error: BaseException) -> int | None:
     """Return the operating system's error number; pyserial sometimes only has it in its text."""
     number = getattr(error, "errno", None)
+    if number is None and isinstance(error, TerminalError) and error.args:
+        number = error.args[0]
     if number is None:
         found = re.search(r"\[Errno (\d+)\]", str(error))
         number = int(found[1]) if found else None
@@ -191,7 +202,7 @@ def _why_not_open(url: str, error: Exception) -> str:
         if isinstance(error, ValueError) or "expected" in str(error):
             return f"{url}: is not a port; write a device path, socket://host:port or rfc2217://host:port"
         return f"{url}: cannot be reached ({error}); check the address, the port number and that the server runs"
-    if isinstance(error, ValueError):
+    if isinstance(error, ValueError) or number == errno.EINVAL:
         return f"{url}: the port does not accept these settings ({error})"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
         return f"{url}: somebody else has the port open; close the other program (fuser {url} names it)"

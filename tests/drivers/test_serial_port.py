@@ -6,6 +6,7 @@ import errno
 import os
 import select
 import socket
+import termios
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -75,6 +76,24 @@ def test_every_byte_value_passes_unchanged(terminal: tuple[int, str]) -> None:
     transport.write(everything)
     assert os.read(master, 4096) == everything
     transport.close()
+
+
+@pytest.mark.usefixtures("nothing_leaks")
+def test_a_terminal_with_parity_can_be_opened_again(terminal: tuple[int, str]) -> None:
+    """A simulated circulator has even parity too, and a second program comes after the first."""
+    for _ in range(3):
+        open_port(terminal[1], clock=SystemClock(), baudrate=4800, bytesize=7, parity="E").close()
+
+
+def test_settings_that_the_system_refuses_are_said(terminal: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some adapters have no parity: pyserial passes on an error of its own kind."""
+
+    def refuses(*arguments: object) -> None:
+        raise termios.error(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(termios, "tcsetattr", refuses)
+    with pytest.raises(TransportError, match="does not accept these settings"):
+        open_port(terminal[1], clock=SystemClock(), parity="E")
 
 
 def test_deadlines_are_the_injected_clocks(terminal: tuple[int, str]) -> None:
