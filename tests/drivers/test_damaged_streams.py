@@ -330,6 +330,16 @@ def test_gaps_and_repetitions_between_good_frames_count_the_same_however_few_arr
     assert outcome.counts.duplicate == int((steps[1:] == 0).sum())
 
 
+@pytest.mark.parametrize("together", [1, 2, 30])
+def test_a_weak_frame_amid_noise_is_believed_for_its_counter_however_few_arrived_at_once(together: int) -> None:
+    """The counter is that of the last good frame, not of the last that was looked at with care."""
+    sent = encode(shipped("epson-g3xx"), "burst", {"count": np.arange(31)})
+    size = len(sent) // 31
+    fed = [sent[at : at + together * size] for at in range(0, 30 * size, together * size)]
+    outcome = decode(shipped("epson-g3xx"), [*fed, b"\x00" + sent[30 * size :] + b"\x00"])
+    assert (outcome.counts.ok, outcome.counts.skipped_bytes) == (31, 2)
+
+
 @pytest.mark.parametrize(
     ("name", "frame"), [("mfs", "sample"), ("kvh1750", "format_A"), ("stim300", "rate_acc"), ("epson-g3xx", "burst")]
 )

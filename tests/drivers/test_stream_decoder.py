@@ -171,6 +171,9 @@ def test_after_a_reset_the_unfinished_frame_is_gone_and_the_gap_is_not_a_loss() 
     assert decoded["sample"].starts[0] == 3 * 59
     decoder.reset()
     assert decoder.feed(frames[9]).counts == StreamCounts(ok=1)
+    decoder.reset()
+    later = samples(4, first=10)
+    assert [decoder.feed(later[number]).counts.lost for number in (0, 3)] == [0, 2], "a gap behind it is a loss again"
 
 
 def damaged(frames: list[bytes], seed: int, rate: float) -> tuple[bytes, set[bytes]]:
