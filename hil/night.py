@@ -49,6 +49,8 @@ from hil.journal_records import Night
 from hil.live import LiveFiles
 from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
+from hil.night_words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
+from hil.notify import LAST_WORDS_S
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
@@ -200,10 +202,12 @@ def _carry_out(
     clock = live.devices.clock
     log = NightLog(journal.folder, clock, who)
     heartbeat = HeartbeatFile(journal.folder)
+    notifier = notifier_of(live.bench, journal)
     polling = _polling(live)
     shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live, polling))
     try:
-        journal.listen(log.say)
+        journal.listen(both(log.say, notifier.hear))
+        notifier.tell("started", in_words_at_the_beginning(journal, who))
         journal.describe_fields(field_meanings(live))
         sequencer = Sequencer(
             journal.plan,
@@ -235,8 +239,11 @@ def _carry_out(
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
             journal.finish(f"{outcome.state}: {outcome.reason}")
+            notifier.tell("finished", in_words_at_the_end(journal, f"{outcome.state}: {outcome.reason}"))
         return outcome
     finally:
+        heartbeat.alive(LAST_WORDS_S)
+        notifier.close()
         shown.close()
         heartbeat.close()
         log.close()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hil.cli.ending import Exit
 from hil.cli.output import Folder, messages
 from hil.errors import InputError
 
@@ -49,12 +50,20 @@ def watchdog(
 
 def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
     from hil.config.bench import SIMULATED_SCHEME
+    from hil.notify import Notifier
     from hil.watchdog import Patience, Watchdog
 
     if on.chamber.port.startswith(SIMULATED_SCHEME):
         raise InputError(f"{folder}: its chamber is simulated inside the controller and dies with it; nothing to watch")
     patience = Patience(timeout_s=timeout, look_s=min(1.0, timeout / 5.0), term_s=min(10.0, timeout))
-    return Watchdog(folder, on, patience=patience, kill=kill, say=_say, stop=stop).run()
+    notifier = Notifier(on.notify, f"{on.name}{' SIMULATED' if on.simulated else ''}, {folder.name}", _say)
+    try:
+        ended = Watchdog(folder, on, patience=patience, kill=kill, say=_say, stop=stop).run()
+        if ended.exit_status != Exit.DONE:
+            notifier.tell("fault", ended.message)
+        return ended
+    finally:
+        notifier.close()
 
 
 def _say(what: str) -> None:

@@ -25,6 +25,7 @@ from drivers.chambers import CHAMBER_DRIVERS, SerialLine
 from drivers.voetsch_ascii import AsciiLayout
 from hil.campaign import Sensor
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
@@ -313,6 +314,7 @@ class Bench(Section):
     polling: Annotated[Polling, _settings(Polling)] = Polling()
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
+    notify: NotifySection | None = None
     simulation: SimulationSection | None = None
 
     _text: str = PrivateAttr(default="")

@@ -1,0 +1,54 @@
+"""What is told of a night to somebody who is not there: that it began, how it ended, with the numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from hil.config import Bench
+from hil.journal import Listener, SqliteJournal
+from hil.notify import Notifier
+from procedures.verdict import self_calibration_verdict
+
+
+def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
+    """Return who tells of this night; what could not be sent becomes an event in its journal."""
+
+    def failed(what: str) -> None:
+        with contextlib.suppress(sqlite3.Error, OSError):  # telling somebody must never harm the night
+            journal.event("notification-failed", what)
+
+    mark = " SIMULATED" if bench.simulated else ""
+    return Notifier(bench.notify, f"{bench.name}{mark}, {journal.folder.name}", failed)
+
+
+def both(first: Listener, second: Listener) -> Listener:
+    """Return a listener that is two."""
+
+    def hear(what: str, facts: Mapping[str, Any]) -> None:
+        first(what, facts)
+        second(what, facts)
+
+    return hear
+
+
+def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:
+    """Say who began or carried on what, and when it will be done if it takes as long as planned."""
+    done, planned = journal.completed(), journal.plan.steps
+    rest_s = sum(step.duration_s for step in planned if step.key not in done)
+    ends = journal.night.utc(journal.now_s() + rest_s)
+    steps = f"{len(done)} of {len(planned)} steps done before" if done else f"{len(planned)} steps"
+    return f"{journal.plan.title}: {steps}, by {who}; expected end {ends:%Y-%m-%d %H:%M} UTC"
+
+
+def in_words_at_the_end(journal: SqliteJournal, how: str) -> str:
+    """Say how it ended, with the reason and the numbers."""
+    done = journal.completed()
+    runs = [steps for steps in journal.plan.self_calibrations.values() if all(step.key in done for step in steps)]
+    verdicts = Counter(self_calibration_verdict(steps, done).verdict.value for steps in runs)
+    told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    counts = f"{len(runs)} of {len(journal.plan.self_calibrations)} self-calibrations{f' ({told})' if told else ''}"
+    return f"{how}; {counts}; {len(done)} of {len(journal.plan.steps)} steps; {journal.folder}"

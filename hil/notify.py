@@ -1,0 +1,177 @@
+"""Telling somebody: a night has started, needs you, has a fault, has finished.
+
+    notifier = Notifier(bench.notify, "night on lab-3", failed=lambda what: journal.event("notification-failed", what))
+    notifier.tell("fault", "the chamber does not answer")
+    notifier.close()
+
+Addresses are those of apprise (https://github.com/caronc/apprise), which is the optional extra `notify`; without it an
+`http://` or `https://` address still gets a POST of JSON. They are read when a night begins and stand nowhere in its
+records: what is recorded of a failure is the reference and the kind of error, never its text, which may hold the
+address. Sending is the work of one thread. Whatever becomes of it, the night goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import queue
+import threading
+import urllib.request
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from hil.config.notify import NotifySection
+
+_TIMEOUT_S = 10.0
+LAST_WORDS_S = 30.0
+"""How long the end of a night waits for what is still being sent."""
+
+Send = Callable[[str, str, str], None]
+"""Sends a title and a text to one address; raises whatever goes wrong."""
+
+
+class NotSent(Exception):
+    """A notification could not be sent. The message holds no address."""
+
+
+def send(address: str, title: str, text: str) -> None:
+    """Send through apprise, or by a plain POST of JSON where apprise is absent, or is not needed."""
+    logging.getLogger("apprise").disabled = True  # it would print addresses
+    try:
+        import apprise
+    except ImportError:
+        if not _plain(address):
+            raise NotSent("this kind of address needs apprise: pip install 'hil[notify]'") from None
+    else:
+        messenger = apprise.Apprise()
+        if messenger.add(address):
+            if not messenger.notify(title=title, body=text):
+                raise NotSent("apprise could not deliver it")
+            return
+        if not _plain(address):
+            raise NotSent("apprise does not understand the address")
+    _post(address, title, text)
+
+
+def _plain(address: str) -> bool:
+    return address.startswith(("http://", "https://"))
+
+
+def _post(address: str, title: str, text: str) -> None:
+    body = json.dumps({"title": title, "text": text}).encode()
+    asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - see _plain
+    with urllib.request.urlopen(asked, timeout=_TIMEOUT_S):  # noqa: S310
+        return
+
+
+def addresses_of(reference: str) -> list[str]:
+    """Return the addresses that a reference stands for; raise `NotSent` where there is none."""
+    kind, _, name = reference.partition(":")
+    try:
+        text = os.environ[name] if kind == "env" else Path(name).expanduser().read_text(encoding="utf-8")
+    except KeyError:
+        raise NotSent("the variable is not set") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise NotSent(f"the file cannot be read ({getattr(error, 'strerror', None) or 'not text'})") from None
+    found = [word for line in text.splitlines() for word in line.split() if not line.lstrip().startswith("#")]
+    if not found:
+        raise NotSent("it holds no address")
+    return found
+
+
+class Notifier:
+    """Tells whoever the section names. Close it.
+
+    `subject` begins every title. `failed` hears of failures, in the thread that calls `tell` or `close`.
+    """
+
+    def __init__(
+        self,
+        section: NotifySection | None,
+        subject: str,
+        failed: Callable[[str], None],
+        *,
+        sender: Send = send,
+        attempts: int = 3,
+        wait_s: float = 10.0,
+    ) -> None:
+        self._subject = subject
+        self._failed = failed
+        self._about = frozenset(section.about if section else ())
+        self._send = sender
+        self._attempts = attempts
+        self._wait_s = wait_s
+        self._failures: queue.Queue[str] = queue.Queue()
+        self._letters: queue.Queue[tuple[str, str] | None] = queue.Queue()
+        self._addresses: list[tuple[str, str]] = []
+        self._leaving = threading.Event()
+        self._thread: threading.Thread | None = None
+        for reference in section.to if section else ():
+            try:
+                self._addresses += [(reference, address) for address in addresses_of(reference)]
+            except NotSent as error:
+                self._failures.put(f"{reference}: {error}")
+
+    def tell(self, topic: str, text: str) -> None:
+        """Tell it, where the section asks for the topic. Returns at once; never raises."""
+        if topic in self._about and self._addresses:
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._work, name="notify", daemon=True)
+                self._thread.start()
+            self._letters.put((f"{self._subject}: {topic}", text))
+        self._report()
+
+    def hear(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Listen to a journal, and tell what somebody away from the bench must know."""
+        topic = _TOPICS.get(str(facts.get("kind"))) if what == "event" else None
+        if topic is not None:
+            self.tell(topic, str(facts["message"]))
+
+    def close(self) -> None:
+        """Send what is left, within half a minute, and report what could not be sent."""
+        if self._thread is not None:
+            self._letters.put(None)
+            self._leaving.set()  # no more waiting between attempts
+            self._thread.join(LAST_WORDS_S)
+            if self._thread.is_alive():
+                self._failures.put("a notification was still being sent when the night ended")
+            self._thread = None
+        self._report()
+
+    def _work(self) -> None:
+        while (letter := self._letters.get()) is not None:
+            for reference, address in self._addresses:
+                self._deliver(reference, address, *letter)
+
+    def _deliver(self, reference: str, address: str, title: str, text: str) -> None:
+        """Try a few times; note the last failure without its text, which may hold the address."""
+        for left in reversed(range(self._attempts)):
+            try:
+                self._send(address, title, text)
+                return
+            except NotSent as error:
+                why = str(error)
+            except Exception as error:
+                why = type(error).__name__
+            if left:
+                self._leaving.wait(self._wait_s)
+        self._failures.put(f"{reference}: {title!r} was not sent: {why}")
+
+    def _report(self) -> None:
+        while not self._failures.empty():
+            self._failed(self._failures.get())
+
+
+_TOPICS = {
+    "night-begins": "started",
+    "night-resumed": "started",
+    "prompt": "needs-you",
+    "pause": "needs-you",
+    "interlock": "fault",
+    "failed": "fault",
+    "error": "fault",
+    "safe-state-not-reached": "fault",
+    "watchdog": "fault",
+}
