@@ -127,6 +127,7 @@ class Watch:
         """Polls belong to this step from now on."""
         self._position = position
         self.note, self.rates_deg_per_hr, self.rates_se_deg_per_hr = "", {}, {}
+        self._progress_s = -np.inf  # onlookers see a new step at once; what a move read in between is no rate of theirs
         self._show("step_began", position.step, position.attempt)
 
     def step_ended(self, step: Step, result: StepResult) -> None:
@@ -154,6 +155,7 @@ class Watch:
         """Throw away what the unit sent so far."""
         counts = self._devices.imu.discard()
         self._stream += counts
+        self._progress_s = -np.inf
         self._last_frame_s = self.now_s
         return counts
 
