@@ -4,7 +4,7 @@ import { AverageChart, TemperatureChart, temperatureStyle } from "./charts.js";
 import { resultsTable } from "./results.js";
 import { stateOf } from "./state.js";
 import { points } from "./store.js";
-import { channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError } from "./words.js";
+import { capital, channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const put = (id, text) => {
@@ -51,7 +51,7 @@ export class Detail {
     put("state", word);
     $("state").className = `badge ${className}`;
     $("simulated").hidden = !head.simulated;
-    put("step", head.step ? capital(head.step) : head.reason ? capital(head.reason) : head.working ? "Beginning …" : "");
+    put("step", capital(sentence(head.step || head.reason || (head.working ? "beginning …" : ""))));
     put("note", noteOf(head));
     this.showClocks(head);
     const calibrations = `${head.self_calibrations_done} of ${head.self_calibrations_total} self-calibrations`;
@@ -71,9 +71,10 @@ export class Detail {
   showClocks(head) {
     const now = head.now;
     const over = now && now.step_remaining_s <= 0;
+    $("remaining-clock").hidden = !now;
     put("remaining-label", over ? "Step, longer than planned" : "Step, to go");
     put("remaining", now ? countdown(over ? now.step_elapsed_s : now.step_remaining_s) : "–");
-    put("finishing-label", head.working ? "Finishing" : head.state === "complete" ? "Finished" : "Ended");
+    put("finishing-label", head.working ? "Finishing" : head.state === "complete" ? "Finished" : head.killed ? "Last seen" : "Ended");
     const end = head.working ? head.finishing_utc : head.last_utc;
     put("finishing", end ? dayTime(end) : "–");
     const elapsed = now ? Date.parse(head.began_utc) + 1000 * now.elapsed_s : null;
@@ -84,14 +85,14 @@ export class Detail {
     $("prompt").hidden = !head.prompt;
     if (!head.prompt) return;
     put("question", head.prompt.question);
-    put("prompt-until", `asked ${time(head.prompt.since_utc)}, waits until ${time(head.prompt.until_utc)}`);
+    put("prompt-until", `asked ${dayTime(head.prompt.since_utc)}, waits until ${dayTime(head.prompt.until_utc)}`);
   }
 
   showMissing(head) {
     const missing = head.missing || [];
     $("missing-card").hidden = !missing.length;
     if ($("missing").childElementCount !== missing.length) {
-      $("missing").replaceChildren(...missing.map((sentence) => item(sentence)));
+      $("missing").replaceChildren(...missing.map((line) => item(sentence(line))));
     }
   }
 
@@ -198,8 +199,6 @@ function noteOf(head) {
   const again = head.now.attempt > 1 ? `attempt ${head.now.attempt}` : "";
   return [again, head.now.note].filter(Boolean).join(", ");
 }
-
-const capital = (text) => text.charAt(0).toUpperCase() + sentence(text.slice(1));
 
 function element(tag, className, content) {
   const made = document.createElement(tag);

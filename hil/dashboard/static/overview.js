@@ -1,6 +1,6 @@
 // Several nights on one screen: one card each, and the whole night behind it.
 
-import { dayTime, degrees, duration, sentence } from "./words.js";
+import { capital, dayTime, degrees, duration, sentence } from "./words.js";
 import { stateOf, troubleOf } from "./state.js";
 
 const text = (tag, className, content) => {
@@ -27,10 +27,11 @@ function card(id, head) {
   const badges = text("span", "", "");
   badges.append(text("span", `badge ${className}`, word));
   if (head.simulated) badges.append(" ", text("span", "badge simulated", "SIMULATED"));
-  link.append(text("span", "where", [head.bench, id].filter(Boolean).join(" · ")), badges);
-  link.append(text("span", "what", sentence(head.step || head.reason || head.title)));
+  link.append(text("span", "where", head.bench && head.bench !== id ? `${head.bench} · ${id}` : id), badges);
+  link.append(text("span", "what", capital(sentence(head.step || head.reason || head.title))));
   const trouble = troubleOf(head);
   if (trouble) link.append(text("span", "trouble", trouble.text));
+  if (head.prompt) link.append(text("span", "asks", `Asks: ${head.prompt.question}`));
   link.append(text("span", "small", facts(head)));
   const item = document.createElement("li");
   item.append(link);

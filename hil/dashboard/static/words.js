@@ -60,3 +60,5 @@ export function temperatureName(column) {
 
 // A sentence of the controller, with a minus sign where a number is below zero.
 export const sentence = (text) => text.replace(/(^|[\s(])-(?=\d)/g, "$1−");
+
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
