@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.chamber import ChamberReading
+from drivers.chambers import CHAMBER_DRIVERS
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock, StreamCounts
 from drivers.ramp import steps_of_a_ramp
@@ -226,6 +227,7 @@ def _chamber(live: LiveBench) -> Iterator[Finding]:
     else:
         yield Finding("alarms", True, "none")
     yield _native_limits(reading)
+    yield _left_alone(live.bench)
 
 
 def _air(live: LiveBench, reading: ChamberReading) -> tuple[bool, str]:
@@ -255,6 +257,18 @@ def _native_limits(reading: ChamberReading) -> Finding:
         advice = "set the chamber's own temperature limiter by hand, and test it: the software cannot"
         return Finding("native limits", True, "the controller has none that can be set from here", advice)
     return Finding("native limits", True, f"the controller's own are {low:g} … {high:g} °C now; a night sets them anew")
+
+
+def _left_alone(bench: Bench) -> Finding:
+    """Say what the chamber does when this computer dies."""
+    if bench.chamber.dead_man is not None:
+        told = f"its own timer stops the chamber {bench.chamber.dead_man / 60.0:g} min after nobody looks any more"
+        return Finding("left alone", True, told)
+    if CHAMBER_DRIVERS[bench.chamber.driver].dead_man:
+        advice = "let its own timer stop it: dead_man: 3 h under chamber"
+    else:
+        advice = "see that its own over-temperature cut-out is set and tested"
+    return Finding("left alone", True, "the chamber goes on at its setpoint when this computer dies", advice)
 
 
 def _limits(sweep: Sweep | None, live: LiveBench) -> Finding:

@@ -98,9 +98,9 @@ def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
     """Ask whoever sits there before a real chamber is driven."""
     if bench.simulated or yes:
         return
-    messages().print(
-        f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and stay there."
-    )
+    dead_man = bench.chamber.dead_man
+    stays = "stay there" if dead_man is None else f"stay there for {dead_man / 60.0:g} min (dead_man)"
+    messages().print(f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and {stays}.")
     try:
         agreed = typer.confirm("Set it?", err=True)
     except typer.Abort:

@@ -30,6 +30,7 @@ SUBJECTS = [
     "mode",
     "alarms",
     "native limits",
+    "left alone",
     "limits",
     "wear",
     "disk",
@@ -189,6 +190,15 @@ def test_a_controller_without_limits_needs_its_limiter(hil: Any, tmp_path: Path)
     ended = hil("check", path, "--json")
     assert ended.returncode == 0, ended.stdout
     assert "limiter by hand" in told(ended)["native limits"]["advice"]
+    assert "over-temperature cut-out" in told(ended)["left alone"]["advice"]
+
+
+def test_what_happens_to_a_chamber_that_is_left_alone_is_said(hil: Any, tmp_path: Path) -> None:
+    """It goes on, or its own timer stops it; a timer that could be armed is recommended."""
+    advised = told(hil("check", bench_file(tmp_path, chamber={"driver": "espec"}), "--json"))["left alone"]
+    assert "dead_man: 3 h" in advised["advice"]
+    armed = told(hil("check", bench_file(tmp_path, chamber={"driver": "espec", "dead_man": "90 min"}), "--json"))
+    assert "stops the chamber 90 min after" in armed["left alone"]["message"]
 
 
 def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: Any, tmp_path: Path) -> None:
