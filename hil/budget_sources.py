@@ -21,7 +21,6 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from hil.campaign import Conditions, FloatArray
@@ -86,6 +85,7 @@ class Source(ABC):
     unit: ClassVar[str]
     varies: ClassVar[str]
     per_unit: ClassVar[float] = 1.0  # what `columns` and `changes` reckon in, per `unit`
+    is_ramp: ClassVar[bool] = False  # grows in proportion to the time between collects
 
     def __init__(self, size: float, origin: str) -> None:
         self.size, self.origin = size, origin
@@ -253,7 +253,7 @@ class Index(_Turn):
 class Drift(Source):
     """A steady drift of each rate from the first collect to the last, about its value in the middle."""
 
-    id, title, unit, varies = "drift", "steady drift of the rates", "deg/hr/min", "run"
+    id, title, unit, varies, is_ramp = "drift", "steady drift of the rates", "deg/hr/min", "run", True
 
     def columns(self, scene: Scene) -> FloatArray:
         """Return the minutes from the middle, in each channel."""
@@ -267,7 +267,7 @@ class Drift(Source):
 class Soak(Source):
     """The unit's temperature still changes during the collects, and the biases with it."""
 
-    id, title, unit, varies = "soak", "soak that is not complete", "degC/min", "run"
+    id, title, unit, varies, is_ramp = "soak", "soak that is not complete", "degC/min", "run", True
 
     def __init__(self, size: float, origin: str, bias_slope: float) -> None:
         super().__init__(size, origin)
@@ -329,7 +329,10 @@ def _flat(vectors: FloatArray) -> FloatArray:
 
 def _each_row(matrices: FloatArray) -> FloatArray:
     """Return matrices (n, c, b), one for each collect, as one that acts on all collects at once, (n·c, n·b)."""
-    return np.asarray(block_diag(*matrices))
+    n, c, b = matrices.shape
+    together = np.zeros((n, c, n, b))
+    together[np.arange(n), :, np.arange(n), :] = matrices
+    return together.reshape(n * c, n * b)
 
 
 def _constant(scene: Scene, axes: FloatArray) -> FloatArray:

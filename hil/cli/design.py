@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +13,7 @@ from rich.table import Table
 
 from hil.cli.data import read_source
 from hil.cli.output import JsonFlag, print_json, results
+from hil.errors import InputError
 
 
 def budget(
@@ -115,6 +118,101 @@ def _one(value: float | None) -> str:
     return "0" if value < 5e-4 else f"{value:.3f}"
 
 
+def design(
+    sweep: Annotated[str, typer.Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
+    bench: Annotated[str, typer.Option("--bench", help="The bench that would run it.")] = "simulated",
+    goal: Annotated[
+        list[str] | None,
+        typer.Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
+    ] = None,
+    drift_immune: Annotated[bool, typer.Option("--drift-immune", help="Keep a steady drift out.")] = False,
+    residuals: Annotated[int, typer.Option(min=0, help="Residuals left in each self-calibration.")] = 0,
+    even_terms: Annotated[bool, typer.Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
+    within: Annotated[str | None, typer.Option(help="The whole night's time: '24 h'.")] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats at least; default: the sweep's.")] = None,
+    scatter_of_unit: Annotated[
+        list[str] | None,
+        typer.Option("--scatter", help="How the unit scatters from run to run: 'MU 4 deg/hr'; repeatable."),
+    ] = None,
+    sensor: Annotated[list[int] | None, typer.Option(help="Only these sensors; repeatable. Default: all.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the proposal as this sweep file.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
+    from hil.config import load_bench, load_sweep
+    from hil.config.units import TIME, to_number
+    from hil.design_document import check_new, design_document, write_sweep
+    from hil.design_search import Goal, parse_target, propose
+
+    base, its_bench = load_sweep(sweep), load_bench(bench)
+    if out is not None:
+        check_new(out)
+    try:
+        time_s = None if within is None else to_number(within, TIME)
+    except ValueError as error:
+        raise InputError(f"--within: {error}") from error
+    asked = Goal(
+        dict(parse_target(text) for text in goal or ()),
+        drift_immune,
+        residuals,
+        even_terms,
+        time_s,
+        tuple(sensor or ()),
+        repeats,
+        dict(parse_target(text) for text in scatter_of_unit or ()),
+    )
+    proposal = propose(base, its_bench, asked)
+    document = design_document(proposal, asked, base, its_bench)
+    if out is not None:
+        write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
+    if as_json:
+        print_json(document)
+    else:
+        _print_design(document, out)
+
+
+def _print_design(document: Mapping[str, Any], out: Path | None) -> None:
+    console = results()
+    best = document["proposed"]
+    console.print(f"{document['sweep']}, on bench {document['bench']}\n")
+    console.print(
+        f"proposed: {best['sequence']}, {best['collect_duration_s']:g} s each, "
+        f"{best['self_calibrations_per_temperature']} per temperature, {best['total_s'] / 3600.0:.1f} h"
+    )
+    for text in document["missing"]:
+        console.print(f"  the goal is not met: {text}")
+    for number in best["sensors"]:
+        console.print(f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget")
+        console.print(_design_table(document, number))
+    console.print("\ndrift out of: what a steady drift does not enter; g²: MU is told from terms in g squared")
+    if out is not None:
+        console.print(f"sweep: {out}")
+
+
+def _design_table(document: Mapping[str, Any], number: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    names = list(document["proposed"]["sensors"][number]["uncertainty"])
+    for heading in ("", "sequence", "s", "times", "hours", *names, "residuals", "drift out of", "g²"):
+        table.add_column(
+            heading, justify="left" if heading in {"", "sequence", "drift out of"} else "right", no_wrap=True
+        )
+    for mark, each in [("→", document["proposed"]), *(("", one) for one in document["compared"])]:
+        of = each["sensors"][number]
+        kept_out = of["immune_to_drift"]
+        table.add_row(
+            mark,
+            each["sequence"],
+            f"{each['collect_duration_s']:g}",
+            str(each["self_calibrations_per_temperature"]),
+            f"{each['total_s'] / 3600.0:.1f}",
+            *(f"{of['uncertainty'][name]:.2f}" for name in names),
+            str(of["residuals"]),
+            "all" if len(kept_out) == len(names) else ", ".join(kept_out) or "–",
+            "yes" if of["tells_even_terms"] else "no",
+        )
+    return table
+
+
 def scatter(
     source: Annotated[
         str,
@@ -187,4 +285,4 @@ def _scatter_table(signatures: list[dict[str, Any]]) -> Table:
     return table
 
 
-COMMANDS = (budget, scatter)
+COMMANDS = (budget, design, scatter)

@@ -1,0 +1,257 @@
+"""Sequences of collects: what each is worth, by the numbers of the algebra; and the proposal for a goal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from hil.config import load_bench, load_sweep, parse_bench
+from hil.config.bench import Bench
+from hil.design_document import design_document, sweep_text
+from hil.design_search import Goal, parse_target, propose
+from hil.design_sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
+from hil.earth import Site
+from hil.equation import Orientation
+from hil.errors import InputError
+from hil.linear_forms import default_form
+from procedures.plan import make_plan
+from procedures.settings import CollectSettings
+
+
+@pytest.fixture(scope="module")
+def level() -> Bench:
+    """The simulated bench, level, so that the closed forms of §B hold to the digit."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["site"] = {"latitude": "34.6 deg", "heading": "30 deg"}
+    return parse_bench(yaml.safe_dump(document), "level.yaml")
+
+
+def worth_of(bench: Bench, sequence: str, sensor: int = 2) -> Worth:
+    """What a sequence written "1-3-2" is worth for a sensor."""
+    scene = scene_of(bench, sensor, tuple(sequence.split("-")), CollectSettings())
+    found = sequence_worth(scene, default_form(scene.conditions))
+    assert found is not None
+    return found
+
+
+# physics.md §B.5: standard errors of (B, GS, MU) per axis for unit noise, then degrees of freedom of both channels.
+WORTHS = {
+    "1-2-3": (0.71, 0.71, 1.22, 0),
+    "1-3-2": (0.71, 0.71, 1.22, 0),
+    "1-3-2-3-1": (0.61, 0.61, 0.94, 4),
+    "1-3-2-2-3-1": (0.50, 0.50, 0.87, 6),
+    "1-2-3-4": (0.50, 0.71, 0.71, 2),
+    "1-2-3-4-4-3-2-1": (0.35, 0.50, 0.50, 10),
+}
+
+
+@pytest.mark.parametrize("sequence", WORTHS)
+def test_white_noise_gives_the_published_standard_errors(level: Bench, sequence: str) -> None:
+    """To two digits as published, for both channels."""
+    found = worth_of(level, sequence)
+    bias, gs, mu, residuals = WORTHS[sequence]
+    expected = {"BA": bias, "BB": bias, "GSA": gs, "GSB": gs, "MUA": mu, "MUB": mu}
+    for name, value in expected.items():
+        assert found.white[name] == pytest.approx(value, abs=0.0071), name
+    assert found.residuals == residuals
+
+
+@pytest.mark.parametrize(
+    ("sequence", "ba", "gsa", "mub"),
+    [
+        ("1-2-3", -0.5, 0.5, 1.5),
+        ("1-3-2", 0.0, 1.0, 0.0),
+        ("1-2-3-4", 0.0, 0.5, -0.5),
+        ("1-3-2-3-1", 0.0, 0.0, 0.0),
+        ("1-3-2-2-3-1", 0.0, 0.0, 0.0),
+        ("1-2-3-4-4-3-2-1", 0.0, 0.0, 0.0),
+    ],
+)
+def test_a_drift_enters_as_published(level: Bench, sequence: str, ba: float, gsa: float, mub: float) -> None:
+    """Per collect: the published order three times as strongly into MU as into the bias, palindromes nowhere."""
+    drift = worth_of(level, sequence).drift
+    assert (drift["BA"], drift["GSA"], drift["MUB"]) == pytest.approx((ba, gsa, mub), abs=1e-9)
+    assert (drift["BB"], drift["GSB"], drift["MUA"]) == pytest.approx((ba, -gsa, -mub), abs=1e-9)
+
+
+def test_the_condition_number_is_one_and_root_two_and_g3_does_not_change_it(level: Bench) -> None:
+    """§B.1: 2.414 at 1 g, whatever the tilt in the 1-3 plane; 2.68 with G2 = 0.3 g, 5.9 at 60 degrees, 17.3 at 80."""
+    assert worth_of(level, "1-2-3").condition_number == pytest.approx(1.0 + np.sqrt(2.0))
+    for g3 in (0.1, 0.4):
+        assert condition_number([np.sqrt(1.0 - g3**2), 0.0, g3]) == pytest.approx(1.0 + np.sqrt(2.0))
+    for g2, expected in ((0.3, 2.68), (np.sin(np.deg2rad(60.0)), 5.9), (np.sin(np.deg2rad(80.0)), 17.3)):
+        assert condition_number([np.sqrt(1.0 - g2**2), g2, 0.0]) == pytest.approx(expected, rel=0.003)
+
+
+def condition_number(gravity: list[float]) -> float:
+    """Of the report's three collects under any gravity, from the six equations as printed."""
+    g1, g2, g3 = gravity
+    rows = [
+        [1, 0, -g1, g2, 0, g3],
+        [0, 1, g2, g1, -g3, 0],
+        [1, 0, g1, g2, 0, -g3],
+        [0, 1, g2, -g1, g3, 0],
+        [1, 0, g3, g2, 0, g1],
+        [0, 1, g2, -g3, -g1, 0],
+    ]
+    return float(np.linalg.cond(np.array(rows)))
+
+
+def poses(index_deg: list[float], roll_deg: list[float], headings_deg: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations and earth rates along the sensor's axes at every index angle, IMU roll and heading."""
+    f, w = [], []
+    for heading in headings_deg:
+        site = Site(34.6, heading)
+        for roll in roll_deg:
+            turn = Rotation.from_euler("z", roll, degrees=True).as_matrix()  # about bench axis 3, under the index axis
+            for theta in index_deg:
+                axes = Orientation.from_rotation_about_2("", theta).axes @ turn.T
+                f.append(axes @ site.gravity_g())
+                w.append(axes @ site.earth_rate_deg_per_hr())
+    return np.array(f), np.array(w)
+
+
+C1_TO_C4 = [-90.0, 90.0, 0.0, 180.0]
+EIGHT = [45.0 * i for i in range(8)]
+QUARTERS = [0.0, 90.0, 180.0, 270.0]
+
+
+@pytest.mark.parametrize(
+    ("positions", "expected"),
+    [
+        (([-90.0, 90.0, 0.0], [0.0], [30.0]), (3, 3, 3)),
+        ((C1_TO_C4, [0.0], [30.0]), (3, 4, 4)),
+        ((EIGHT, [0.0], [30.0]), (3, 5, 5)),
+        ((C1_TO_C4, [0.0], [30.0, 120.0]), (3, 4, 7)),
+        ((C1_TO_C4, QUARTERS, [30.0]), (4, 6, 9)),
+        ((EIGHT, [45.0 * i for i in range(8)], [30.0]), (4, 9, 12)),
+    ],
+    ids=["C1-C3", "C1-C4", "8 positions", "C1-C4 at 2 headings", "C1-C4 at 4 rolls", "8 x 8"],
+)
+def test_what_richer_sequences_can_see_is_as_published(
+    positions: tuple[list[float], list[float], list[float]], expected: tuple[int, int, int]
+) -> None:
+    """§B.5: of 4 linear, 10 with squares, 13 with scale factor and misalignments. A new heading brings the scale."""
+    assert seen_terms(*poses(*positions)) == expected
+
+
+def test_a_fourth_collect_tells_mu_from_what_is_even(level: Bench) -> None:
+    """Three collects cannot, however often; four can."""
+    assert not worth_of(level, "1-3-2-2-3-1").tells_even_terms
+    assert worth_of(level, "1-2-3-4").tells_even_terms
+
+
+def test_a_second_heading_is_positions_of_the_bench_file(level: Bench) -> None:
+    """Turned about the vertical, the four positions again: scale factor and misalignments come into sight."""
+    document = yaml.safe_load(level.text)
+    document["sensors"] = {2: document["sensors"][2]}
+    orientations = document["sensors"][2]["orientations"]
+    orientations |= {f"{n}h": {"from": str(n), "rotate": "90 deg", "about": 1} for n in "1234"}
+    bench = parse_bench(yaml.safe_dump(document), "two-headings.yaml")
+    assert worth_of(bench, "1-2-3-4").terms == (3, 4, 4)
+    assert worth_of(bench, "1-2-3-4-1h-2h-3h-4h").terms == (3, 4, 7)
+
+
+def test_every_order_and_palindrome_is_a_candidate_once() -> None:
+    """An order and its reverse count as one; nothing comes twice."""
+    found = list(sequences(("1", "2", "3", "4")))
+    assert len(found) == len(set(found)) == 120
+    for sequence in WORTHS:
+        assert tuple(sequence.split("-")) in found
+
+
+@pytest.fixture(scope="module")
+def sweep() -> Any:
+    """The published sweep."""
+    return load_sweep("rd-gc-86-1")
+
+
+def test_the_proposal_meets_its_goal_and_is_the_shortest_that_does(sweep: Any) -> None:
+    """MU to 0.5, drift-immune, with residuals and a fourth collect: met; and no shorter candidate would do."""
+    bench = load_bench("simulated")
+    goal = Goal({"MU": 0.5}, drift_immune=True, residuals=2, tells_even_terms=True)
+    found = propose(sweep, bench, goal)
+    assert found.missing == ()
+    for number, worth in found.best.worth.items():
+        assert worth.immune(["MUA", "MUB"])
+        assert worth.residuals >= 2
+        assert worth.tells_even_terms
+        assert max(found.best.total[number][name] for name in ("MUA", "MUB")) <= 0.5
+    shorter = propose(sweep, bench, Goal(goal.targets, True, 2, True, time_s=found.best.time_s - 60.0))
+    assert shorter.missing != ()
+
+
+def test_without_a_goal_the_free_improvement_is_proposed(sweep: Any) -> None:
+    """No longer than the published sweep, and the drift is out of MU: 1-3-2."""
+    found = propose(sweep, load_bench("simulated"), Goal({}, sensors=(2,)))
+    assert found.best.sequence == "1-3-2"
+    assert found.best.time_s == found.compared[0].time_s == make_plan(sweep.procedure()).total_s
+    assert [each.sequence for each in found.compared][:3] == ["1-2-3", "1-3-2", "1-3-2-3-1"]
+
+
+def test_a_goal_out_of_reach_is_said_to_be_missed_and_by_how_much(sweep: Any) -> None:
+    """A unit whose MU scatters by 4 from run to run is not known to 0.5 by any sequence in the time."""
+    goal = Goal({"MU": 0.5}, time_s=24 * 3600.0, scatter={"MU": 4.0}, sensors=(2,))
+    found = propose(sweep, load_bench("simulated"), goal)
+    assert len(found.missing) == 2
+    assert "instead of 0.5" in found.missing[0]
+    assert found.best.time_s <= 24 * 3600.0
+    assert found.best.total[2]["MUB"] > 4.0 / np.sqrt(found.best.repeats)
+
+
+def test_what_cannot_be_is_refused_in_a_sentence(sweep: Any) -> None:
+    """An unknown parameter or sensor, too little time, and targets that are none."""
+    bench = load_bench("simulated")
+    with pytest.raises(InputError, match="there is no parameter MUX"):
+        propose(sweep, bench, Goal({"MUX": 1.0}))
+    with pytest.raises(InputError, match="has no sensor 3"):
+        propose(sweep, bench, Goal({}, sensors=(3,)))
+    with pytest.raises(InputError, match="allow more time"):
+        propose(sweep, bench, Goal({}, time_s=3600.0))
+    assert parse_target("MU 0.5 deg/hr/g") == parse_target("MU 0.5 deg/hr") == ("MU", 0.5)
+    for text in ("MU", "MU 0.5", "0.5 deg/hr", "MU 3 kg", "MU -1 deg/hr"):
+        with pytest.raises(InputError, match="no target"):
+            parse_target(text)
+
+
+def test_the_recommended_sweep_is_what_the_command_proposes(sweep: Any) -> None:
+    """It ships beside the published one, and its own head says how it was made: the same command still gives it."""
+    bench, shipped = load_bench("simulated"), load_sweep("recommended")
+    goal = Goal({"MU": 0.5}, drift_immune=True, residuals=2, tells_even_terms=True)
+    proposal = propose(sweep, bench, goal)
+    again = yaml.safe_load(sweep_text(proposal, sweep, "hil design"))
+    assert shipped.positions == tuple(again["positions"])
+    assert shipped.collect.duration_s == proposal.best.duration_s
+    assert shipped.self_calibrations_per_temperature == proposal.best.repeats
+    assert shipped.temperatures == sweep.temperatures
+    assert shipped.restabilisation == sweep.restabilisation
+    document = design_document(proposal, goal, sweep, bench)
+    assert document["met"] is True
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsys: Any) -> None:
+    """From the command line: proposal, file, plan; and a file that is there stays as it is."""
+    from hil.cli.app import run
+
+    out = tmp_path / "my.yaml"
+    assert run(["design", "quick", "--goal", "MU 40 deg/hr", "--even-terms", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["schema"] == "hil.design/1"
+    assert run(["plan", str(out), "--bench", "simulated", "--json"]) == 0
+    planned = json.loads(capsys.readouterr().out)
+    collects = [step["position"] for step in planned["steps"] if step["kind"] == "collect"]
+    assert collects == told["proposed"]["positions"]
+    assert planned["total_s"] == pytest.approx(told["proposed"]["total_s"])
+    before = out.read_text()
+    assert run(["design", "quick", "--out", str(out)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert out.read_text() == before
+    assert run(["design", "quick"]) == 0
+    assert "proposed: " in capsys.readouterr().out
