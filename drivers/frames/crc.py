@@ -187,7 +187,7 @@ class Residue:
         return list(map(self.register, covered, repeat(self.begin))).count(self.residue) == n
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=128)
 def _cut(start: int, after: int, length: int, n: int) -> Callable[[bytes], tuple[bytes, ...]]:
     """Return a compiled function that cuts [start, after) out of each of n frames of `length` bytes."""
     return struct.Struct(f"{start}x{after - start}s{length - after}x" * n).unpack

@@ -144,7 +144,7 @@ class FrameSequence:
         return moved
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=128)
 def _reader(order: str, record: str, n: int) -> Callable[[bytes], tuple[int, ...]]:
     """Return a compiled function that reads the counters of n frames."""
     return struct.Struct(order + record * n).unpack
