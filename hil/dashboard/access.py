@@ -8,6 +8,7 @@ make a browser send, and never in an address, which ends in logs and histories.
 from __future__ import annotations
 
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Mapping
@@ -23,6 +24,7 @@ from hil.errors import InputError
 LEAST_TOKEN = 12
 _ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # nothing that is mistaken for something else when it is typed
 _SCHEME = "Bearer "
+_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[^:\[\]]+)(:\d*)?")
 
 _HEADERS: Mapping[str, str] = {
     "content-security-policy": (
@@ -89,7 +91,10 @@ class Access:
         A page of another site whose name was made to point here (DNS rebinding) sends that name. An IP address as the
         host cannot be such a name.
         """
-        name = host_header.rpartition("]")[0].lstrip("[") if "]" in host_header else host_header.partition(":")[0]
+        parts = _HOST.fullmatch(host_header)
+        if parts is None:
+            return False
+        name = parts["name"].strip("[]")
         try:
             ipaddress.ip_address(name)
         except ValueError:

@@ -1,0 +1,233 @@
+"""What the live page is told of a night: what its journal says, at once, at any length, and never in the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import tracemalloc
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from drivers.clock import SystemClock
+from drivers.imu import SensorChannels
+from hil.config import load_bench, load_sweep
+from hil.dashboard.facts import NightFacts
+from hil.dashboard.watcher import Watcher
+from hil.export import campaign_of_night
+from hil.journal_reader import JOURNAL_NAME, open_readonly
+from hil.live import LIVE_NAME, LiveFiles
+from hil.lock import FolderLock
+from hil.night import start_night
+from hil.solve import solution_document, solve_campaign
+from procedures.progress import Silent, Snapshot
+
+SWEEP = {
+    "title": "Two at 30 degrees",
+    "temperatures": ["30 degC"],
+    "self_calibrations_per_temperature": 2,
+    "positions": [1, 2, 3],
+    "restabilisation": {"at_least": "20 min", "ceiling": "4 h"},
+    "collect": {"settle": "30 s", "duration": "60 s"},
+}
+SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (2, 1)}
+
+
+class Onlooker(Silent):
+    """Looks at the night's facts at one moment of it, as the dashboard would."""
+
+    def __init__(self, folder: Path, at: str) -> None:
+        self._facts = NightFacts(folder, "night")
+        self._at = at
+        self.seen: dict[str, Any] = {}
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Look once, in the step that is asked for."""
+        if snapshot.step.key == self._at and not self.seen:
+            self._facts.look()
+            self.seen = self._facts.whole()
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A complete night, and what the page was told during the soak of its second self-calibration."""
+    folder = tmp_path_factory.mktemp("facts")
+    sweep = folder / "sweep.yaml"
+    sweep.write_text(yaml.safe_dump(SWEEP))
+    onlooker = Onlooker(folder / "night", "T1/S2/restabilise")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hil.live._EVERY_S", 0.0)  # this night lasts a second; its live file is to keep up
+        start_night(folder / "night", load_sweep(str(sweep)), load_bench("simulated"), who="rk", progress=onlooker)
+    return folder / "night", onlooker.seen
+
+
+def test_a_running_night_is_told_with_what_its_controller_shows(night: tuple[Path, dict[str, Any]]) -> None:
+    """State, step, temperatures, stream and the first results, while it runs; and that it is simulated."""
+    _, seen = night
+    head = seen["head"]
+    assert (head["state"], head["working"], head["killed"], head["old"]) == ("running", True, False, False)
+    assert head["simulated"] is True
+    assert head["title"] == "Two at 30 degrees"
+    assert "restabilising at 30.0 °C" in head["step"]
+    assert head["now"]["setpoint_degC"] == 30.0
+    assert head["now"]["stream"]["lost"] == 0
+    assert set(head["now"]["rates"]) == {"1.RA", "1.RB", "2.RA", "2.RB"}
+    assert [row["done"] for row in seen["results"]] == [True]
+    assert seen["events"][0]["kind"] == "night-begins"
+    assert seen["plan"]["corners"][0][1] == 30.0
+    assert seen["temperatures"]["columns"][:2] == ["chamber_degC", "setpoint_degC"]
+
+
+def test_the_parameters_on_the_page_are_those_of_hil_solve_to_the_digit(night: tuple[Path, dict[str, Any]]) -> None:
+    """One equation, one solver: the page computes nothing of its own."""
+    folder, _ = night
+    facts = NightFacts(folder, "night")
+    told = facts.look()["results"]
+    campaign = campaign_of_night(folder)
+    solved = solution_document(campaign, solve_campaign(campaign))["solutions"]
+    assert len(told) == 2
+    for row in told:
+        expected = [each for each in solved if each["run"] == row["number"]]
+        assert [each["parameters"] for each in row["solutions"]] == [each["parameters"] for each in expected]
+        assert [each["verdict"] for each in row["solutions"]] == [each["verdict"] for each in expected]
+
+
+def test_nothing_is_told_where_nothing_changed(night: tuple[Path, dict[str, Any]]) -> None:
+    """A finished night costs a look at three files a second."""
+    facts = NightFacts(night[0], "night")
+    assert {"head", "events", "results", "plan", "temperatures"} <= set(facts.look())
+    assert facts.look() == {}
+
+
+def test_looking_leaves_no_lock_and_holds_no_transaction(night: tuple[Path, dict[str, Any]]) -> None:
+    """A controller that would not wait a millisecond can write, and the write-ahead log can be emptied."""
+    watcher = Watcher(night[0])
+    watcher.look()
+    connection = sqlite3.connect(night[0] / JOURNAL_NAME, isolation_level=None, timeout=0.0)
+    connection.execute("BEGIN EXCLUSIVE")
+    connection.execute("ROLLBACK")
+    assert connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0] == 0
+    connection.close()
+
+
+@pytest.fixture
+def killed(night: tuple[Path, dict[str, Any]]) -> Iterator[Path]:
+    """The same night as a controller leaves it that was killed."""
+    connection = sqlite3.connect(night[0] / JOURNAL_NAME, isolation_level=None)
+    ended = connection.execute("SELECT ended FROM controllers").fetchone()[0]
+    connection.execute("UPDATE controllers SET ended = NULL")
+    yield night[0]
+    connection.execute("UPDATE controllers SET ended = ?", (ended,))
+    connection.close()
+
+
+def test_a_controller_that_ended_without_a_word_is_called_dead(killed: Path) -> None:
+    """The kernel's lock says whether it lives, within one look; no time-out is waited for."""
+    facts = NightFacts(killed, "night")
+    assert facts.look()["head"]["killed"] is True
+    with FolderLock(killed).acquire():
+        assert facts.look()["head"]["killed"] is False
+    assert facts.look()["head"]["killed"] is True
+
+
+def test_data_of_a_living_controller_are_called_old_after_four_seconds(
+    killed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody who hangs, or whose disk hangs, is not taken for one who works."""
+    facts = NightFacts(killed, "night")
+    seen = datetime.fromisoformat(json.loads((killed / LIVE_NAME).read_text())["written_utc"])
+    with FolderLock(killed).acquire():
+        for later_s, old in ((1.0, False), (4.5, True)):
+            monkeypatch.setattr(SystemClock, "utc", lambda _, later_s=later_s: seen + timedelta(seconds=later_s))
+            facts.look()
+            assert facts.whole()["head"]["old"] is old
+
+
+def fifteen_hours(folder: Path) -> LiveFiles:
+    """Replace a night's trace by one of fifteen hours at one second, and return what writes on."""
+    (folder / "live.trace").unlink(missing_ok=True)
+    files = LiveFiles(folder, SENSORS, every_s=0.5)
+    for second in range(15 * 3600):
+        files.update(_snapshot(folder, float(second)))
+    return files
+
+
+def _snapshot(folder: Path, elapsed_s: float) -> Snapshot:
+    if folder not in _STEPS:
+        with open_readonly(folder) as journal:
+            _STEPS[folder] = journal.plan.steps[-1]
+    rates = {f"{number}.{channel}": 12.0 + elapsed_s % 7.0 for number in (1, 2) for channel in ("RA", "RB")}
+    collecting = elapsed_s % 3600.0 > 1800.0
+    return Snapshot(
+        step=_STEPS[folder],
+        attempt=1,
+        elapsed_s=elapsed_s,
+        step_elapsed_s=1.0,
+        step_remaining_s=2.0,
+        finishing_utc=datetime(2026, 1, 1, tzinfo=UTC),
+        chamber_degC=20.0 + elapsed_s % 11.0,
+        setpoint_degC=20.0,
+        unit_degC={1: 21.0, 2: 22.0},
+        rates_deg_per_hr=rates if collecting else {},
+        rates_se_deg_per_hr=rates if collecting else {},
+        rates_now_deg_per_hr=rates,
+    )
+
+
+_STEPS: dict[Path, Any] = {}
+
+
+def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_bounded_memory(
+    night: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """An update takes less than 100 ms of this process, journal and all; what is kept does not grow."""
+    folder = tmp_path / "long"
+    folder.mkdir()
+    for name in (JOURNAL_NAME, "controller.lock"):
+        (folder / name).write_bytes((night[0] / name).read_bytes())
+    files = fifteen_hours(folder)
+    watcher, clock = Watcher(folder), SystemClock()
+    watcher._frame(watcher.look())
+    tracemalloc.start()
+    slowest_s, kept = 0.0, 0
+    for second in range(60):
+        files.update(_snapshot(folder, 15 * 3600.0 + second))
+        files._trace.flush()  # type: ignore[union-attr]
+        os.utime(folder / JOURNAL_NAME, ns=(second, second))  # something was committed as well
+        began_s = clock.now()
+        frame = watcher._frame(watcher.look())
+        slowest_s = max(slowest_s, clock.now() - began_s)
+        assert len(frame) < 20_000
+        kept = kept or tracemalloc.get_traced_memory()[0]
+    grown = tracemalloc.get_traced_memory()[0] - kept
+    tracemalloc.stop()
+    files.close()
+    assert slowest_s < 0.1
+    assert grown < 500_000
+    assert len(watcher._frame(watcher._whole())) < 500_000
+
+
+def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(
+    night: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """One bad file hides no other night; nights appear and vanish by themselves."""
+    for name in ("a", "bench-2/b", "damaged"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("a", "bench-2/b"):
+        (tmp_path / name / JOURNAL_NAME).write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+    (tmp_path / "damaged" / JOURNAL_NAME).write_bytes(b"no database" * 100)
+    watcher = Watcher(tmp_path)
+    changed = watcher.look()
+    assert set(changed) == {"a", "bench-2/b", "damaged"}
+    assert changed["damaged"]["head"]["state"] == "unreadable"
+    assert "damaged" in changed["damaged"]["head"]["reason"]
+    assert changed["bench-2/b"]["head"]["state"] == "complete"
+    assert watcher.look() == {}
+    (tmp_path / "a" / JOURNAL_NAME).unlink()
+    watcher.look()
+    assert set(json.loads(watcher._frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
