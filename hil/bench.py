@@ -37,6 +37,7 @@ from drivers.transport import Transport
 from hil.closed_port import ClosedPort
 from hil.config.bench import SIMULATED_SCHEME, Bench
 from hil.errors import InputError
+from hil.faults import FaultInjector
 from hil.twin.devices import SimulatedBench, simulate_devices
 from procedures.bench import BenchDevices
 
@@ -52,6 +53,7 @@ class LiveBench:
     description: StreamDescription
     devices: BenchDevices
     simulators: SimulatedBench | None = None
+    faults: FaultInjector | None = None
 
     @property
     def simulated(self) -> bool:
@@ -84,6 +86,7 @@ def build_bench(
     ask: AskOperator | None = None,
     unopened: Unopened | None = None,
     speed: float | None = None,
+    gone_s: float = 0.0,
 ) -> LiveBench:
     """Put a bench together and open its ports.
 
@@ -91,7 +94,8 @@ def build_bench(
     carried on goes on in time; its simulated chamber begins at the start temperature of the simulation section, as one
     that nobody controlled meanwhile. `first_run`, `visited` and `session` are those of `simulate_devices`. `ask` puts
     questions to the operator of a bench without indexing. `speed` keeps a virtual clock to so many times real time, so
-    that a simulated night can be watched. Raises `InputError` for a port that does not exist or a file that cannot be
+    that a simulated night can be watched. `gone_s` is how long the night has been going, for the faults of the bench
+    file. Raises `InputError` for a port that does not exist or a file that cannot be
     used, or a speed for a clock that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open
     then.
     """
@@ -122,11 +126,15 @@ def build_bench(
             sample_rate_hz=bench.imu.rate,
             expected=ImuIdentity(bench.unit.model, bench.unit.serial),
         )
-        positioner = _positioner(bench, imu, clock, ask)
+        faults = FaultInjector(bench.faults, clock, gone_s=gone_s)
+        positioner = _positioner(bench, imu, clock, None if ask is None else faults.answering(ask))
         devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated)
         opened.pop_all()
     in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
-    return LiveBench(bench, description, devices, simulators() if in_process else None)
+    if not in_process:
+        return LiveBench(bench, description, devices)
+    faults.inject(simulators(), ports.simulated)
+    return LiveBench(bench, description, devices, simulators(), faults)
 
 
 @dataclass(frozen=True)
@@ -197,11 +205,14 @@ class _Ports:
         self._clock = clock
         self._opened = opened
         self._unopened = unopened
+        self.simulated: dict[str, MemoryTransport] = {}  # by device
 
     def open(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         """Open `url`, or what it simulates."""
         if url.startswith(SIMULATED_SCHEME):
-            port: Transport = MemoryTransport(device(), self._clock, url)
+            port: Transport = self.simulated.setdefault(
+                key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
+            )
         elif line.data_bits == 8 and line.parity == "N":
             port = self._real(key, url, lambda: open_port(url, clock=self._clock, baudrate=line.baud))
         else:

@@ -103,7 +103,7 @@ class BlockWriter:
         self._simulated = simulated
         self.meanings: Mapping[str, FieldMeaning] = {}
         self._keep_raw = keep_raw
-        self._disk: Disk = disk or RealDisk()
+        self.disk: Disk = disk or RealDisk()
         remove_partials(folder / BLOCKS)
 
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:
@@ -114,7 +114,7 @@ class BlockWriter:
         """
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()
-            self._disk.synchronise_folder(self._folder)
+            self.disk.synchronise_folder(self._folder)
         stem = f"{BLOCKS}/{step.index:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', step.key)}-{attempt}"
         table = self._encode(step, attempt, samples)
         blocks = [self._store(SAMPLES, f"{stem}.parquet", table, len(samples))]
@@ -123,7 +123,7 @@ class BlockWriter:
         return tuple(blocks)
 
     def _store(self, kind: str, path: str, data: bytes, rows: int, content: bytes = b"") -> Block:
-        write_durably(self._disk, self._folder / path, data)
+        write_durably(self.disk, self._folder / path, data)
         return Block(kind, path, _sha256(data), len(data), rows, _sha256(content) if content else "")
 
     def _encode(self, step: Step, attempt: int, samples: SampleBlock) -> bytes:

@@ -189,6 +189,10 @@ class SqliteJournal(JournalReader):
         """Say what the decoded fields are, by name: written into every block of samples from now on."""
         self._blocks.meanings = meanings
 
+    def write_blocks_to(self, disk: Disk) -> None:
+        """Write blocks to another disk from now on: one that a rehearsal lets be full."""
+        self._blocks.disk = disk
+
     def begin(self, step: Step) -> int:
         """Record that `step` begins; return the attempt number, 1 for the first.
 

@@ -25,7 +25,7 @@ import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -91,13 +91,14 @@ def start_night(
     stop: StopRequest | None = None,
     terminal: Terminal | None = None,
     speed: float | None = None,
+    opened: Callable[[LiveBench], None] | None = None,
 ) -> NightOutcome:
     """Begin a night in the new `folder` and carry it out; returns when it has ended, whichever way.
 
     `seed` takes the place of the bench file's for a simulation; `terminal` shows the questions to the operator of a
     bench without indexing, which stand in the journal too; `speed` lets a simulated night be watched, so many times as
-    fast as real time. Raises `InputError` for bad input and `DeviceError` for a port that cannot be opened; nothing is
-    left behind then.
+    fast as real time; `opened` is told the bench once it is open. Raises `InputError` for bad input and `DeviceError`
+    for a port that cannot be opened; nothing is left behind then.
     """
     target = Path(folder)
     _refuse_existing(target)
@@ -121,7 +122,7 @@ def start_night(
         clock, raw = live.devices.clock, resolved.record.raw
         with live, SqliteJournal.open(target, clock=clock, who=who, keep_raw=raw) as journal:
             journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
-            return _carry_out(journal, live, attendant, who, progress, stop)
+            return _carry_out(journal, live, attendant, who, progress, stop, opened)
 
 
 def resume_night(
@@ -133,6 +134,7 @@ def resume_night(
     terminal: Terminal | None = None,
     down_s: float = SIMULATED_DOWN_TIME_S,
     speed: float | None = None,
+    opened: Callable[[LiveBench], None] | None = None,
 ) -> NightOutcome:
     """Carry on the night in `folder`, with the configuration with which it began.
 
@@ -164,6 +166,7 @@ def resume_night(
             first_run=first_run,
             visited=visited,
             session=len(controllers),
+            gone_s=last_s + down_s,
             ask=attendant,
             speed=speed,
         )
@@ -176,7 +179,7 @@ def resume_night(
             journal.withdraw(keys, f"done again, because samples were damaged: {what}")
             message = f"self-calibration {number} is done again as a whole: {what}"
             journal.event("damage", message, self_calibration=number, withdrawn=sorted(keys))
-        return _carry_out(journal, live, attendant, who, progress, stop)
+        return _carry_out(journal, live, attendant, who, progress, stop, opened)
 
 
 def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float) -> None:
@@ -196,10 +199,13 @@ def _carry_out(
     who: str,
     progress: Progress | None,
     stop: StopRequest | None,
+    opened: Callable[[LiveBench], None] | None,
 ) -> NightOutcome:
     """Run what is not done yet, and record how it ended. The sequencer leaves the chamber in its safe state."""
     stop = stop or StopRequest()
     clock = live.devices.clock
+    if opened is not None:
+        opened(live)
     log = NightLog(journal.folder, clock, who)
     heartbeat = HeartbeatFile(journal.folder)
     notifier = notifier_of(live.bench, journal)
@@ -209,6 +215,8 @@ def _carry_out(
         journal.listen(both(log.say, notifier.hear))
         notifier.tell("started", in_words_at_the_beginning(journal, who))
         journal.describe_fields(field_meanings(live))
+        if live.faults is not None:
+            journal.write_blocks_to(live.faults.disk)
         sequencer = Sequencer(
             journal.plan,
             replace(
@@ -222,7 +230,8 @@ def _carry_out(
             interlocks=live.bench.interlocks,
             polling=polling,
             progress=Audience(
-                [shown, *([progress] if progress else [])], lost=lambda error: _onlooker_lost(journal, error)
+                [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
+                lost=lambda error: _onlooker_lost(journal, error),
             ),
             powered_on=_powered_on(live),
             control=journal,

@@ -29,6 +29,7 @@ from hil.bench import load_frames
 from hil.config.bench import SIMULATED_SCHEME, Bench, parse_bench
 from hil.config.files import parse_yaml
 from hil.errors import InputError
+from hil.faults import FaultInjector
 from hil.twin.devices import SimulatedBench, simulate_devices
 
 SCHEMA = "hil.simulate/1"
@@ -88,6 +89,7 @@ def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
     document = parse_yaml(bench.text, bench.source)
     document["clock"] = "system"
     document.pop("polling", None)
+    document.pop("faults", None)  # they happen to the devices, which the server has
     for device, port in ports.items():
         section, key = _PORT_KEYS[device]
         document[section][key] = port
@@ -98,6 +100,7 @@ def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
 def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulation]]:
     clock = SystemClock()
     devices = simulate_devices(bench, load_frames(bench), begins_s=clock.now())
+    FaultInjector(bench.faults, clock).inject(devices, {})
     wanted = {"imu": bench.imu.port, "chamber": bench.chamber.port}
     lines: dict[str, SimulatedDevice] = {"imu": devices.imu, "chamber": devices.chamber}
     if bench.chamber.ramp_port is not None:

@@ -82,6 +82,7 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
         _Rule("chamber-lost", s.chamber_loss_s, _chamber_lost),
         _Rule("chamber-alarm", s.alarm_grace_s, _chamber_alarm),
         _Rule("chamber-limits", s.chamber_limit_grace_s, _chamber_limits(s, limits)),
+        _Rule("chamber-stopped", s.setpoint_grace_s, _chamber_stopped),
         _Rule("setpoint-changed", s.setpoint_grace_s, _setpoint_changed(s)),
         _Rule("setpoint-not-followed", s.follow_grace_s, _setpoint_not_followed(s)),
         _Rule("unit-limits", s.unit_limit_grace_s, _unit_limits(s)),
@@ -114,6 +115,16 @@ def _chamber_limits(settings: InterlockSettings, limits: ChamberLimits) -> Calla
         return "" if low <= air <= high else f"the chamber is at {air:.1f} °C, outside {low:.1f} to {high:.1f} °C"
 
     return check
+
+
+def _chamber_stopped(look: Look) -> str | None:
+    """After a power failure a chamber comes back stopped, perhaps with the setpoint it had, in air that drifts."""
+    if not look.chamber_fresh or look.chamber is None:
+        return None
+    mode = look.chamber.mode
+    if look.commanded_degC is None or mode == "CONSTANT":
+        return ""
+    return f"the chamber was told to hold {look.commanded_degC:.1f} °C and is in mode {mode}"
 
 
 def _setpoint_changed(settings: InterlockSettings) -> Callable[[Look], str | None]:

@@ -164,8 +164,9 @@ def problems(
         planned = [step.key for step in journal.plan.steps]
     yield from (f"{key} is done {done.count(key)} times" for key in planned if done.count(key) != 1)
     yield from (f"the log said that {key} is done, and it was lost" for key in promises - _done(before))
-    left = [path.name for path in (*root.iterdir(), *folder.rglob("*")) if path.name.startswith(PARTIAL)]
-    yield from (f"{name} was left behind" for name in left)
+    left = [path.name for path in (*folder.parent.iterdir(), *folder.rglob("*")) if path.name.startswith(PARTIAL)]
+    # What onlookers are shown is written anew at the next look, and not at all once the night is complete.
+    yield from (f"{name} was left behind" for name in left if "live" not in name)
     yield from _disagreements(parameters(folder), reference)
 
 

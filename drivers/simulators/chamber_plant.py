@@ -151,6 +151,7 @@ class ChamberPlant:
         self._leak_s = leak_s
         self._commanded: float | None = None
         self._dead = False
+        self._astray_degC = 0.0
         self._now_s = begins_s
         self._begins: list[float] = [begins_s]
         self._segments: list[_Segment] = [_Leak(ambient_degC, ambient_degC, leak_s)]
@@ -182,6 +183,11 @@ class ChamberPlant:
     def revive(self, at_s: float) -> None:
         """Let compressor and heater work again, towards the setpoint last commanded."""
         self._dead = False
+        self._restart(at_s)
+
+    def go_astray(self, by_degC: float, at_s: float) -> None:
+        """Let the control loop drive the air this far beyond its setpoint (0 for no longer), while it conditions."""
+        self._astray_degC = by_degC
         self._restart(at_s)
 
     def advance(self, to_s: float) -> float:
@@ -217,15 +223,16 @@ class ChamberPlant:
         if self._commanded is None or self._dead:
             self._append(at_s, _Leak(air, self.ambient_degC, self._leak_s))
             return
-        rises = self._commanded > air
+        target = self._commanded + self._astray_degC
+        rises = target > air
         up_per_s, down_per_s = self._ramp_per_s
         limit = min(self._heating_per_s, up_per_s) if rises else -min(self._cooling_per_s, down_per_s)
         ramp = _Ramp(air, limit, rate, self._response_s)
-        duration_s = ramp.duration_to(self._commanded)
+        duration_s = ramp.duration_to(target)
         self._append(at_s, ramp)
         arrives = ramp.slope_per_s(duration_s)
-        settling_s = self._settling_for(abs(self._commanded - air), abs(arrives))
-        self._append(at_s + duration_s, _Settled(self._commanded, arrives, settling_s, *self._ripple))
+        settling_s = self._settling_for(abs(target - air), abs(arrives))
+        self._append(at_s + duration_s, _Settled(target, arrives, settling_s, *self._ripple))
 
     def _settling_for(self, step_degC: float, arrives_per_s: float) -> float:
         """Return the settling time with which a small step overshoots by at most a share of itself."""

@@ -43,6 +43,9 @@ class SimulatedChamberController(SimulatedDevice, Protocol):
     setpoint_degC: float
     alarms: tuple[str, ...]
 
+    def inject(self, fault: ChamberFault) -> None:
+        """Let one more thing go wrong."""
+
 
 def ramp_port_of(chamber: object) -> SimulatedDevice | None:
     """Return the simulated second port on which a controller takes its ramp, None where it has none."""

@@ -7,6 +7,7 @@ driver.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ class ChamberFaultKind(StrEnum):
     PROGRAM = "program"  # somebody starts a program at the panel
     SENSOR_FROZEN = "sensor_frozen"
     SENSOR_BROKEN = "sensor_broken"  # reads `reading`
+    RUNAWAY = "runaway"  # conditions, but `astray_degC` beyond its setpoint
     PLANT_DEAD = "plant_dead"  # takes setpoints and does not follow them
 
 
@@ -56,10 +58,11 @@ OF_A_REPLY = frozenset(
 
 @dataclass(frozen=True)
 class ChamberFault:
-    """One thing that goes wrong from `begins_s` on.
+    """One thing that goes wrong from `begins_s` on, until `ends_s` at the latest.
 
     A fault of a reply strikes `times` requests (None: all) whose name begins with `command` ("" for any). `reading` is
-    what a broken sensor reads. `text` is a protocol's own word for a refusal or an alarm, None for its usual one.
+    what a broken sensor reads. `text` is a protocol's own word for a refusal or an alarm, None for its usual one. What
+    a power cycle has made the controller forget, and a program that was started, do not come back at the end.
     """
 
     kind: ChamberFaultKind
@@ -69,6 +72,8 @@ class ChamberFault:
     delay_s: float = 3.0
     reading: float = -199.9
     text: str | None = None
+    ends_s: float = math.inf
+    astray_degC: float = 60.0
 
 
 class Refusal(Exception):
@@ -105,6 +110,7 @@ class SimulatedController(ABC):
         self._latency_s = latency_s
         self._pause_s = pause_s
         self._faults: list[ChamberFault] = list(faults)
+        self._going_on: list[ChamberFault] = []  # have happened, and will end
         self._received = b""
         self._pending: list[tuple[float, bytes]] = []
         self._ready_at_s = begins_s
@@ -216,7 +222,8 @@ class SimulatedController(ABC):
     def _strike(self, name: str, now_s: float) -> ChamberFault | None:
         """Return the fault of a reply that meets this request, and count it."""
         for number, fault in enumerate(self._faults):
-            if fault.kind in OF_A_REPLY and fault.begins_s <= now_s and name.startswith(fault.command):
+            in_time = fault.begins_s <= now_s < fault.ends_s
+            if fault.kind in OF_A_REPLY and in_time and name.startswith(fault.command):
                 if fault.times is not None:
                     left = fault.times - 1
                     self._faults[number : number + 1] = [replace(fault, times=left)] if left > 0 else []
@@ -229,6 +236,10 @@ class SimulatedController(ABC):
             self._faults.remove(fault)
             self._happen(fault)
             self._condition(fault.begins_s)
+            self._going_on.append(fault)
+        for fault in [each for each in self._going_on if each.ends_s <= now_s]:
+            self._going_on.remove(fault)
+            self._end(fault)
 
     def _happen(self, fault: ChamberFault) -> None:
         match fault.kind:
@@ -250,8 +261,28 @@ class SimulatedController(ABC):
                 self._sensor_degC = self._plant.advance(fault.begins_s)
             case ChamberFaultKind.SENSOR_BROKEN:
                 self._sensor_degC = fault.reading
+            case ChamberFaultKind.RUNAWAY:
+                self._plant.go_astray(fault.astray_degC, fault.begins_s)
             case _:
                 self._plant.kill(fault.begins_s)
+
+    def _end(self, fault: ChamberFault) -> None:
+        """Let a fault of the chamber be over."""
+        match fault.kind:
+            case ChamberFaultKind.ALARM:
+                self.acknowledge_alarms()
+            case ChamberFaultKind.PANEL_LOCK:
+                self.panel_locked = False
+            case ChamberFaultKind.FAHRENHEIT:
+                self.fahrenheit = False
+            case ChamberFaultKind.SENSOR_FROZEN | ChamberFaultKind.SENSOR_BROKEN:
+                self._sensor_degC = None
+            case ChamberFaultKind.RUNAWAY:
+                self._plant.go_astray(0.0, fault.ends_s)
+            case ChamberFaultKind.PLANT_DEAD:
+                self._plant.revive(fault.ends_s)
+            case _:
+                pass  # what was forgotten stays forgotten
 
     def _usual_alarm(self) -> str:
         """Return the protocol's alarm where a fault names none."""

@@ -116,6 +116,11 @@ class SimulatedEspec(SimulatedLines):
         if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
             self._shown_instead = fault.text
 
+    def _end(self, fault: ChamberFault) -> None:
+        super()._end(fault)
+        if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
+            self._shown_instead = None
+
     def _suffer(self, now_s: float) -> None:
         super()._suffer(now_s)
         if self.timer_ends_s is not None and now_s >= self.timer_ends_s:

@@ -17,6 +17,8 @@ class ImuFault(StrEnum):
     DROPPED_FRAMES = "dropped_frames"  # whole frames never arrive; the counter goes on
     FLIPPED_BITS = "flipped_bits"  # one bit of a frame is wrong
     GARBAGE = "garbage"  # a burst of random bytes stands before a frame
+    DROPPED_BYTES = "dropped_bytes"  # one byte of a frame never arrives
+    WRONG_COUNTER = "wrong_counter"  # the unit's counter is ahead of its frames by five
     REPEATED_FRAMES = "repeated_frames"  # a frame is sent twice
     STALL = "stall"  # the stream stops
     FROZEN = "frozen"  # every value stays as it is; counter and checksum go on
@@ -31,7 +33,8 @@ class ImuFault(StrEnum):
 class FaultWindow:
     """One fault, from `begins_s` up to `ends_s` on the device's clock.
 
-    `probability` is per frame and concerns dropped, flipped, repeated frames and garbage; the others always happen.
+    `probability` is per frame and concerns dropped frames and bytes, flipped bits, repeated frames and garbage; the
+    others always happen.
     """
 
     fault: ImuFault
@@ -44,10 +47,14 @@ class FaultPlan:
     """The faults of one device."""
 
     def __init__(self, windows: Sequence[FaultWindow]) -> None:
-        self._windows = tuple(windows)
+        self._windows = list(windows)
 
     def __bool__(self) -> bool:
         return bool(self._windows)
+
+    def add(self, window: FaultWindow) -> None:
+        """Let one more thing go wrong."""
+        self._windows.append(window)
 
     def active(self, fault: ImuFault, now_s: float) -> bool:
         """Tell whether `fault` is on at `now_s`."""

@@ -24,6 +24,7 @@ class MemoryTransport:
         self._arrived = bytearray()
         self._closed = False
         self._plugged = True
+        self._pulled: list[tuple[float, float]] = []  # when the cable will be pulled, and put back
 
     @property
     def name(self) -> str:
@@ -39,6 +40,10 @@ class MemoryTransport:
         self._device.transmit(self._clock.now())
         self._arrived.clear()
         self._plugged = True
+
+    def unplug_between(self, begins_s: float, ends_s: float) -> None:
+        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`."""
+        self._pulled.append((begins_s, ends_s))
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
@@ -83,7 +88,11 @@ class MemoryTransport:
     def _check(self) -> None:
         if self._closed:
             raise TransportError(f"{self._name}: the port is closed")
-        if not self._plugged:
+        now_s = self._clock.now()
+        for span in [each for each in self._pulled if each[1] <= now_s]:
+            self._pulled.remove(span)
+            self.replug()
+        if not self._plugged or any(begins_s <= now_s for begins_s, _ in self._pulled):
             raise TransportError(f"{self._name}: the port is gone; check its cable")
 
     def _pump(self) -> None:

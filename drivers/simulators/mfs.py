@@ -25,6 +25,7 @@ from drivers.simulators.faults import FaultPlan, FaultWindow, ImuFault
 from drivers.simulators.index import SimulatedIndex
 
 FloatArray = NDArray[np.float64]
+_COUNTER_AHEAD = 5
 _LONGEST_LINE = 128  # bytes without a line end before they are thrown away, as a small command buffer would
 
 
@@ -87,6 +88,10 @@ class SimulatedImu:
         self._line = bytearray()
         self._rejected = False
         self._frozen: dict[str, float] | None = None
+
+    def inject(self, window: FaultWindow) -> None:
+        """Let one more thing go wrong."""
+        self._faults.add(window)
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes of command lines; a complete line is carried out at once."""
@@ -157,7 +162,8 @@ class SimulatedImu:
             self._freeze(columns, times_s)
         counter = self._layout.description.counter
         if counter is not None:
-            columns[counter.field] = (numbers * counter.step) % counter.modulus
+            ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
+            columns[counter.field] = ((numbers + ahead) * counter.step) % counter.modulus
         if self._roles.index is not None:
             self._write_index(self._roles.index, columns, times_s)
         return encode_rows(self._layout, columns, len(numbers))
@@ -207,12 +213,15 @@ class SimulatedImu:
         sent = ~faults.strikes(ImuFault.DROPPED_FRAMES, times_s, rng) & ~faults.during(ImuFault.STALL, times_s)
         repeated = faults.strikes(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
         garbage = faults.strikes(ImuFault.GARBAGE, times_s, rng)
-        if not (garbage | repeated).any():
+        cut = faults.strikes(ImuFault.DROPPED_BYTES, times_s, rng)
+        if not (garbage | repeated | cut).any():
             return (rows if sent.all() else rows[sent]).tobytes()
         pieces: list[bytes] = []
         for number in range(len(rows)):
             if garbage[number]:
                 pieces.append(rng.bytes(int(rng.integers(1, 2 * rows.shape[1]))))
             if sent[number]:
-                pieces.append(rows[number].tobytes() * (2 if repeated[number] else 1))
+                frame = rows[number].tobytes()
+                lost = int(rng.integers(len(frame))) if cut[number] else len(frame)
+                pieces.append((frame[:lost] + frame[lost + 1 :]) * (2 if repeated[number] else 1))
         return b"".join(pieces)

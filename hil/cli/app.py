@@ -18,6 +18,7 @@ from hil.cli import (
     frames,
     model,
     night,
+    rehearse,
     replay,
     watchdog,
 )
@@ -33,7 +34,15 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (*night.COMMANDS, *data.COMMANDS, *model.COMMANDS, *frames.COMMANDS, *device.COMMANDS, *replay.COMMANDS):
+for command in (
+    *night.COMMANDS,
+    *data.COMMANDS,
+    *model.COMMANDS,
+    *frames.COMMANDS,
+    *device.COMMANDS,
+    *rehearse.COMMANDS,
+    *replay.COMMANDS,
+):
     app.command()(with_status(command))
 for request in (*control.COMMANDS, *watchdog.COMMANDS):
     app.command()(with_status(request))

@@ -24,6 +24,7 @@ from drivers.chamber import SafeState
 from drivers.chambers import CHAMBER_DRIVERS, SerialLine
 from drivers.voetsch_ascii import AsciiLayout
 from hil.campaign import Sensor
+from hil.config.faults import Fault
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
@@ -316,12 +317,15 @@ class Bench(Section):
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None
     simulation: SimulationSection | None = None
+    faults: tuple[Fault, ...] = ()
 
     _text: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="")
 
     @model_validator(mode="after")
     def _simulation_belongs_to_simulated_ports(self) -> Bench:
+        if self.faults and self.simulation is None:
+            raise ValueError("faults: only what is simulated can be told to fail; there is no simulation section")
         for key, port in (("imu.port", self.imu.port), ("chamber.port", self.chamber.port)):
             if port.startswith(SIMULATED_SCHEME) and self.simulation is None:
                 raise ValueError(f"{key}: {port} needs a simulation section, which says what is simulated")

@@ -12,10 +12,11 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, PositiveInt, PrivateAttr
 
 from hil.config.bench import Bench
-from hil.config.files import Section, find_config, parse_yaml, read_text, validated
+from hil.config.files import Section, find_config, near, parse_yaml, read_text, validated
 from hil.config.settings import to_settings
 from hil.config.units import Celsius, CelsiusPerMinute
 from hil.errors import InputError
+from procedures.plan import make_plan
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 
 
@@ -93,6 +94,12 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
             raise InputError(
                 f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
                 f"{limits.low:.4g} … {limits.high:.4g} °C"
+            )
+    keys = [step.key for step in make_plan(sweep.procedure()).steps]
+    for index, fault in enumerate(bench.faults):
+        if fault.at_s is None and fault.at not in keys:
+            raise InputError(
+                f"{bench.source}: faults.{index}.at: {fault.at!r} is no step of {sweep.source}{near(fault.at, keys)}"
             )
     for label in sweep.positions:
         for number, section in bench.sensors.items():

@@ -46,6 +46,7 @@ BAD = {
     "chamber-lost": (replace(GOOD, chamber_fresh=False, chamber_error="no answer"), SETTINGS.chamber_loss_s),
     "chamber-alarm": (_air(20.0, alarms=("HIGH",)), SETTINGS.alarm_grace_s),
     "chamber-limits": (replace(_air(78.5), arrived=False), SETTINGS.chamber_limit_grace_s),
+    "chamber-stopped": (_air(20.0, mode="STANDBY"), SETTINGS.setpoint_grace_s),
     "setpoint-changed": (_air(20.0, setpoint_degC=20.5), SETTINGS.setpoint_grace_s),
     "setpoint-not-followed": (_air(23.5), SETTINGS.follow_grace_s),
     "unit-limits": (replace(GOOD, unit_degC={1: 20.0, 2: 91.0}), SETTINGS.unit_limit_grace_s),

@@ -1,0 +1,164 @@
+"""Makes the faults of a bench file happen on its simulated devices, clock, disk and controller.
+
+    injector = FaultInjector(bench.faults, clock, gone_s=0.0)
+    injector.inject(simulators, {"imu": transport, "chamber": other})
+    start a night with injector.disk, and injector as an onlooker: it sees the steps that faults wait for
+
+`hil.bench` does this for every bench that is simulated in process. A night that is carried on meets the faults that
+are still to come, and those that are still going on by the clock; what happened in a moment has happened.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import signal
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.clock import Clock, VirtualClock
+from drivers.operator import AskOperator
+from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.faults import FaultWindow, ImuFault
+from drivers.simulators.memory import MemoryTransport
+from hil.config.faults import Fault
+from hil.files import Disk, RealDisk
+from hil.twin.devices import SimulatedBench
+from procedures.plan import Step
+from procedures.progress import Silent, Snapshot
+
+_OF_THE_UNIT: Mapping[str, ImuFault] = {
+    "silence": ImuFault.STALL,
+    "corrupted_bytes": ImuFault.FLIPPED_BITS,
+    "frozen_values": ImuFault.FROZEN,
+}
+_OF_THE_CHAMBER: Mapping[str, ChamberFaultKind] = {
+    "silence": ChamberFaultKind.DEAF,
+    "no_reply": ChamberFaultKind.SILENCE,
+    "corrupted_bytes": ChamberFaultKind.CORRUPTED,
+    "sensor_break": ChamberFaultKind.SENSOR_BROKEN,
+    "setpoint_not_followed": ChamberFaultKind.PLANT_DEAD,
+}
+
+
+class FullDisk(RealDisk):
+    """The operating system's files, on a disk that is full from time to time."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.full_between: list[tuple[float, float]] = []
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Write half of `data` and raise `OSError` while the disk is full."""
+        if any(begins_s <= self._clock.now() < ends_s for begins_s, ends_s in self.full_between):
+            path.write_bytes(data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        super().write(path, data)
+
+
+class FaultInjector(Silent):
+    """The faults of one bench in one process. `gone_s` is how long the night had been going when its clock began."""
+
+    def __init__(self, faults: Sequence[Fault], clock: Clock, *, gone_s: float = 0.0) -> None:
+        self._waiting = [fault for fault in faults if fault.at_s is None]
+        self._timed = [fault for fault in faults if fault.at_s is not None]
+        self._clock = clock
+        self._begun_s = clock.now() - gone_s  # what the clock showed, or would have shown, when the night began
+        self._kill_s = math.inf
+        self._absent: list[tuple[float, float]] = []
+        self._devices: SimulatedBench | None = None
+        self._ports: Mapping[str, MemoryTransport] = {}
+        self._disk = FullDisk(clock)
+
+    @property
+    def disk(self) -> Disk:
+        """The disk for the night's blocks."""
+        return self._disk
+
+    def inject(self, devices: SimulatedBench, ports: Mapping[str, MemoryTransport]) -> None:
+        """Let the faults happen to these devices at their times."""
+        self._devices, self._ports = devices, ports
+        for fault in self._timed:
+            self._let_happen(fault, self._begun_s + (fault.at_s or 0.0))
+
+    def answering(self, ask: AskOperator) -> AskOperator:
+        """Return who answers questions, except while nobody does."""
+
+        def answer(question: str, timeout_s: float) -> bool | None:
+            given = ask(question, timeout_s)
+            return None if self._is_on(self._absent) else given
+
+        return answer
+
+    def step_began(self, step: Step, attempt: int) -> None:
+        """Let happen what waits for this step, at the first attempt of the night; not when it is done again."""
+        for fault in [each for each in self._waiting if each.at == step.key and attempt == 1]:
+            self._waiting.remove(fault)
+            self._let_happen(fault, self._clock.now())
+        self._kill_if_due()
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Kill the controller once that is due."""
+        del snapshot
+        self._kill_if_due()
+
+    def _kill_if_due(self) -> None:
+        if self._clock.now() >= self._kill_s:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def _is_on(self, spans: Sequence[tuple[float, float]]) -> bool:
+        return any(begins_s <= self._clock.now() < ends_s for begins_s, ends_s in spans)
+
+    def _let_happen(self, fault: Fault, begins_s: float) -> None:
+        """Give the fault to whom it concerns, unless it was over before this process began."""
+        ends_s = begins_s + (math.inf if fault.duration_s is None else fault.duration_s)
+        if (ends_s if fault.meaning.lasts else begins_s) < self._clock.now() or self._devices is None:
+            return
+        tell: Mapping[str, Callable[[Fault, float, float], None]] = {
+            "imu": self._to_the_unit,
+            "chamber": self._to_the_chamber,
+            "disk": lambda _fault, begins_s, ends_s: self._disk.full_between.append((begins_s, ends_s)),
+            "clock": self._to_the_clock,
+            "operator": lambda _fault, begins_s, ends_s: self._absent.append((begins_s, ends_s)),
+            "controller": self._to_the_controller,
+        }
+        tell[fault.device](fault, begins_s, ends_s)
+
+    def _to_the_unit(self, fault: Fault, begins_s: float, ends_s: float) -> None:
+        if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
+            return
+        kind = _OF_THE_UNIT.get(fault.kind) or ImuFault(fault.kind)
+        share = fault.amount if fault.meaning.size else 1.0
+        self._devices.imu.inject(FaultWindow(kind, begins_s, ends_s, share))
+
+    def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
+        if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
+            return
+        kind = _OF_THE_CHAMBER.get(fault.kind) or ChamberFaultKind(fault.kind)
+        happens = ChamberFault(kind, begins_s, times=None, ends_s=ends_s)
+        match fault.kind:
+            case "late":
+                happens = replace(happens, delay_s=fault.amount)
+            case "sensor_break":
+                happens = replace(happens, reading=fault.amount)
+            case "runaway":
+                happens = replace(happens, astray_degC=fault.amount)
+        self._devices.chamber.inject(happens)
+        if fault.kind == "power_cycle" and fault.duration_s is not None:
+            self._devices.chamber.inject(ChamberFault(ChamberFaultKind.DEAF, begins_s, times=None, ends_s=ends_s))
+
+    def _unplugged(self, fault: Fault, begins_s: float, ends_s: float) -> bool:
+        if fault.kind != "unplugged":
+            return False
+        if fault.device in self._ports:
+            self._ports[fault.device].unplug_between(begins_s, ends_s)
+        return True
+
+    def _to_the_clock(self, fault: Fault, begins_s: float, _ends_s: float) -> None:
+        if isinstance(self._clock, VirtualClock):
+            self._clock.set_wall_clock(begins_s, fault.amount)
+
+    def _to_the_controller(self, _fault: Fault, begins_s: float, _ends_s: float) -> None:
+        self._kill_s = min(self._kill_s, begins_s)
