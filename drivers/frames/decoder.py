@@ -214,7 +214,8 @@ class StreamDecoder:
         else:
             scan = scanner.scan_many(piece, self._standing, last=last)
         forms = sum(map(len, scan.found))
-        self._flawless = forms == 1 and scan.resyncs == 0
+        if forms:  # the beginning of a frame tells nothing
+            self._flawless = forms == 1 and scan.resyncs == 0
         return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int) -> Decoded:
