@@ -53,4 +53,4 @@ def _lock_of(bench: Bench, port: str, night: Path) -> LockFile:
 
     name = hashlib.sha256(port.encode()).hexdigest()[:16]
     folder = _RUNTIME if os.access(_RUNTIME, os.W_OK) else Path(tempfile.gettempdir())
-    return LockFile(folder / f"hil-bench-{name}.lock", refuse, what=str(night.resolve()))
+    return LockFile(folder / f"hil-bench-{name}.lock", refuse, what=str(night.resolve()), shared=True)

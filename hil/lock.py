@@ -61,13 +61,17 @@ def process_start(pid: int) -> str:
 class LockFile:
     """A lock that is held by at most one process at a time, and by one object within a process.
 
-    `refuse` says in one sentence why it cannot be had, given its owner (None where that is not known).
+    `refuse` says in one sentence why it cannot be had, given its owner (None where that is not known); `shared` lets
+    every user of the machine take it.
     """
 
-    def __init__(self, path: Path, refuse: Callable[[Owner | None], str], what: str = "") -> None:
+    def __init__(
+        self, path: Path, refuse: Callable[[Owner | None], str], *, what: str = "", shared: bool = False
+    ) -> None:
         self._path = path
         self._refuse = refuse
         self._what = what
+        self._mode = 0o666 if shared else 0o644
         self._descriptor: int | None = None
         self.taken_over_from: Owner | None = None
 
@@ -91,7 +95,10 @@ class LockFile:
             with contextlib.suppress(FileNotFoundError):
                 # Without O_CREAT first: with it, the kernel refuses somebody else's file in a folder such as /run/lock.
                 return os.open(self._path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
-            return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, self._mode)
+            with contextlib.suppress(PermissionError):  # somebody else made it in the same instant
+                os.fchmod(descriptor, self._mode)
+            return descriptor
         except OSError as error:
             raise InputError(f"{self._path}: the lock file cannot be used ({error.strerror})") from error
 

@@ -18,18 +18,17 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime
-from enum import StrEnum
 
 from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
 from procedures.actions import Actions
 from procedures.attended import Attendant
 from procedures.bench import BenchDevices
 from procedures.control import Control, PauseAsked
+from procedures.ending import SweepOutcome, SweepState, state_after, why
 from procedures.interlocks import InterlockTripped, standard_interlocks
 from procedures.journal import Journal, Outcome, StepResult
 from procedures.pause import rest
@@ -51,37 +50,18 @@ _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
     StepKind.COLLECT: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX),
     StepKind.SAFE_STATE: (),
 }
+_WHY_AGAIN: Mapping[StepKind, str] = {
+    StepKind.IDENTIFY: "another device may have been connected",
+    StepKind.SETPOINT: "a chamber that nobody commands drifts away",
+    StepKind.RESTABILISE: "nothing shows that the unit stayed in equilibrium",
+    StepKind.INDEX: "the unit may have been moved",
+}
 # A pause lets a collect be finished: its samples are good, and it is over in a minute or two.
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
 _SAFE_STATE_SILENCE_S = 60.0  # a driver's own attempts at a chamber that does not answer
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
-
-
-class SweepState(StrEnum):
-    """How a run of a sweep ended."""
-
-    COMPLETE = "complete"  # every step of the plan is DONE in the journal
-    INCOMPLETE = "incomplete"  # it ran to its end, but steps are missing
-    ABORTED = "aborted"  # somebody asked for it
-    FAILED = "failed"  # an interlock, or a device that stayed lost
-    ERROR = "error"  # the software, the disk
-
-
-@dataclass(frozen=True)
-class SweepOutcome:
-    """What became of a run: state, reason, counts, what is missing, and whether the chamber is in its safe state."""
-
-    state: SweepState
-    reason: str
-    steps_done: int
-    steps_total: int
-    missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
-    counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
-    safe: bool = True
-    safe_reason: str = ""  # why the safe state was not reached
-    error: BaseException | None = None  # for the log, where the state is failed or error
 
 
 class Sequencer:
@@ -181,13 +161,13 @@ class Sequencer:
     def _leave(self, cause: BaseException | None) -> str:
         """Reach the safe state, then close the journal's open step and record why. Return why it was not reached."""
         problem = self._make_safe(cause)
-        reason = _why(cause)
+        reason = why(cause)
         try:
             if self._open is not None:
                 outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
                 self._end(*self._open, StepResult(outcome, reason))
             if cause is not None:
-                kind = "interlock" if isinstance(cause, InterlockTripped) else _state_after(cause).value
+                kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
                 self._watch.event(kind, reason)
             if problem:
                 self._watch.event("safe-state-not-reached", problem)
@@ -217,7 +197,7 @@ class Sequencer:
                 return ""
             if not said:
                 with suppress(Exception):  # trying goes on whether or not this can be recorded
-                    self._watch.event("safe-state-retry", f"{problem}; {_why(cause)}")
+                    self._watch.event("safe-state-retry", f"{problem}; {why(cause)}")
             left_s = give_up_s - self._devices.clock.now()
             if left_s <= 0.0:
                 return problem
@@ -227,7 +207,7 @@ class Sequencer:
     def _outcome(self, cause: Exception | None, safe_reason: str) -> SweepOutcome:
         missing = tuple(step.key for step in self._plan.steps if step.key not in self._done)
         if cause is not None:
-            state, reason = _state_after(cause), _why(cause)
+            state, reason = state_after(cause), why(cause)
         elif safe_reason:
             state, reason = SweepState.FAILED, safe_reason
         elif missing:
@@ -265,7 +245,7 @@ class Sequencer:
 
     def _restore(self, step: Step) -> bool:
         """Do a step again that is DONE in the journal, as an event; return whether it is in effect now."""
-        self._watch.event("restoring", f"doing {step.key} again, because the bench may have changed", step=step.key)
+        self._watch.event("restoring", f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}", step=step.key)
         result = self._with_retries(step, lambda: self._begin(step, attempt=0), _unrecorded)
         evidence = dict(result.data)
         self._watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=evidence)
@@ -387,22 +367,3 @@ def _unrecorded(_result: StepResult) -> None:
 def _not_good(result: StepResult) -> bool:
     """Tell a collect whose own samples are not good; a soak that was not is no reason to take it again."""
     return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in _NOT_GOOD
-
-
-def _state_after(cause: BaseException) -> SweepState:
-    if isinstance(cause, StopRequested):
-        return SweepState.ABORTED
-    if isinstance(cause, InterlockTripped | DeviceError):
-        return SweepState.FAILED
-    return SweepState.ERROR
-
-
-def _why(cause: BaseException | None) -> str:
-    """Say in words what ended a run."""
-    if cause is None:
-        return ""
-    if isinstance(cause, StopRequested | InterlockTripped | DeviceError):
-        return str(cause)
-    if "disk is full" in str(cause) or getattr(cause, "errno", None) == errno.ENOSPC:
-        return f"the disk is full ({getattr(cause, 'strerror', None) or cause}): free some space, then carry on"
-    return f"{type(cause).__name__}: {cause}"

@@ -17,9 +17,10 @@ from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.imu import ImuIdentity, SampleBlock, SensorChannels, StreamCounts
 from procedures.bench import BenchDevices
+from procedures.ending import SweepOutcome
 from procedures.journal import Outcome, StepResult
 from procedures.plan import Plan, Step, make_plan
-from procedures.sequencer import Sequencer, SweepOutcome
+from procedures.sequencer import Sequencer
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation, SweepProcedure
 from procedures.stop import StopRequest
 

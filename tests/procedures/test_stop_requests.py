@@ -7,8 +7,8 @@ import signal
 
 import pytest
 
+from procedures.ending import SweepState
 from procedures.progress import Silent
-from procedures.sequencer import SweepState
 from procedures.stop import StopRequest, StopRequested
 
 

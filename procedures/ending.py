@@ -1,0 +1,58 @@
+"""How a run of a sweep ends: its states, the outcome, and the reason in words."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from drivers.errors import DeviceError
+from procedures.interlocks import InterlockTripped
+from procedures.journal import Outcome
+from procedures.stop import StopRequested
+
+
+class SweepState(StrEnum):
+    """How a run of a sweep ended."""
+
+    COMPLETE = "complete"  # every step of the plan is DONE in the journal
+    INCOMPLETE = "incomplete"  # it ran to its end, but steps are missing
+    ABORTED = "aborted"  # somebody asked for it
+    FAILED = "failed"  # an interlock, or a device that stayed lost
+    ERROR = "error"  # the software, the disk
+
+
+@dataclass(frozen=True)
+class SweepOutcome:
+    """What became of a run: state, reason, counts, what is missing, and whether the chamber is in its safe state."""
+
+    state: SweepState
+    reason: str
+    steps_done: int
+    steps_total: int
+    missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
+    counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
+    safe: bool = True
+    safe_reason: str = ""  # why the safe state was not reached
+    error: BaseException | None = None  # for the log, where the state is failed or error
+
+
+def state_after(cause: BaseException) -> SweepState:
+    """Return the state in which a run ends for this cause."""
+    if isinstance(cause, StopRequested):
+        return SweepState.ABORTED
+    if isinstance(cause, InterlockTripped | DeviceError):
+        return SweepState.FAILED
+    return SweepState.ERROR
+
+
+def why(cause: BaseException | None) -> str:
+    """Say in words what ended a run."""
+    if cause is None:
+        return ""
+    if isinstance(cause, StopRequested | InterlockTripped | DeviceError):
+        return str(cause)
+    if "disk is full" in str(cause) or getattr(cause, "errno", None) == errno.ENOSPC:
+        return f"the disk is full ({getattr(cause, 'strerror', None) or cause}): free some space, then carry on"
+    return f"{type(cause).__name__}: {cause}"
