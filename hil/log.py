@@ -53,19 +53,38 @@ class StreamLog:
 
 
 class NightLog:
-    """The log file of a night, appended to. Close it."""
+    """The log file of a night, appended to. Close it.
 
-    def __init__(self, folder: Path, clock: Clock, who: str) -> None:
+    A file of `largest` bytes becomes log.jsonl.1, that one log.jsonl.2, and so on; the one after the `kept` is deleted.
+    """
+
+    def __init__(self, folder: Path, clock: Clock, who: str, *, largest: int = 10_000_000, kept: int = 4) -> None:
+        self._path = folder / LOG_NAME
+        self._clock, self._who = clock, who
+        self._largest, self._kept = largest, kept
+        self._open()
+
+    def _open(self) -> None:
         # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
-        self._file: TextIOWrapper = (folder / LOG_NAME).open("a", encoding="utf-8", buffering=1)
-        self._logger = _lines_to(self._file, clock, who)
+        self._file: TextIOWrapper = self._path.open("a", encoding="utf-8", buffering=1)
+        self._logger = _lines_to(self._file, self._clock, self._who)
 
     def say(self, what: str, facts: Mapping[str, Any]) -> None:
         """Write one line. A full disk must not end a night on account of its log: what cannot be written is lost."""
         try:
+            if self._file.tell() >= self._largest:
+                self._rotate()
             self._logger.info(what, **facts)
-        except OSError:
+        except (OSError, ValueError):  # ValueError: the file could not be opened again
             return
+
+    def _rotate(self) -> None:
+        self._file.close()
+        for number in range(self._kept, 0, -1):
+            older = self._path if number == 1 else self._path.with_name(f"{LOG_NAME}.{number - 1}")
+            if older.exists():
+                older.replace(self._path.with_name(f"{LOG_NAME}.{number}"))
+        self._open()
 
     def close(self) -> None:
         """Close the file."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.clock import VirtualClock
 from hil.blocks import SAMPLES, read_samples
 from hil.campaign_reader import read_campaign, read_series
 from hil.config import load_bench, parse_bench, parse_sweep
@@ -20,6 +21,7 @@ from hil.errors import InputError
 from hil.export import campaign_of_night, export_campaign
 from hil.files import PARTIAL, RealDisk
 from hil.journal import SqliteJournal
+from hil.log import NightLog
 from hil.night import resume_night, start_night
 from hil.report.night import night_content
 from hil.status import night_status
@@ -382,3 +384,18 @@ def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
     assert document["complete"], document["problems"]
     assert any(victim.name in note for note in document["notes"])
     assert len(list(campaign_of_night(folder).sensors)) == 2
+
+
+def test_a_log_that_has_grown_is_rotated_and_bounded(tmp_path: Path, clock: VirtualClock) -> None:
+    """A service that flaps for months fills no disk; the newest lines are in log.jsonl."""
+    log = NightLog(tmp_path, clock, "rk", largest=200, kept=2)
+    for number in range(20):
+        log.say("a line", {"number": number})
+    log.close()
+    files = sorted(path.name for path in tmp_path.iterdir())
+    assert files == ["log.jsonl", "log.jsonl.1", "log.jsonl.2"]
+    lines = [
+        json.loads(line)["number"] for name in reversed(files) for line in (tmp_path / name).read_text().splitlines()
+    ]
+    assert lines == list(range(lines[0], 20))
+    assert all(path.stat().st_size < 400 for path in tmp_path.iterdir())
