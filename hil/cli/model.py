@@ -18,6 +18,7 @@ def reconcile(
     campaign: Source,
     model: Annotated[str, typer.Option(help="A model file, or the name of a built-in.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", help="The folder for the result.", show_default=False)],
+    alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
     as_json: JsonFlag = False,
 ) -> None:
     """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
@@ -27,7 +28,7 @@ def reconcile(
     data = read_source(campaign)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; the result needs a folder")
-    result = search(data, model)
+    result = search(data, model, alpha=alpha)
     write_result(result, out)
     document = result.document()
     if as_json:

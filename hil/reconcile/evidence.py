@@ -219,7 +219,11 @@ class BlockEvidence:
         return out
 
     def simulate(self, y: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draw data sets (N, draws) without a missing effect, from the noise that this block's own data suggest."""
+        """Draw data sets (N, draws) without a missing effect, from the noise that this block's own data suggest.
+
+        Each has a noise of its own, drawn with its scale from what these data leave possible: a data set without an
+        effect would not know its noise better.
+        """
         _, rss, log_null = self.projection.log_null(y[:, None], self.prior)
         weight = np.exp(log_null[:, 0] - _log_sum(log_null)[0])
         chosen = rng.choice(len(weight), size=draws, p=weight / weight.sum())
@@ -227,7 +231,8 @@ class BlockEvidence:
         covariance = covariances(self.block, self.noise.grid)
         for point in np.unique(chosen):
             where = np.flatnonzero(chosen == point)
-            scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom - 1.0, 0.5)
+            power, offset = self.prior.a + 0.5 * self.projection.freedom, self.prior.b + 0.5 * rss[point, 0]
+            scale = offset / rng.gamma(max(power, 0.5), size=len(where))
             scale = self.prior.b / self.prior.a if self.block.sigma_trusted and self.block.sigma_stated else scale
             factor = np.linalg.cholesky(covariance[point])
             out[:, where] = np.sqrt(scale) * (factor @ rng.standard_normal((out.shape[0], len(where))))

@@ -184,17 +184,24 @@ def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
 
 
 def _fitted(name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
-    hypothesis, units = scan.best(name)
-    added = chosen_units(hypothesis, units)
-    fit = refit(blocks, noise, [added])
-    evidence = [
-        value + h.log_prior for h, value in zip(scan.hypotheses, scan.log_factors, strict=True) if h.name == name
-    ]
-    log_evidence = float(np.logaddexp.reduce(evidence))
-    excess = _excess(added, fit, blocks, noise) if hypothesis.tier == 1 else 1.0
-    return Weighed(
-        name, hypothesis.tier, hypothesis.candidate.title, scan.shares[name], log_evidence, excess, 1.0, added, fit
-    )
+    """Fit a name alone, at the most probable of its shapes and forms, the sizes they ask for included."""
+    forms = scan.forms(name)
+    log_evidence = float(np.logaddexp.reduce([value for value, _, _ in forms]))
+    found: list[tuple[float, Weighed]] = []
+    for value, hypothesis, units in forms:
+        if found and value < max(found, key=_first)[0]:
+            break  # in order of evidence: none that follows could do better, however plausible its size
+        added = chosen_units(hypothesis, units)
+        fit = refit(blocks, noise, [added])
+        excess = _excess(added, fit, blocks, noise) if hypothesis.tier == 1 else 1.0
+        title, share = hypothesis.candidate.title, scan.shares[name]
+        weighed = Weighed(name, hypothesis.tier, title, share, log_evidence, excess, 1.0, added, fit)
+        found.append((value + plausibility(excess), weighed))
+    return max(found, key=_first)[1]
+
+
+def _first(pair: tuple[float, Weighed]) -> float:
+    return pair[0]
 
 
 def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:

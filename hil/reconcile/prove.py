@@ -14,7 +14,7 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
-from hil.reconcile.fit import Added, BlockNoise, chosen_units, refit
+from hil.reconcile.fit import Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, build_evidence
 
 _FLIPS = 2000
@@ -37,9 +37,12 @@ class HeldOut:
     scaled_before: FloatArray
     scaled_after: FloatArray
     rows: IntArray
-    residual_before: Sequence[FloatArray]
-    residual_after: Sequence[FloatArray]
     expected: FloatArray
+
+    @classmethod
+    def of(cls, sums: FloatArray, rows: IntArray) -> HeldOut:
+        """Make it of sums (5, folds): raw before and after, standardised before and after, expected; rows (folds,)."""
+        return cls(sums[0], sums[1], sums[2], sums[3], rows, sums[4])
 
     @property
     def floor(self) -> float:
@@ -73,18 +76,7 @@ class HeldOut:
 
     def without(self, fold: int) -> HeldOut:
         """Return the comparison without one fold."""
-        sums = (self.raw_before, self.raw_after, self.scaled_before, self.scaled_after)
-        kept = [np.delete(values, fold) for values in sums]
-        return HeldOut(
-            kept[0],
-            kept[1],
-            kept[2],
-            kept[3],
-            np.delete(self.rows, fold),
-            self.residual_before,
-            self.residual_after,
-            np.delete(self.expected, fold),
-        )
+        return HeldOut(*(np.delete(getattr(self, name), fold) for name in self.__dataclass_fields__))
 
     def improvement_p_value(self, rng: np.random.Generator) -> float:
         """Paired sign flips by fold: how often chance alone would improve this much."""
@@ -120,55 +112,51 @@ def held_out(
     threshold: float,
     points: Sequence[IntArray],
     designs: Sequence[FloatArray],
-) -> HeldOut:
-    """Predict every fold from the others, before and after; `steps` is how many effects are searched for in each.
+) -> list[HeldOut]:
+    """Predict every fold from the others, before and with one effect, two, … up to `steps` that are searched in each.
 
     `designs[b]` (N, p) are base and effects together. A fold that the others cannot predict at all (the only run at its
     temperature, where values belong to temperatures) is not counted: it could not judge anything.
     """
-    count = len(folds)
-    sums = np.zeros((5, count))
-    rows = np.zeros(count, dtype=np.int64)
-    before = [np.full(len(block.y), np.nan) for block in blocks]
-    after = [np.full(len(block.y), np.nan) for block in blocks]
-    for i, fold in enumerate(folds):
+    whole = [
+        fold
+        for fold in folds
+        if all((~held).sum() > b.base.shape[1] + 2 for held, b in zip(fold, blocks, strict=True))
+        and not any(_is_beyond(design, held) for design, held in zip(designs, fold, strict=True))
+    ]
+    sums = np.zeros((max(steps, 1), 5, len(whole)))
+    rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
+    for i, fold in enumerate(whole):
         keep = [~held for held in fold]
-        if any(k.sum() <= b.base.shape[1] + 2 for k, b in zip(keep, blocks, strict=True)):
-            continue
-        if any(_is_beyond(design, held) for design, held in zip(designs, fold, strict=True)):
-            continue
         added = _select(keep, blocks, tables, hypotheses, steps, threshold, points)
-        plain, full = refit(blocks, noise, [], keep), refit(blocks, noise, added, keep)
-        for b, held in enumerate(fold):
-            if not np.any(held):
-                continue
-            whitening = noise[b].take(held).whitening
-            for row, fitted, store in ((0, plain, before), (1, full, after)):
-                error = fitted.residual[b][held]
-                store[b][held] = error
-                sums[row, i] += float(error @ error)
-                sums[row + 2, i] += float(np.sum((whitening @ error) ** 2))
-            rows[i] += int(held.sum())
-            sums[4, i] += _expected(blocks[b], noise[b], added, b, len(blocks), held)
-    used = rows > 0
-    return HeldOut(sums[0, used], sums[1, used], sums[2, used], sums[3, used], rows[used], before, after, sums[4, used])
+        plain = refit(blocks, noise, [], keep)
+        for k in range(len(sums)):
+            some = added if k == len(sums) - 1 else added[: k + 1]
+            full = refit(blocks, noise, some, keep) if some else plain
+            for b, held in enumerate(fold):
+                if np.any(held):
+                    sums[k, :4, i] += _errors(plain, full, noise[b], b, held)
+                    sums[k, 4, i] += _expected(blocks[b], noise[b], some, b, len(blocks), held)
+    return [HeldOut.of(part, rows) for part in sums]
 
 
-def in_sample(blocks: Sequence[Block], noise: Sequence[BlockNoise], steps: Sequence[Added]) -> tuple[HeldOut, HeldOut]:
+def _errors(before: Fit, after: Fit, noise: BlockNoise, b: int, held: BoolArray) -> FloatArray:
+    """Squared errors of one block's held-out rows: raw before and after, standardised before and after, (4,)."""
+    whitening = noise.take(held).whitening
+    errors = (before.residual[b][held], after.residual[b][held])
+    raw = [float(error @ error) for error in errors]
+    return np.array(raw + [float(np.sum((whitening @ error) ** 2)) for error in errors])
+
+
+def in_sample(blocks: Sequence[Block], noise: Sequence[BlockNoise], steps: Sequence[Added]) -> HeldOut:
     """Residuals of the fits themselves, before and after, as one fold: where nothing can be held out."""
     plain, full = refit(blocks, noise, []), refit(blocks, noise, steps)
-    sums = np.zeros(5)
-    for b in range(len(blocks)):
-        for row, fitted in ((0, plain), (1, full)):
-            error = fitted.residual[b]
-            sums[row] += float(error @ error)
-            sums[row + 2] += float(np.sum((noise[b].whitening @ error) ** 2))
-        sums[4] += float(np.trace(noise[b].covariance))
+    sums = np.zeros((5, 1))
+    for b, block in enumerate(blocks):
+        sums[:4, 0] += _errors(plain, full, noise[b], b, np.ones(len(block.y), dtype=bool))
+        sums[4, 0] += float(np.trace(noise[b].covariance))
     rows = np.array([sum(len(block.y) for block in blocks)])
-    out = HeldOut(
-        sums[0:1], sums[1:2], sums[2:3], sums[3:4], rows, list(plain.residual), list(full.residual), sums[4:5]
-    )
-    return out, out
+    return HeldOut.of(sums, rows)
 
 
 def _is_beyond(design: FloatArray, held: BoolArray) -> bool:

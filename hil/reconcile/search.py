@@ -18,7 +18,6 @@ from hil.reconcile.evidence import NoiseTable, _log_sum
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
 
 _TAIL = 0.1
-_STRICTER = 2.5
 _RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances
 
 
@@ -35,10 +34,17 @@ class Scan:
 
     def best(self, name: str) -> tuple[Hypothesis, FloatArray]:
         """Return the most probable shape and form of a name, and the log Bayes factors of its units."""
-        places = [i for i, h in enumerate(self.hypotheses) if h.name == name]
-        score = [self.log_factors[i] + self.hypotheses[i].log_prior for i in places]
-        place = places[int(np.argmax(score))]
-        return self.hypotheses[place], self.unit_factors[place]
+        _, hypothesis, units = self.forms(name)[0]
+        return hypothesis, units
+
+    def forms(self, name: str) -> list[tuple[float, Hypothesis, FloatArray]]:
+        """Return every shape and form of a name with its log evidence and its units' log Bayes factors, best first."""
+        own = [
+            (float(self.log_factors[i]) + h.log_prior, h, self.unit_factors[i])
+            for i, h in enumerate(self.hypotheses)
+            if h.name == name
+        ]
+        return sorted(own, key=lambda form: -form[0])
 
 
 @dataclass(frozen=True)
@@ -78,25 +84,26 @@ def null_statistics(scan: Scan, blocks: Sequence[Block], draws: int, rng: np.ran
 
 
 def level(null: FloatArray, alpha: float) -> float:
-    """Return what the statistic exceeds with probability `alpha` without a missing effect.
+    """Return what the statistic exceeds with probability `alpha` without a missing effect, from simulated values.
 
-    The tail beyond the ninth decile is taken as exponential, so that a few hundred draws are enough. Simulating with
-    estimated variances understates how far chance can go (measured: twice the stated rate), so the level is stricter.
+    The tail beyond the ninth decile is taken as exponential, so that a few hundred draws are enough.
     """
-    start = float(np.quantile(null, 1.0 - _TAIL))
-    mean_excess = float(np.mean(null[null > start] - start)) if np.any(null > start) else 0.0
-    strict = alpha / _STRICTER
-    return (
-        start + mean_excess * float(np.log(_TAIL / strict))
-        if strict < _TAIL
-        else float(np.quantile(null, 1.0 - strict))
-    )
+    if alpha >= _TAIL:
+        return float(np.quantile(null, 1.0 - alpha))
+    start, mean_excess = _tail(null)
+    return start + mean_excess * float(np.log(_TAIL / alpha))
 
 
 def p_value(null: FloatArray, statistic: float) -> float:
     """Return the probability of a statistic this large without a missing effect, as `level` counts, or 1e-6."""
-    start = float(np.quantile(null, 1.0 - _TAIL))
-    mean_excess = float(np.mean(null[null > start] - start)) if np.any(null > start) else 0.0
+    start, mean_excess = _tail(null)
     if statistic <= start or mean_excess <= 0.0:
-        return float(min(1.0, _STRICTER * (1 + np.sum(null >= statistic)) / (1 + len(null))))
-    return float(np.clip(_STRICTER * _TAIL * np.exp(-(statistic - start) / mean_excess), _RESOLVED, 1.0))
+        return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
+    return float(np.clip(_TAIL * np.exp(-(statistic - start) / mean_excess), _RESOLVED, 1.0))
+
+
+def _tail(null: FloatArray) -> tuple[float, float]:
+    """Where the tail begins, and how far its values lie beyond that on average."""
+    start = float(np.quantile(null, 1.0 - _TAIL))
+    beyond = null[null > start] - start
+    return start, float(np.mean(beyond)) if len(beyond) else 0.0

@@ -86,10 +86,14 @@ def reconcile(
     first, threshold, stricter, chance = branch.first, branch.threshold, branch.stricter, branch.chance
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
-    proof = _prove(search, steps, noise, stricter, first) if prove else None
+    proofs = _prove(search, steps, noise, stricter, first) if prove else []
+    steps, unpaid = _paid(steps, proofs)
+    proof = proofs[max(len(steps), 1) - 1] if proofs else None
     unjudged = proof is not None and len(proof[0].rows) == 0
     if unjudged:
-        proof = in_sample(blocks, noise, [step.added for step in steps])
+        fitted = in_sample(blocks, noise, [step.added for step in steps])
+        proof = (fitted, fitted)
+    noise = _final_noise(search, steps) if unpaid else noise
     spoiled = proof[0].spoiling_fold() if steps and proof is not None else None
     if proof is not None and spoiled is not None:
         proof = (proof[0].without(spoiled), proof[1])
@@ -97,9 +101,9 @@ def reconcile(
     notes = [*campaign.warnings, *problem.notes, *_about(branch)]
     if unjudged and steps:
         notes.append(NOT_HELD_OUT)
-    if reverted:
-        names = ", ".join(step.naming.leader.name for step in steps)
-        notes.append(f"{names}: the gap on held-out data did not shrink, so nothing was added")
+    if reverted or unpaid:
+        names = ", ".join(step.naming.leader.name for step in [*(steps if reverted else []), *unpaid])
+        notes.append(f"{names}: the gap on held-out data did not shrink, so it was not added")
     if spoiled is not None:
         notes.append(
             f"held-out fold {spoiled + 1} is not counted: the change itself lies there, and no other shows where"
@@ -203,10 +207,10 @@ def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
 
 def _prove(
     search: Search, steps: Sequence[Step], noise: Sequence[BlockNoise], threshold: float, first: Scan | None
-) -> tuple[HeldOut, HeldOut] | None:
-    """Held-out comparison by run and by contiguous block."""
+) -> list[tuple[HeldOut, HeldOut]]:
+    """Held-out comparisons by run and by contiguous block, with one effect, two, … of `steps`; none without rows."""
     if first is None:
-        return None
+        return []
     full = search.with_base(joined_columns([step.added for step in steps], len(search.blocks)))
     points = [
         noise_points((with_all, block), table)
@@ -223,10 +227,18 @@ def _prove(
         points,
         [block.base for block in full.blocks],
     )
-    return (
-        held_out(by_run(search.blocks, runs), *arguments),
-        held_out(in_blocks(search.blocks, runs), *arguments),
-    )
+    one_by_one = held_out(by_run(search.blocks, runs), *arguments)
+    return list(zip(one_by_one, held_out(in_blocks(search.blocks, runs), *arguments), strict=True))
+
+
+def _paid(steps: Sequence[Step], proofs: Sequence[tuple[HeldOut, HeldOut]]) -> tuple[Sequence[Step], Sequence[Step]]:
+    """Split the steps into those that are kept and the last ones, with which held-out rows are predicted no better."""
+    count = len(steps)
+    while proofs and count > 1 and len(proofs[0][0].rows):
+        if proofs[count - 1][0].standardised[1] < proofs[count - 2][0].standardised[1]:
+            break
+        count -= 1
+    return steps[:count], steps[count:]
 
 
 def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:

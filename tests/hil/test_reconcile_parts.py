@@ -103,11 +103,11 @@ def test_folds_hold_every_row_out_once() -> None:
     assert len(by_run([own], [own.run])) == len(np.unique(own.run))
 
 
-def test_the_level_is_stricter_than_the_quantile_and_the_p_value_agrees_with_it() -> None:
-    """For an exponential null the stated alpha is met with margin, and p at the level is alpha."""
+def test_the_level_is_exceeded_at_the_stated_rate_and_the_p_value_agrees_with_it() -> None:
+    """For an exponential null alpha is met, also far out where draws are few, and p at the level is alpha."""
     null = np.sort(stats.expon.rvs(size=4000, random_state=1))
     for alpha in (0.05, 0.01):
         threshold = level(null, alpha)
-        assert stats.expon.sf(threshold) < alpha
+        assert stats.expon.sf(threshold) == pytest.approx(alpha, rel=0.15)
         assert p_value(null, threshold) == pytest.approx(alpha, rel=0.05)
-    assert p_value(null, -1.0) == 1.0
+    assert p_value(null, -1.0) == pytest.approx(1.0)
