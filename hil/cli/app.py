@@ -20,6 +20,7 @@ from hil.cli import (
     night,
     rehearse,
     replay,
+    reproduction,
     watchdog,
 )
 from hil.cli.ending import run_to_exit, with_status
@@ -47,7 +48,7 @@ for command in (
 for request in (*control.COMMANDS, *watchdog.COMMANDS):
     app.command()(with_status(request))
 app.command("continue")(with_status(control.go_on))
-for analysis in (*coefficients.COMMANDS, *design.COMMANDS):
+for analysis in (*coefficients.COMMANDS, *design.COMMANDS, *reproduction.COMMANDS):
     app.command()(with_status(analysis))
 app.command("import")(with_status(data.import_table))
 app.command()(with_status(dashboard.dashboard))

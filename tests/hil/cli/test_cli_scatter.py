@@ -49,3 +49,16 @@ def test_a_table_without_sigmas_is_refused_in_a_sentence(tmp_path: Path, hil: An
     ended = hil("scatter", "no-such-table")
     assert ended.returncode == 2
     assert "no such table" in ended.stderr
+
+
+def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) -> None:
+    """For people beside the printed ones; as a document; and what has not the three collects is refused."""
+    told = json.loads(hil("reproduce", night, "--json").stdout)
+    assert told["schema"] == "hil.reproduction/1"
+    assert len(told["table_a1"]) == 4
+    assert told["simulated"] is True
+    people = hil("reproduce", night).stdout
+    assert "SIMULATED" in people
+    assert "MUA2 matrix, deg/hr/g" in people
+    assert "printed 10" in people
+    assert hil("reproduce", night, "--sensor", "1").returncode == 2

@@ -1,0 +1,103 @@
+"""The report's own tables from a night, beside what it printed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from hil.cli.data import Source, read_source
+from hil.cli.output import JsonFlag, print_json, results, warn
+
+if TYPE_CHECKING:  # a command that is not this one does not wait for it
+    from hil.reproduction import Cell, ContractorError, Printed, Reproduction, SevenBiases
+
+
+def reproduce(
+    source: Source,
+    sensor: Annotated[int, typer.Option(help="Which sensor; the report's tables are sensor 2's.")] = 2,
+    as_json: JsonFlag = False,
+) -> None:
+    """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
+    from hil.reproduction import reproduce as give_again
+
+    campaign = read_source(source)
+    found = give_again(campaign, sensor)
+    if as_json:
+        print_json(found.document())
+        return
+    warn(tuple(campaign.warnings))
+    console = results()
+    console.print(campaign.title + ("  SIMULATED" if campaign.simulated else ""))
+    console.print("\nTable 1: mean ± one sigma (n - 1); below it as printed, * where its own identities do not close")
+    console.print(_table_1(found))
+    console.print("\nTable A-1: the bias BA seven ways, deg/hr; then the printed rows")
+    console.print(_table_a1(found))
+    console.print("\nContractor's less matrix parameters, largest of all runs, and what of it the closed form explains")
+    for line in _contractor(found.contractor_errors):
+        console.print(line)
+
+
+def _table_1(found: Reproduction) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for temperature, printed in zip(found.temperatures_degC, found.printed_temperatures, strict=True):
+        table.add_column(
+            printed or ("" if temperature is None else f"{temperature:.1f} degC"), justify="right", no_wrap=True
+        )
+    for row in found.table_1:
+        table.add_row(f"{row.label}, {row.unit}", *(_measured(cell) for cell in row.cells))
+        table.add_row("  printed", *(_printed(cell.printed) for cell in row.cells), style="dim")
+    return table
+
+
+def _measured(cell: Cell) -> str:
+    return f"{cell.mean:.2f}" + ("" if cell.sigma is None else f" ±{cell.sigma:.2f}")
+
+
+def _printed(printed: Printed | None) -> str:
+    if printed is None:
+        return "–"
+    sigma = "" if printed.sigma is None else f" ±{printed.sigma:.2f}"
+    return f"{printed.mean:.2f}{sigma}{'*' if printed.doubt else ' '}"
+
+
+def _table_a1(found: Reproduction) -> Table:
+    from hil.reproduction import SEVEN
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("", *SEVEN, "MUB·G1", "MUB·G3", "G3/G1"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for each in found.table_a1:
+        table.add_row(*_seven(each))
+    for each in found.printed_a1:
+        table.add_row(*_seven(each), style="dim")
+    return table
+
+
+def _seven(each: SevenBiases) -> list[str]:
+    label = each.label if each.label.startswith("run") else f"printed {each.label}"
+    return [
+        label,
+        *(f"{value:.4f}" for value in each.biases.values()),
+        f"{each.mub_g1:.4f}",
+        f"{each.mub_g3:.4f}",
+        f"{each.g3_over_g1:.4f}",
+    ]
+
+
+def _contractor(errors: tuple[ContractorError, ...]) -> list[str]:
+    from hil.reproduction import CONTRACTORS
+
+    lines = []
+    for i, name in enumerate(CONTRACTORS):
+        worst = max(errors, key=lambda each: abs(each.found[i]))
+        lines.append(
+            f"  {name}: {worst.found[i]:+.4f} in run {worst.run}; by the closed form {worst.closed_form[i]:+.4f}, by "
+            f"the report's G1 term alone {worst.g1_only[i]:+.4f}"
+        )
+    return lines
+
+
+COMMANDS = (reproduce,)
