@@ -62,6 +62,7 @@ def chamber(
             _set(live, target)
         elif action is Action.STOP:
             _logged(live).safe_state()
+            messages().print(f"{on.name}: the safe state ({on.chamber.safe_state.words}) is reached and confirmed")
         identity, reading = live.chamber.identify(), live.chamber.read()
         _show(on, action, identity, reading, as_json=as_json)
 
