@@ -14,7 +14,8 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, fields
+from datetime import datetime
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
-from drivers.imu import SensorChannels, rate_fields
+from drivers.imu import SensorChannels, StreamCounts, rate_fields
 from hil.files import PARTIAL
 from hil.journal_records import to_json
+from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
 
 LIVE_NAME, TRACE_NAME = "live.json", "live.trace"
@@ -146,6 +148,17 @@ def read_live(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return document if isinstance(document, dict) and document.get("schema") == SCHEMA else None
+
+
+def snapshot_of(live: Mapping[str, Any], steps: Mapping[str, Step]) -> Snapshot | None:
+    """Return the snapshot that a state was written from; None where it belongs to no step of this plan."""
+    step = steps.get(str(live["step"]))
+    if step is None:
+        return None
+    known = {field.name: live[field.name] for field in fields(Snapshot) if field.name in live}
+    known |= {"step": step, "finishing_utc": datetime.fromisoformat(live["finishing_utc"])}
+    known |= {"unit_degC": {int(number): value for number, value in live["unit_degC"].items()}}
+    return Snapshot(**(known | {"stream": StreamCounts(**live["stream"])}))
 
 
 class TraceReader:

@@ -51,4 +51,3 @@ def dashboard(
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
         with suppress(KeyboardInterrupt):
             serve(create_app(Watcher(folder), access), listener)
-

@@ -199,10 +199,19 @@ def _watching(*, quiet: bool, simulated: bool) -> Iterator[Progress]:
                 progress.close()
 
 
-def status(folder: Folder, as_json: JsonFlag = False) -> int:
+def status(
+    folder: Folder,
+    as_json: JsonFlag = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
+) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
+    from hil.cli.watch import watch as keep_looking
     from hil.status import night_status
 
+    if watch and as_json:
+        raise InputError("--watch is for people, --json for programs: give one of them")
+    if watch:
+        keep_looking(folder, results())
     document = night_status(folder)
     if as_json:
         print_json(document)

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from datetime import timedelta
 
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
 
+from hil.cli.panel import Panel
 from hil.step_words import hours_minutes, step_in_words
 from procedures.journal import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
@@ -23,7 +21,8 @@ def onlooker(console: Console, *, quiet: bool, simulated: bool) -> TerminalProgr
     """Return what suits the console: nothing, a live panel on a terminal, or lines."""
     if quiet:
         return Silent()
-    return TerminalProgress(console, simulated=simulated) if console.is_terminal else LineProgress(console)
+    drawn = console.is_terminal and not console.is_dumb_terminal
+    return TerminalProgress(console, simulated=simulated) if drawn else LineProgress(console)
 
 
 class LineProgress(Progress):
@@ -64,14 +63,14 @@ class LineProgress(Progress):
 
 
 class TerminalProgress(Progress):
-    """A few lines that stay in place: the step, the bar, temperatures, rates, and when it will be finished."""
+    """A few lines that stay in place: see `hil.cli.panel`."""
 
     def __init__(self, console: Console, *, simulated: bool) -> None:
         self._simulated = simulated
         self._title = ""
         self._snapshot: Snapshot | None = None
         self._console = console
-        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=8, transient=True)
+        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=4, transient=True)
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """Begin to draw."""
@@ -88,42 +87,19 @@ class TerminalProgress(Progress):
     def step_ended(self, step: Step, result: StepResult) -> None:
         """Leave a line above the panel for what did not go as planned."""
         if result.outcome is not Outcome.DONE:
-            self._console.print(f"{step_in_words(step)}: {result.outcome.value}, {result.reason}", markup=False)
+            self._say(f"{step_in_words(step)}: {result.outcome.value}, {result.reason}")
 
     def event(self, kind: str, message: str) -> None:
         """Leave a line above the panel."""
-        self._console.print(f"{kind}: {message}", markup=False)
+        self._say(f"{kind}: {message}")
 
     def close(self) -> None:
         """Stop drawing and give the terminal back."""
         self._live.stop()
 
-    def _render(self) -> Group | Text:
-        now = self._snapshot
-        if now is None:
-            return Text("beginning …")
-        mark = "  SIMULATED" if self._simulated else ""
-        table = Table.grid(padding=(0, 2))
-        table.add_column(style="dim", no_wrap=True)
-        table.add_column(overflow="fold")
-        bar = ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=40)
-        table.add_row("done", bar)
-        table.add_row("now", f"{step_in_words(now.step)}{', ' + now.note if now.note else ''}")
-        left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
-        table.add_row("step", f"{hours_minutes(now.step_elapsed_s)} gone, {left}")
-        table.add_row("temperatures", _temperatures(now))
-        if now.rates_deg_per_hr:
-            rates = now.rates_deg_per_hr.items()
-            table.add_row("rates, deg/hr", "  ".join(f"{name} {rate:+.2f}" for name, rate in rates))
-        table.add_row("finishing", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}")
-        head = Text(f"{self._title}{mark}   {now.steps_done} of {now.steps_total} steps", style="bold")
-        return Group(head, table)
+    def _say(self, text: str) -> None:
+        elapsed_s = self._snapshot.elapsed_s if self._snapshot else 0.0
+        self._console.print(f"{timedelta(seconds=int(elapsed_s))}  {text}", markup=False, highlight=False)
 
-
-def _temperatures(now: Snapshot) -> str:
-    parts = []
-    if now.chamber_degC is not None:
-        target = "" if now.setpoint_degC is None else f" (setpoint {now.setpoint_degC:.1f})"
-        parts.append(f"chamber {now.chamber_degC:.1f} °C{target}")
-    parts += [f"sensor {number} {value:.1f} °C" for number, value in now.unit_degC.items()]
-    return ", ".join(parts) or "not read yet"
+    def _render(self) -> Panel:
+        return Panel(self._title or "beginning …", self._snapshot, simulated=self._simulated)

@@ -1,0 +1,93 @@
+"""The panel that a technician looks at on a terminal: the same facts as on the live page, down to 40 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+
+from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from hil.step_words import hours_minutes, step_in_words
+from procedures.progress import Snapshot
+
+_WIDEST_BAR = 40
+_LABELS = 8  # columns that the labels and the space behind them take
+
+
+class Panel:
+    """What there is to see at one moment: `headline` (title, state), `trouble` in words, then what goes on `now`."""
+
+    def __init__(self, headline: str, now: Snapshot | None, trouble: str = "", *, simulated: bool) -> None:
+        self._headline = headline
+        self._now = now
+        self._trouble = trouble
+        self._simulated = simulated
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Draw it as wide as the console is at this moment."""
+        head = Text(self._headline, style="bold")
+        if self._simulated:
+            head.append("  SIMULATED", style="bold magenta")
+        parts: list[Text | Table] = [head]
+        if self._trouble:
+            parts.append(Text(self._trouble, style="bold red"))
+        if self._now is not None:
+            parts.append(_table(self._now, options.max_width))
+        yield Group(*parts)
+
+
+def _table(now: Snapshot, width: int) -> Table:
+    table = Table.grid(padding=(0, 2), pad_edge=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    bar_width = min(_WIDEST_BAR, max(width - _LABELS, 8))
+    table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=bar_width))
+    table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
+    for label, text in _rows(now):
+        table.add_row(label, text)
+    return table
+
+
+def _rows(now: Snapshot) -> Iterator[tuple[str, str]]:
+    again = f" (attempt {now.attempt})" if now.attempt > 1 else ""
+    yield "now", f"{step_in_words(now.step)}{again}{', ' + now.note if now.note else ''}"
+    left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
+    yield "step", f"{hours_minutes(now.step_elapsed_s)} gone, {left}"
+    yield "°C", _temperatures(now)
+    rates = now.rates_deg_per_hr or now.rates_now_deg_per_hr
+    if rates:
+        yield "deg/hr", ", ".join(_rate(label, mean, now) for label, mean in rates.items())
+    yield "stream", _stream(now)
+    yield "end", f"{_local(now.finishing_utc)}"
+
+
+def _temperatures(now: Snapshot) -> str:
+    parts = []
+    if now.chamber_degC is not None:
+        target = "" if now.setpoint_degC is None else f" (setpoint {now.setpoint_degC:.1f})"
+        parts.append(f"chamber {now.chamber_degC:.1f}{target}")
+    parts += [f"sensor {number} {value:.1f}" for number, value in now.unit_degC.items()]
+    return ", ".join(parts) or "not read yet"
+
+
+def _rate(label: str, mean: float, now: Snapshot) -> str:
+    """Return a running mean with its error so far, or what the channel shows at this moment."""
+    error = now.rates_se_deg_per_hr.get(label) if now.rates_deg_per_hr else None
+    # The space within one rate must not break, or the error stands alone on the next line.
+    return f"{label}\u00a0{mean:+.2f}" + ("" if error is None else f"\u00a0±\u00a0{error:.2f}")
+
+
+def _stream(now: Snapshot) -> str:
+    counts = now.stream
+    damaged = counts.bad_checksum + counts.bad_delimiter + counts.unknown_id
+    if counts.lost + damaged + counts.overflow_bytes == 0:
+        return f"every frame arrived ({counts.ok})"
+    unread = f", {counts.overflow_bytes} bytes unread" if counts.overflow_bytes else ""
+    return f"{counts.ok} good, {counts.lost} lost, {damaged} damaged{unread}"
+
+
+def _local(utc: datetime) -> str:
+    return f"{utc.astimezone():%a %d %b %H:%M}"

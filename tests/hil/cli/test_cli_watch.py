@@ -1,0 +1,116 @@
+"""`hil status --watch`: a night from another shell."""
+
+from __future__ import annotations
+
+import io
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from drivers.clock import VirtualClock
+from hil.cli.app import run
+from hil.cli.watch import watch
+from hil.journal import SqliteJournal
+from hil.journal_records import Night
+from hil.live import LiveFiles
+from procedures.journal import Outcome, StepResult
+from procedures.plan import Plan, make_plan
+from procedures.progress import Snapshot
+from procedures.settings import SweepProcedure
+
+
+class Shell(VirtualClock):
+    """The watching shell's clock: while it sleeps, the night goes on by one entry of a script; then comes Ctrl-C."""
+
+    def __init__(self, *script) -> None:
+        super().__init__()
+        self._script = list(script)
+
+    def sleep(self, seconds: float) -> None:
+        """Let the night go on."""
+        if not self._script:
+            raise KeyboardInterrupt
+        self._script.pop(0)()
+
+
+@pytest.fixture
+def journal(tmp_path: Path):
+    """A night that a controller in this process is at work on."""
+    plan = make_plan(SweepProcedure(title="Small", temperatures_degC=(20.0,), self_calibrations=1))
+    clock = VirtualClock()
+    SqliteJournal.create(tmp_path, plan, Night(plan.title, "rk", clock.utc(), True, ""))
+    with SqliteJournal.open(tmp_path, clock=clock, who="rk") as opened:
+        yield opened
+
+
+def _shown(journal: SqliteJournal, plan: Plan) -> None:
+    files = LiveFiles(journal.folder, {}, every_s=0.0)
+    end = journal.began_utc + timedelta(hours=2)
+    files.update(Snapshot(plan.steps[1], 1, 20.0, 10.0, 50.0, end, 19.5, 20.0, note="ramping", steps_total=9))
+    files.close()
+
+
+def _console(*, terminal: bool) -> Console:
+    return Console(
+        file=io.StringIO(), force_terminal=terminal, width=40 if terminal else 200, _environ={"TERM": "xterm"}
+    )
+
+
+def test_a_pipe_gets_a_line_with_the_time_for_every_change_and_no_more(journal: SqliteJournal) -> None:
+    """What a log or grep can use: no control characters, nothing twice."""
+    first = journal.plan.steps[0]
+    attempt = journal.begin(first)
+    clock = Shell(
+        lambda: None,
+        lambda: journal.event("pause", "paused by ann: tea", who="ann", why="tea"),
+        lambda: journal.event("continue", "on", who="ann"),
+        lambda: journal.end(first, attempt, StepResult(Outcome.DONE, "all there")),
+        lambda: journal.event("prompt", "Bring the unit to position 1", prompt=1, timeout_s=60.0),
+    )
+    console = _console(terminal=False)
+    watch(journal.folder, console, clock)
+    lines = console.file.getvalue().splitlines()
+    assert "\x1b" not in "".join(lines)
+    assert all(line.startswith("1985-10-01T17:00:00Z") for line in lines)
+    told = [line.split("  ", 1)[1].strip() for line in lines]
+    assert told[0] == "0/10  running SIMULATED: checking who is connected"
+    assert told[1].startswith("0/10  paused SIMULATED: checking who is connected: paused by ann: tea")
+    assert told[2] == told[0]
+    assert told[3] == "1/10  running SIMULATED"
+    assert "ASKS: Bring the unit to position 1 (hil confirm" in told[4]
+    assert len(told) == 5
+
+
+def test_a_terminal_gets_the_panel_and_its_own_screen_back(journal: SqliteJournal) -> None:
+    """The same facts as on the controller's terminal; afterwards the shell is as it was."""
+    _shown(journal, journal.plan)
+    console = _console(terminal=True)
+    watch(journal.folder, console, Shell())
+    text = console.file.getvalue()
+    assert "chamber 19.5 (setpoint 20.0)" in text
+    assert "SIMULATED" in text
+    assert "50 s to go" in text
+    assert text.rstrip().endswith("\x1b[?25h") or "\x1b[?1049l" in text
+
+
+def test_it_ends_when_the_night_does(journal: SqliteJournal) -> None:
+    """So that a script can wait for a night; how it ended is in the exit status."""
+    folder = journal.folder
+    console = _console(terminal=False)
+    watch(folder, console, Shell(lambda: None, journal.close))
+    assert "incomplete" in console.file.getvalue()
+
+
+def test_the_command_says_afterwards_what_became_of_the_night(
+    journal: SqliteJournal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The exit status is that of hil status; a watch for programs is refused."""
+    folder = str(journal.folder)
+    journal.close()
+    assert run(["status", folder, "--watch"]) == 4
+    assert "incomplete" in capsys.readouterr().out
+    assert run(["status", folder, "--watch", "--json"]) == 2
+    assert "one of them" in capsys.readouterr().err
+    assert run(["status", f"{folder}/none", "--watch"]) == 2
