@@ -129,13 +129,28 @@ class MfsLoop(Loop):
 
     def tuples(self, data: bytes) -> list[Any]:
         """Return the frames in their units, as tuples of plain floats."""
-        scales = self.scales
-        assert scales[3:] == [1e-3] * 4 + [1e-6] * 4 + [0.01] * 3 + [1e-3] * 3
-        return [
-            (s * 1.0, c * 1.0, i * 1.0, a * 1e-3, b * 1e-3, d * 1e-3, e * 1e-3, f * 1e-6, g * 1e-6, h * 1e-6, j * 1e-6,
-             k * 0.01, m * 0.01, n * 0.01, o * 1e-3, p * 1e-3, q * 1e-3)
-            for s, c, i, a, b, d, e, f, g, h, j, k, m, n, o, p, q in self.raw(data)
-        ]  # fmt: skip
+        if self.rest:
+            data = self.rest + data
+        found, at, size, last = [], 0, len(data), self.last
+        while True:
+            at = data.find(b"\xa5\x5a\x01", at)
+            if at < 0 or at + 59 > size:
+                break
+            _, s, c, i, a, b, d, e, f, g, h, j, k, m, n, o, p, q, crc = _MFS.unpack_from(data, at)
+            if zlib.crc32(data[at : at + 55]) != crc:
+                self.bad += 1
+                at += 1
+                continue
+            self.lost += (c - last - 1) % 65536
+            last = c
+            found.append(
+                (s * 1.0, c * 1.0, i * 1.0, a * 1e-3, b * 1e-3, d * 1e-3, e * 1e-3, f * 1e-6, g * 1e-6, h * 1e-6,
+                 j * 1e-6, k * 0.01, m * 0.01, n * 0.01, o * 1e-3, p * 1e-3, q * 1e-3)
+            )  # fmt: skip
+            at += 59
+        self.last = last
+        self.rest = data[at:] if at >= 0 else b""
+        return found
 
     def raw(self, data: bytes) -> list[Any]:
         """Return the frames as they are on the wire."""
