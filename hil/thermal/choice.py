@@ -2,9 +2,10 @@
 
 Beginning with the constant, the held-out error of the form at hand is compared with the least held-out error of all
 richer forms. By how much the richer ones win where the form at hand is true is simulated with the noise of the values;
-only a win that noise gives in fewer than `FALSE_ALARM` of campaigns moves on to the next form. So values that do not
-depend on temperature are called constant in 95 of 100 cases, and a polynomial is taken for a higher one as rarely. For
-polynomials the comparison does not depend on the size of the noise, only on how it is shared among the temperatures.
+only a win that noise gives in fewer than `FALSE_ALARM` of campaigns moves on to the next form. So a polynomial is taken
+for a higher one in 5 of 100 campaigns. For polynomials the comparison does not depend on the size of the noise, only on
+how it is shared among the temperatures. The first step, away from the constant, is taken for several parameters of a
+sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ def choose(
     *,
     highest_order: int,
     seed: int = 0,
-    draws: int = 399,
+    draws: int = 999,
+    first_alarm: float = FALSE_ALARM,
 ) -> Choice:
     """Choose a form for `values` (S,) with `covariance` (S, S) at S temperatures, rising; `draws` simulate noise."""
     weight = levelled_weights(covariance)
@@ -78,7 +80,7 @@ def choose(
         best = min(errors[each.name] for each in richer)
         chance = _chance(form, richer, form.fitted(values), noise, weight, _win(errors[form.name], best, dust))
         steps.append(Step(form, errors[form.name], best, chance))
-        if chance > FALSE_ALARM:
+        if chance > (FALSE_ALARM if steps[1:] else first_alarm):
             break
     if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
         chosen = min((form for form in forms if form.order is None), key=lambda form: errors[form.name])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import f as fisher
+from scipy.stats import t as student
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.curve import Constant, Curve, Polynomial, Table, TableRows
@@ -20,7 +21,7 @@ from hil.model import SCHEMA as MODEL_SCHEMA
 from hil.model import Model
 from hil.solve import OBSERVABLE
 from hil.solver import solve
-from hil.thermal.choice import Choice, choose
+from hil.thermal.choice import FALSE_ALARM, Choice, choose
 from hil.thermal.estimate import Estimates, Layout, estimate, repeatability
 from hil.thermal.forms import MONOTONE, monotone
 from hil.thermal.improvement import Improvement, improvement, nested_errors
@@ -154,7 +155,14 @@ def fit_sensor(
     values = [at_stations.part(p * count, count) for p in range(len(free))]
     centre = layout.stations.centre_degC
     choices = [
-        choose(centre, each.values, each.covariance, highest_order=highest_order, seed=seed + place)
+        choose(
+            centre,
+            each.values,
+            each.covariance,
+            highest_order=highest_order,
+            seed=seed + place,
+            first_alarm=_first_alarm(layout, each),
+        )
         for place, each in enumerate(values)
     ]
     bases = [layout.station_basis() if c.form.order is None else layout.power_basis(c.form.order) for c in choices]
@@ -172,6 +180,13 @@ def fit_sensor(
         change = fitted.part(last, 1) if layout.hysteresis else None
         parameters[name] = _parameter(
             layout, place, choices[place], values[place], own, scatter[name], errors[place], change
+        )
+    if layout.hysteresis:
+        notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
+    else:
+        notes.append(
+            f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
+            "are in the curves"
         )
     if not noise.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: the size of the noise is not known")
@@ -262,6 +277,19 @@ def _parameter(
     )
 
 
+def _first_alarm(layout: Layout, values: Estimates) -> float:
+    """Return how rare a win over the constant must be, so that a sensor that depends on nothing is called so.
+
+    Half of the false alarms, shared by all parameters, goes to this comparison alone. The other half goes to values
+    that, or whose straight line, change more than their noise allows: for those only a form is sought.
+    """
+    shared = 0.5 * FALSE_ALARM / len(layout.form.names)
+    line = _line(layout, values)
+    slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom[1]))
+    changes = min(_misfit(layout, values, 0).chance, slope) < 0.5 * shared
+    return FALSE_ALARM if changes else shared
+
+
 @dataclass(frozen=True)
 class _Misfit:
     """How far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
@@ -280,11 +308,16 @@ def _misfit(layout: Layout, values: Estimates, order: int) -> _Misfit:
     return _Misfit(ratio, float(fisher.sf(ratio, left, min(float(np.min(values.freedom)), 1e6))))
 
 
-def _largest_change(layout: Layout, values: Estimates) -> float:
-    """Return the bound, at `CONFIDENCE`, of what a straight line may change over the range."""
+def _line(layout: Layout, values: Estimates) -> Estimates:
+    """Return level and slope of a straight line through the free values, per half range."""
     basis = layout.powers(layout.stations.centre_degC, 1)
     found = solve(basis, values.values, covariance=values.covariance)
-    line = Estimates(found.values, found.covariance, np.full(2, np.min(values.freedom)), 0.0)
+    return Estimates(found.values, found.covariance, np.full(2, np.min(values.freedom)), float(found.chi_square))
+
+
+def _largest_change(layout: Layout, values: Estimates) -> float:
+    """Return the bound, at `CONFIDENCE`, of what a straight line may change over the range."""
+    line = _line(layout, values)
     return 2.0 * float(abs(line.values[1]) + line.half_width[1])
 
 

@@ -1,12 +1,11 @@
 """The noise of a campaign's rates beside a curve that is free at every temperature: white, run-level, heteroscedastic.
 
-The noise models are those of `hil.reconcile.noise`, on a grid; what is used is their mean, each weighted by its
-restricted likelihood. The free curve leaves no misfit that could be taken for noise.
+The noise models are those of `hil.reconcile.noise`, on a grid; the one with the largest restricted likelihood is used.
+The free curve leaves no misfit that could be taken for noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid
 
 _CELLS = 4_000_000  # of the grid's matrices in memory at a time
-_LEAST_WEIGHT = 1e-5  # grid points this much less probable than the best change nothing
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs:
 
 
 def block_noise(block: Block, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean white variances (d, N) and the mean run-level covariances (d, N, N) of a block.
+    """Return the white variances (d, N) and the run-level covariances (d, N, N) of a block's most probable noise.
 
     `y` (N, d) are d sets of rates on the block's rows: one campaign, or many draws of it.
     """
@@ -83,31 +81,22 @@ def block_noise(block: Block, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         grid = grid.take(np.flatnonzero(grid.collect_drift == 0.0))
     prior = ScalePrior.of(block)
     freedom = len(block.y) - block.base.shape[1]
-    shape = (len(grid), y.shape[1])
-    log_weight, scale = np.empty(shape), np.empty(shape)
-    for points in _in_parts(len(grid), len(block.y)):
+    log_weight, squares = np.empty((len(grid), y.shape[1])), np.empty((len(grid), y.shape[1]))
+    at_once = max(1, _CELLS // len(block.y) ** 2)
+    for start in range(0, len(grid), at_once):
+        points = np.arange(start, min(start + at_once, len(grid)))
         beside = Projection.of(NoiseTable.on(block, grid.take(points)), block.base)
-        _, rss, log_weight[points] = beside.log_null(y, prior)
-        scale[points] = (prior.b + 0.5 * rss) / max(prior.a + 0.5 * freedom - 1.0, 0.5)
-    weight = np.exp(log_weight - log_weight.max(axis=0))
-    kept = np.flatnonzero(np.any(weight > _LEAST_WEIGHT, axis=1))
-    weight = weight[kept] / weight[kept].sum(axis=0) * scale[kept]
-    rows = len(block.y)
-    white, total = np.zeros((y.shape[1], rows)), np.zeros((y.shape[1], rows, rows))
-    for points in _in_parts(len(kept), rows):
-        own = grid.take(kept[points])
-        total += np.tensordot(weight[points].T, covariances(block, own), axes=1)
-        white += weight[points].T @ np.diagonal(covariances(block, _white_only(own)), axis1=1, axis2=2)
-    diagonal = np.arange(rows)
-    total[:, diagonal, diagonal] -= white
-    return white, total
+        _, squares[points], log_weight[points] = beside.log_null(y, prior)
+    best = np.argmax(log_weight, axis=0)
+    scale = (prior.b + 0.5 * squares[best, np.arange(y.shape[1])]) / max(prior.a + 0.5 * freedom, 0.5)
+    own = grid.take(best)
+    white = np.diagonal(covariances(block, _white_only(own)), axis1=1, axis2=2) * scale[:, None]
+    run = covariances(block, own) * scale[:, None, None]
+    diagonal = np.arange(len(block.y))
+    run[:, diagonal, diagonal] -= white
+    return white, run
 
 
 def _white_only(grid: NoiseGrid) -> NoiseGrid:
     zero = np.zeros(len(grid))
     return replace(grid, run_bias=zero, run_sensitivity=zero, collect_drift=zero)
-
-
-def _in_parts(points: int, rows: int) -> Sequence[IntArray]:
-    at_once = max(1, _CELLS // rows**2)
-    return [np.arange(start, min(start + at_once, points)) for start in range(0, points, at_once)]

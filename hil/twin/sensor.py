@@ -101,7 +101,12 @@ class SimulatedSensor:
     def _tabulate(self) -> FloatArray:
         # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.
         temperatures = np.arange(_COLDEST_DEGC, _HOTTEST_DEGC + _STEP_DEGC / 2, _STEP_DEGC)
-        base = self.model.base_at(self.sensor, temperatures)
+        # A fitted model knows nothing outside its range; the simulated unit then keeps what it has at the edge.
+        ranges = [
+            c.valid_degC for c in self.model.sensors.get(self.sensor.number, {}).values() if c.valid_degC is not None
+        ]
+        low, high = max((r[0] for r in ranges), default=-np.inf), min((r[1] for r in ranges), default=np.inf)
+        base = self.model.base_at(self.sensor, np.clip(temperatures, low, high))
         return np.concatenate([base.bias, base.k.reshape(len(temperatures), -1)], axis=1)
 
 
