@@ -94,6 +94,7 @@ def _sensor(
         "positions": chosen.scene.conditions.position.tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,
+        "noise_deg_per_hr": float(np.sqrt(np.mean(chosen.scene.sigma**2))),
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),

@@ -39,6 +39,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
         "met": not proposal.missing,
         "missing": list(proposal.missing),
         "proposed": _entry(proposal.best),
+        "with_more_time": None if proposal.with_more_time is None else _entry(proposal.with_more_time),
         "compared": [_entry(each) for each in proposal.compared],
     }
 

@@ -82,11 +82,13 @@ class Proposal:
     """The best candidate, and what it lacks (nothing where the goal is met).
 
     `compared` are the base sweep's own sequence and its usual variants, with the base sweep's durations and repeats.
+    `with_more_time` meets a goal that the time does not allow, where anything does.
     """
 
     best: Candidate
     missing: tuple[str, ...]
     compared: tuple[Candidate, ...]
+    with_more_time: Candidate | None = None
 
 
 def parse_target(text: str) -> tuple[str, float]:
@@ -124,17 +126,21 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal, model: Model | None = None) 
             f"bench {bench.name}: no order of three or four of its positions lets every parameter be known; give it "
             "positions that point gravity along more axes"
         )
-    found = [(_lacks(candidate, goal, targets), candidate) for kind in kinds for candidate in weigher.candidates(kind)]
+    every = [candidate for kind in kinds for candidate in weigher.candidates(kind)]
+    weighed = [(_lacks(candidate, goal, targets), candidate) for candidate in every]
+    found = [each for each in weighed if goal.time_s is None or each[1].time_s <= goal.time_s]
     if not found:
         raise InputError(
             f"{sweep.source}: not one self-calibration at each of its {len(sweep.temperatures)} temperatures fits into "
             f"{(goal.time_s or 0.0) / 3600.0:.1f} h; allow more time, or fewer temperatures"
         )
     missing, best = min(found, key=lambda each: _rank(each[0], each[1], targets))
+    meeting = [each for each in weighed if missing and not each[0]]
+    longer = min(meeting, key=lambda each: _rank(each[0], each[1], targets), default=(None, None))[1]
     variants = [kind for positions in _variants(sweep, bench) if (kind := weigher.kind(positions)) is not None]
     duration_s, repeats = sweep.collect.duration_s, sweep.self_calibrations_per_temperature
     compared = tuple(weigher.weigh(kind, duration_s, repeats) for kind in variants)
-    return Proposal(best, tuple(text for text, _ in missing), compared)
+    return Proposal(best, tuple(text for text, _ in missing), compared, longer)
 
 
 @dataclass(frozen=True)
@@ -184,14 +190,11 @@ class _Weigher:
         return parts
 
     def candidates(self, kind: _Kind) -> Iterator[Candidate]:
-        """Yield a sequence at every duration and number of repeats that fits into the time."""
+        """Yield a sequence at every duration and number of repeats."""
         least = self._goal.repeats or self._sweep.self_calibrations_per_temperature
         for duration_s in sorted({*DURATIONS_S, self._sweep.collect.duration_s}):
             for repeats in range(least, max(least, MOST_REPEATS) + 1):
-                candidate = self.weigh(kind, duration_s, repeats)
-                if self._goal.time_s is not None and candidate.time_s > self._goal.time_s:
-                    break
-                yield candidate
+                yield self.weigh(kind, duration_s, repeats)
 
     def weigh(self, kind: _Kind, duration_s: float, repeats: int) -> Candidate:
         """Return a candidate with the standard deviations of its means."""

@@ -85,8 +85,16 @@ def _print_budget(document: Mapping[str, Any]) -> None:
             f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
         )
         console.print(_budget_table(document, sensor))
+        console.print(_origins(sensor))
         if not sensor["agrees"]:
             console.print("calculation and Monte Carlo do NOT agree: the errors are too large for a linear calculation")
+
+
+def _origins(sensor: Mapping[str, Any]) -> str:
+    """Say where the sizes come from: one line, so that a default is not taken for knowledge."""
+    default = [each["id"] for each in sensor["sources"] if each["origin"].startswith("default of")]
+    others = [f"{each['id']}: {each['origin']}" for each in sensor["sources"] if each["id"] not in default]
+    return f"sizes: {'; '.join(others)}" + (f"; defaults, not this bench's: {', '.join(default)}" if default else "")
 
 
 def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Table:
@@ -98,9 +106,14 @@ def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Tab
     names = list(sensor["parameters"])
     for source in sensor["sources"]:
         cells = [_two(source["parameters"][name]) for name in names]
-        table.add_row(source["title"], f"{source['size']:.3g} {source['unit']}", *cells)
+        size = f"{source['size']:.3g} {source['unit']}"
+        if source["id"] == "noise":
+            size = f"{sensor['noise_deg_per_hr']:.3g} deg/hr"
+        table.add_row(source["title"], size, *cells)
     table.add_row("all together, one run", "", *(_two(sensor["total"][name]) for name in names), style="bold")
-    table.add_row(f"mean of {document['repeats']} runs", "", *(_one(sensor["mean_of_repeats"][name]) for name in names))
+    if document["repeats"] > 1:
+        means = sensor["mean_of_repeats"]
+        table.add_row(f"mean of {document['repeats']} runs", "", *(_one(means[name]) for name in names))
     table.add_row("of it from run to run", "", *(_one(sensor["run_to_run"][name]) for name in names))
     seen = sensor["observed_run_to_run"]
     if seen:
@@ -173,20 +186,25 @@ def design(
 
 def _print_design(document: Mapping[str, Any], out: Path | None) -> None:
     console = results()
-    best = document["proposed"]
-    console.print(f"{document['sweep']}, on bench {document['bench']}\n")
-    console.print(
-        f"proposed: {best['sequence']}, {best['collect_duration_s']:g} s each, "
-        f"{best['self_calibrations_per_temperature']} per temperature, {best['total_s'] / 3600.0:.1f} h"
-    )
+    best, longer = document["proposed"], document["with_more_time"]
+    console.print(f"{document['sweep']}, on bench {document['bench']}\n\nproposed: {_in_words(best)}")
     for text in document["missing"]:
         console.print(f"  the goal is not met: {text}")
+    if longer is not None:
+        console.print(f"  with more time it is: {_in_words(longer)}")
     for number in best["sensors"]:
         console.print(f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget")
         console.print(_design_table(document, number))
     console.print("\ndrift out of: what a steady drift does not enter; g²: MU is told from terms in g squared")
     if out is not None:
         console.print(f"sweep: {out}")
+
+
+def _in_words(each: Mapping[str, Any]) -> str:
+    return (
+        f"{each['sequence']}, {each['collect_duration_s']:g} s each, {each['self_calibrations_per_temperature']} per "
+        f"temperature, {each['total_s'] / 3600.0:.1f} h"
+    )
 
 
 def _design_table(document: Mapping[str, Any], number: str) -> Table:

@@ -185,6 +185,7 @@ def test_the_proposal_meets_its_goal_and_is_the_shortest_that_does(sweep: Any) -
         assert max(found.best.total[number][name] for name in ("MUA", "MUB")) <= 0.5
     shorter = propose(sweep, bench, Goal(goal.targets, True, 2, True, time_s=found.best.time_s - 60.0))
     assert shorter.missing != ()
+    assert shorter.with_more_time == found.best
 
 
 def test_without_a_goal_the_free_improvement_is_proposed(sweep: Any) -> None:
