@@ -58,7 +58,7 @@ export function temperatureName(column) {
   return unit ? `Sensor ${unit[1]}` : column;
 }
 
-// A sentence of the controller, with a minus sign where a number is below zero.
-export const sentence = (text) => text.replace(/(^|[\s(])-(?=\d)/g, "$1−");
+// A sentence of the controller, with a minus sign where a number is below zero, and no number parted from its unit.
+export const sentence = (text) => text.replace(/(^|[\s(])-(?=\d)/g, "$1−").replaceAll(" °C", "\u00a0°C");
 
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);

@@ -1,0 +1,91 @@
+"""Makes the pictures of the live page in docs/images from the product itself; needs Chromium and the dev extra.
+
+    .venv/bin/python docs/screenshots.py
+
+A simulated night runs at speed beside one that waits for its operator; the pictures are what a browser then shows.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import yaml
+from PIL import Image
+from playwright.sync_api import Browser, sync_playwright
+
+from hil.config.files import find_config
+
+IMAGES = Path(__file__).parent / "images"
+COLOURS = 64  # enough for a page of few colours, and a third of the size
+SWEEP = {
+    "title": "Three temperatures, unit SIM-0001",
+    "temperatures": ["-20 degC", "20 degC", "50 degC"],
+    "self_calibrations_per_temperature": 2,
+    "positions": [1, 2, 3],
+    "restabilisation": {"at_least": "45 min", "ceiling": "4 h"},
+    "collect": {"settle": "30 s", "duration": "40 min", "index_timeout": "20 h", "drift_limit": "20 deg/hr/min"},
+}
+AVERAGING = "() => document.querySelectorAll('#results tr').length > 4 && document.querySelector('.se')?.textContent"
+
+
+def main() -> None:
+    """Run the nights and the page, and take the pictures."""
+    IMAGES.mkdir(exist_ok=True)
+    processes: list[subprocess.Popen[str]] = []
+    with tempfile.TemporaryDirectory() as made, sync_playwright() as driver:
+        folder = Path(made)
+        (folder / "nights").mkdir()
+        try:
+            processes.append(_night(folder, "bench-1", operator=False))
+            processes.append(_night(folder, "bench-2", operator=True))
+            processes.append(_hil("dashboard", folder / "nights", "--port", "0", stdout=subprocess.PIPE))
+            url = processes[-1].stdout.readline().strip()
+            browser = driver.chromium.launch(
+                executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
+                args=["--no-sandbox"] if os.geteuid() == 0 else [],
+            )
+            _take(browser, f"{url}#bench-1", AVERAGING, "live-page.png", (1280, 800), "light")
+            waiting = "() => !document.querySelector('#prompt').hidden"
+            _take(browser, f"{url}#bench-2", waiting, "live-page-phone.png", (390, 844), "dark")
+            browser.close()
+        finally:
+            for process in processes:
+                process.kill()
+                process.wait()
+
+
+def _night(folder: Path, name: str, *, operator: bool) -> subprocess.Popen[str]:
+    """Begin a simulated night, 900 times as fast as a real one."""
+    text = find_config("benches", "simulated").read_text().replace("name: simulated", f"name: {name}")
+    bench, sweep = folder / f"{name}.yaml", folder / "sweep.yaml"
+    bench.write_text(text.replace("positioner: indexing", "positioner: operator") if operator else text)
+    sweep.write_text(yaml.safe_dump(SWEEP))
+    out = folder / "nights" / name
+    return _hil("run", sweep, "--bench", bench, "--out", out, "--speed", 900, "--quiet", stdout=None)
+
+
+def _hil(*arguments: object, stdout: int | None) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "hil", *map(str, arguments)]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=stdout, text=True)  # noqa: S603 - our own
+
+
+def _take(browser: Browser, url: str, ready: str, name: str, size: tuple[int, int], scheme: str) -> None:
+    viewport = {"width": size[0], "height": size[1]}
+    context = browser.new_context(viewport=viewport, color_scheme=scheme)
+    page = context.new_page()
+    page.goto(url)
+    page.wait_for_function(ready, timeout=120_000)
+    page.wait_for_timeout(1500)
+    page.screenshot(path=IMAGES / name)
+    context.close()
+    with Image.open(IMAGES / name) as taken:
+        taken.convert("RGB").quantize(COLOURS).save(IMAGES / name, optimize=True)
+
+
+if __name__ == "__main__":
+    main()
