@@ -90,7 +90,7 @@ def read_campaign(folder: Path | str) -> Campaign:
         sensors[number] = _collects_of(table, sensor, chosen, columns, header.centrifuge)
     series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
     declared = {*STANDARD_CONDITIONS, *header.conditions}
-    return Campaign(
+    campaign = Campaign(
         title=header.title,
         source=header.source,
         sensors=sensors,
@@ -104,6 +104,9 @@ def read_campaign(folder: Path | str) -> Campaign:
         series_files=series,
         series_block_s=header.series_block_s,
     )
+    for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
+        read_series(campaign, collect)
+    return campaign
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:

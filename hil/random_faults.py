@@ -6,10 +6,11 @@ import math
 import random
 from collections.abc import Callable, Mapping
 
-from hil.config.faults import CATALOGUE, Fault
+from hil.config.faults import CATALOGUE, Device, Fault
 from procedures.plan import Plan
 
-_NOT_DRAWN = frozenset({("operator", "no_answer")})  # nobody is asked on a bench that indexes
+_OFTEN: Mapping[Device, int] = {"imu": 4, "chamber": 4, "disk": 1, "clock": 1, "controller": 1}
+"""How often each device is chosen; no operator, for nobody is asked on a bench that indexes."""
 _AT_A_STEP = 0.3  # so often a fault waits for a step
 _FOR_EVER = 0.15  # so often it lasts for the rest of the night
 _SHORTEST_S, _LONGEST_S = 5.0, 3600.0
@@ -27,8 +28,8 @@ def draw_faults(draw: random.Random, plan: Plan, count: tuple[int, int]) -> tupl
 
 
 def _fault(draw: random.Random, plan: Plan) -> Fault:
-    kinds = [(device, name) for device, of in CATALOGUE.items() for name in of if (device, name) not in _NOT_DRAWN]
-    device, name = draw.choice(kinds)
+    (device,) = draw.choices(list(_OFTEN), weights=list(_OFTEN.values()))
+    name = draw.choice(list(CATALOGUE[device]))
     kind = CATALOGUE[device][name]
     waits = draw.random() < _AT_A_STEP
     at = draw.choice(plan.steps).key if waits else f"{draw.uniform(0.0, plan.total_s):.0f} s"

@@ -202,13 +202,18 @@ class _Witness(Silent):
         if self._live is None or self._live.simulators is None:
             return told
         clock, chamber = self._live.devices.clock, self._live.simulators.chamber
-        clock.sleep(_LEFT_ALONE_S)
-        chamber.receive(b"", clock.now())
         safe = self._live.bench.chamber.safe_state
-        if safe.temperature_degC is None:
-            told["safe"] = chamber.mode in ("OFF", "STANDBY")
-        else:
-            told["safe"] = chamber.mode == "CONSTANT" and abs(chamber.setpoint_degC - safe.temperature_degC) < 0.2
+
+        def is_safe() -> bool:
+            chamber.receive(b"", clock.now())
+            if safe.temperature_degC is None:
+                return chamber.mode in ("OFF", "STANDBY")
+            return chamber.mode == "CONSTANT" and abs(chamber.setpoint_degC - safe.temperature_degC) < 0.2
+
+        told["safe"] = is_safe()
+        if not told["safe"]:
+            clock.sleep(_LEFT_ALONE_S)
+            told["safe"] = is_safe()
         if not told["safe"] and "NOT SAFE" not in outcome.reason:
             told["wrong"] = [
                 f"the chamber is in mode {chamber.mode} at {chamber.setpoint_degC:g} °C, and nobody was told"

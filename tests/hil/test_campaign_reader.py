@@ -371,11 +371,11 @@ def test_series_are_found_by_their_collect_and_read_when_asked(folder: Path) -> 
     ],
 )
 def test_bad_series_are_refused(folder: Path, name: str, text: str, message: str) -> None:
-    """A series without its row refuses the folder; bad contents are named when the series is read."""
+    """A series without its row refuses the folder, and so does one with a bad cell: nothing is imported in part."""
     (folder / "series").mkdir()
     (folder / "series" / name).write_text(text)
     with pytest.raises(InputError, match=message):
-        read_series(read_campaign(folder), 1)
+        read_campaign(folder)
 
 
 def test_two_series_of_one_collect_are_refused(folder: Path) -> None:

@@ -1,0 +1,136 @@
+"""Rehearsed nights: what is survived, and that a night which is not survived is called so."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hil.config import load_bench
+from hil.config.faults import Fault
+from hil.errors import InputError
+from hil.night import start_night
+from hil.rehearse import _wrong_end, _wrong_records, rehearse
+from hil.status import night_status
+
+_ROOT = Path(__file__).resolve().parents[3]
+_QUIET = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+
+
+def told(*arguments: object) -> tuple[int, dict[str, Any]]:
+    """Return exit status and document of a program that prints one."""
+    command = [sys.executable, "-m", *map(str, arguments)]
+    ended = subprocess.run(command, cwd=_ROOT, env=_QUIET, stdout=subprocess.PIPE, check=False, timeout=110)
+    return ended.returncode, dict(json.loads(ended.stdout))
+
+
+@pytest.mark.timeout(120)
+def test_nights_of_random_faults_are_survived() -> None:
+    """Complete, or incomplete for a true reason with a safe chamber; sound records; no wrong number called PASS."""
+    status, found = told("benchmarks.reliability.rehearse", "--nights", 8, "--seed", 40)
+    assert found["wrong"] == {}
+    assert (status, found["nights"], found["survived"], found["safe_at_the_end"]) == (0, 8, 8, 8)
+    assert found["faults"] >= 8
+    assert found["self_calibrations"]["PASS"] > 0
+
+
+@pytest.mark.timeout(120)
+def test_the_command_says_what_was_and_what_was_not_survived(tmp_path: Path) -> None:
+    """A chamber that is deaf for ever and has no timer of its own cannot be made safe: that is said, status 1."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["faults"] = [{"at": "T1/S1/restabilise", "device": "chamber", "kind": "silence"}]
+    path = tmp_path / "bench.yaml"
+    path.write_text(yaml.safe_dump(document))
+    kept = tmp_path / "kept"
+    options = ("--faults", 0, "--seed", 7, "--keep", kept, "--json")
+    status, found = told("hil", "rehearse", "quick", "--bench", path, *options)
+    (night,) = found["nights"]
+    assert (status, found["schema"], found["simulated"], found["survived"]) == (1, "hil.rehearsal/1", True, 0)
+    assert night["wrong"] == ["the chamber is not in its safe state"]
+    assert night["reason"].startswith("chamber-lost")
+    assert "NOT SAFE" in night["reason"]
+    assert night["faults"] == document["faults"]
+    assert night_status(kept / "night-7" / "night")["state"] == "failed"
+
+
+@pytest.mark.timeout(120)
+def test_a_killed_controller_is_carried_on(tmp_path: Path) -> None:
+    """The night becomes complete; the fault that killed it does not come back."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["faults"] = [{"at": "T1/S1/C2/collect", "device": "controller", "kind": "killed"}]
+    path = tmp_path / "bench.yaml"
+    path.write_text(yaml.safe_dump(document))
+    status, found = told("hil", "rehearse", "quick", "--bench", path, "--faults", "0", "--json")
+    (night,) = found["nights"]
+    assert (status, night["state"], night["carried_on"], night["survived"]) == (0, "complete", 1, True)
+
+
+def test_a_real_bench_is_not_rehearsed(tmp_path: Path) -> None:
+    """Nobody wants these faults on hardware."""
+    from hil.config import load_sweep
+
+    with pytest.raises(InputError, match="simulated in process"):
+        next(rehearse(load_sweep("quick"), load_bench("simulated-pty"), nights=1, seed=1, folder=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "device", "kind", "true"),
+    [
+        ("failed", "chamber-alarm: the chamber reports 19", "chamber", "alarm", True),
+        ("failed", "chamber-alarm: the chamber reports 19", "imu", "silence", False),
+        ("failed", "stream-lost: no good frame", "imu", "unplugged", True),
+        ("failed", "stream-lost: no good frame", "controller", "killed", False),
+        ("failed", "the disk is full (No space left)", "disk", "full", True),
+        ("failed", "ZeroDivisionError: float division", "chamber", "alarm", False),
+        ("complete", "every step is done", "chamber", "alarm", True),
+    ],
+)
+def test_a_reason_is_true_only_where_a_fault_explains_it(
+    state: str, reason: str, device: str, kind: str, true: bool
+) -> None:
+    """What ended a night must have been done to it."""
+    fault = Fault.model_validate({"at": "1 s", "device": device, "kind": kind})
+    wrong = _wrong_end({"state": state, "reason": reason, "safe": True}, [fault])
+    assert (wrong == []) == true
+    assert _wrong_end({"state": state, "reason": reason, "safe": False}, [fault]) != []
+
+
+def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
+    """The same night beside a truth that is ten standard errors away."""
+    from benchmarks.reliability.rehearse import bench, sweep
+    from hil.rehearse import _Witness
+
+    witness = _Witness(tmp_path)
+    start_night(tmp_path / "night", sweep(), bench(), progress=witness, opened=witness.look_at)
+    wrong, verdicts = _wrong_records(tmp_path / "night", "complete")
+    assert wrong == []
+    assert verdicts["PASS"] == 2
+    lines = [json.loads(line) for line in (tmp_path / "truth.jsonl").read_text().splitlines()]
+    for line in lines:
+        line["parameters"]["BA"] += 20.0
+    (tmp_path / "truth.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    wrong, _ = _wrong_records(tmp_path / "night", "complete")
+    assert len(wrong) == 4
+    assert all("is called PASS, but BA of sensor" in each for each in wrong)
+    shutil.rmtree(tmp_path / "night" / "blocks")
+    assert any("missing" in each for each in _wrong_records(tmp_path / "night", "complete")[0])
+
+
+@pytest.mark.timeout(120)
+def test_a_long_night_needs_no_more_memory_than_a_short_one() -> None:
+    """From its third tenth on memory stands still; the status of it is quick; what is kept is its collects."""
+    _, found = told("benchmarks.reliability.long_night", "--hours", 8, "--rate", 100)
+    assert found["state"] == "complete"
+    assert found["verify_complete"]
+    assert found["rss_at_end_mb"] < 300.0
+    assert found["rss_mb"][-1] - found["rss_mb"][2] < 15.0
+    assert found["status_s"] < 0.5
+    assert found["disk_per_collect_mb"] < 1.0
