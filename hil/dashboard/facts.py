@@ -20,6 +20,7 @@ from drivers.clock import SystemClock
 from hil.config.files import parse_yaml
 from hil.dashboard.curves import NightCurves
 from hil.dashboard.results import ResultsSoFar
+from hil.heartbeat import read_heartbeat
 from hil.journal_reader import JOURNAL_NAME, JournalReader, reading
 from hil.journal_records import Event
 from hil.live import LIVE_NAME, read_live
@@ -34,7 +35,7 @@ OLD_AFTER_S = 4.0
 _LATE_POLLS = 3.0
 _EVENTS = 80
 _WORKING = ("running", "paused")
-_BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete"}
+_BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete", "watchdog"}
 _PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "prompt-ended", "safe-state", "wear"}
 
 Part = dict[str, Any]
@@ -114,8 +115,7 @@ class NightFacts:
         theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
         now = live if theirs and status["state"] in _WORKING else None
         key = now["step"] if now else status["step"]
-        age_s = self._age_s(now) if self._owner is not None else None
-        limit_s = max(OLD_AFTER_S, _LATE_POLLS * float(now["every_s"])) if now else OLD_AFTER_S
+        age_s, limit_s = self._age(now)
         return {
             **self._about,
             "state": status["state"],
@@ -138,13 +138,17 @@ class NightFacts:
             "now": _now(now) if now else None,
         }
 
-    def _age_s(self, now: Part | None) -> float:
-        """Return how long ago the controller last said anything, by the wall clock."""
-        said = [text for text in (self._status["seen_utc"], now and now["written_utc"]) if text]
-        if not said:
-            return 0.0
-        newest = max(datetime.fromisoformat(text) for text in said)
-        return max((SystemClock().utc() - newest).total_seconds(), 0.0)
+    def _age(self, now: Part | None) -> tuple[float | None, float]:
+        """Return how old what the controller at work last showed is, by the wall clock, and how old it may become."""
+        if self._owner is None:
+            return None, OLD_AFTER_S
+        beat = read_heartbeat(self.folder)
+        beat = beat if beat and beat.pid == self._owner.pid else None
+        limit_s = max(OLD_AFTER_S, _LATE_POLLS * float(now["every_s"]) if now else 0.0)
+        limit_s += beat.silent_s if beat else 0.0  # it has said that it waits for a device
+        shown = [now["written_utc"]] if now else [self._status["seen_utc"], beat and beat.utc]
+        newest = max((datetime.fromisoformat(text) for text in shown if text), default=SystemClock().utc())
+        return max((SystemClock().utc() - newest).total_seconds(), 0.0), limit_s
 
 
 def _now(live: Part) -> Part:

@@ -92,7 +92,8 @@ class Watcher:
         for identity, night in self._nights.items():
             try:
                 parts = night.look()
-                self._broken.pop(identity, None)
+                if self._broken.pop(identity, None):
+                    parts = night.whole()  # pages have forgotten what they knew of it
             except Exception as error:  # one night that cannot be read must not hide the others
                 parts = unreadable(identity, error)
                 parts = {} if self._broken.get(identity) == parts else parts

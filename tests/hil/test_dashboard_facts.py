@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import sqlite3
@@ -20,6 +21,7 @@ from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
 from hil.dashboard.watcher import Watcher
 from hil.export import campaign_of_night
+from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.live import LIVE_NAME, LiveFiles
 from hil.lock import FolderLock
@@ -121,6 +123,7 @@ def killed(night: tuple[Path, dict[str, Any]]) -> Iterator[Path]:
     connection = sqlite3.connect(night[0] / JOURNAL_NAME, isolation_level=None)
     ended = connection.execute("SELECT ended FROM controllers").fetchone()[0]
     connection.execute("UPDATE controllers SET ended = NULL")
+    (night[0] / HEARTBEAT_NAME).unlink(missing_ok=True)
     yield night[0]
     connection.execute("UPDATE controllers SET ended = ?", (ended,))
     connection.close()
@@ -146,6 +149,22 @@ def test_data_of_a_living_controller_are_called_old_after_four_seconds(
             monkeypatch.setattr(SystemClock, "utc", lambda _, later_s=later_s: seen + timedelta(seconds=later_s))
             facts.look()
             assert facts.whole()["head"]["old"] is old
+
+
+def test_a_controller_that_said_it_waits_for_a_device_is_given_that_time(
+    killed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chamber that answers slowly is no reason for alarm; who is silent for longer than announced is."""
+    facts = NightFacts(killed, "night")
+    seen = datetime.fromisoformat(json.loads((killed / LIVE_NAME).read_text())["written_utc"])
+    beats = HeartbeatFile(killed)
+    with FolderLock(killed).acquire():
+        beats.alive(silent_s=20.0)
+        for later_s, old in ((20.0, False), (24.5, True)):
+            monkeypatch.setattr(SystemClock, "utc", lambda _, later_s=later_s: seen + timedelta(seconds=later_s))
+            facts.look()
+            assert facts.whole()["head"]["old"] is old
+    beats.close()
 
 
 def fifteen_hours(folder: Path) -> LiveFiles:
@@ -231,3 +250,42 @@ def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(
     (tmp_path / "a" / JOURNAL_NAME).unlink()
     watcher.look()
     assert set(json.loads(watcher._frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
+
+
+def test_a_night_that_can_be_read_again_is_told_from_its_beginning(
+    night: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Pages that were told it cannot be read have nothing left that could be brought up to date."""
+    journal = tmp_path / "a" / JOURNAL_NAME
+    journal.parent.mkdir()
+    journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+    watcher = Watcher(tmp_path)
+    whole = set(watcher.look()["a"])
+    journal.write_bytes(b"damaged" * 100)
+    assert watcher.look()["a"]["head"]["state"] == "unreadable"
+    journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+    assert whole <= set(watcher.look()["a"])
+
+
+def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_it_does(
+    night: tuple[Path, dict[str, Any]],
+) -> None:
+    """A phone that went to sleep costs the others nothing; what it missed comes in one piece."""
+
+    async def sleeping() -> list[bytes]:
+        watcher = Watcher(night[0])
+        async with watcher.page() as updates:
+            watcher._send(b"change", b"everything")
+            for _ in range(3):
+                watcher._send(b"change", b"")
+            assert updates.full()
+            watcher._send(b"change", b"")
+            assert updates.empty()  # it is not worth keeping: everything will come
+            assert watcher._everything_wanted
+            watcher._send(b"change", b"")
+            assert updates.empty()
+            watcher._send(b"change", b"everything")
+            watcher._send(b"change", b"")
+            return [updates.get_nowait(), updates.get_nowait()]
+
+    assert asyncio.run(sleeping()) == [b"everything", b"change"]
