@@ -16,9 +16,10 @@ from hil.cli.ask import TerminalQuestions
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
+from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
 from hil.step_words import hours_minutes, step_in_words
-from procedures.progress import Progress
+from procedures.progress import Audience, Progress
 
 if TYPE_CHECKING:
     from hil.config import Bench, Sweep
@@ -31,6 +32,9 @@ BenchName = Annotated[
 Speed = Annotated[
     float | None,
     typer.Option("--speed", help="Simulation only: so many times real time, to watch it.", show_default=False),
+]
+WithWatchdog = Annotated[
+    bool, typer.Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
 
@@ -139,6 +143,7 @@ def run(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
     quiet: Quiet = False,
     speed: Speed = None,
+    watchdog: WithWatchdog = True,
 ) -> int:
     """Carry out a sweep. Ctrl-C brings the chamber to its safe state; `hil resume` carries on."""
     from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
@@ -152,7 +157,7 @@ def run(
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         if not _confirmed():
             raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
-    return _end(_start(asked, on, out, quiet=quiet, speed=speed))
+    return _end(_start(asked, on, out, quiet=quiet, speed=speed, watchdog=watchdog))
 
 
 def _confirmed() -> bool:
@@ -162,21 +167,25 @@ def _confirmed() -> bool:
         return False
 
 
-def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None) -> int:
+def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: WithWatchdog = True) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
+    from hil.configuration import bench_of_record
+    from hil.journal_reader import open_readonly
     from hil.night import resume_night
-    from hil.status import night_status
 
-    simulated = bool(night_status(folder)["simulated"])
-    with _watching(quiet=quiet, simulated=simulated) as progress:
+    with open_readonly(folder) as journal:
+        on = bench_of_record(journal.night.configuration)
+    with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
         ended = resume_night(folder, progress=progress, terminal=TerminalQuestions(), speed=speed)
     return _end(ended)
 
 
-def _start(sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, speed: float | None = None) -> NightOutcome:
+def _start(
+    sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, speed: float | None = None, watchdog: bool = True
+) -> NightOutcome:
     from hil.night import start_night
 
-    with _watching(quiet=quiet, simulated=bench.simulated) as progress:
+    with _watching(out, bench, quiet=quiet, watchdog=watchdog) as progress:
         return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), speed=speed)
 
 
@@ -189,14 +198,22 @@ def _end(ended: NightOutcome) -> int:
 
 
 @contextmanager
-def _watching(*, quiet: bool, simulated: bool) -> Iterator[Progress]:
-    progress = onlooker(messages(), quiet=quiet, simulated=simulated)
+def _watching(folder: Path, bench: Bench, *, quiet: bool, watchdog: bool) -> Iterator[Progress]:
+    """Give the onlookers of a night: the terminal, and a watchdog beside the controller of a real chamber."""
+    from hil.config.bench import SIMULATED_SCHEME
+
+    progress = onlooker(messages(), quiet=quiet, simulated=bench.simulated)
+    beside = [WatchdogBeside(folder)] if watchdog and not bench.chamber.port.startswith(SIMULATED_SCHEME) else []
     try:
-        yield progress
+        yield Audience([progress, *beside], lost=_passed_on)
     finally:
         if isinstance(progress, TerminalProgress):
             with suppress(OSError):
                 progress.close()
+
+
+def _passed_on(error: Exception) -> None:
+    raise error  # the night records it, and shows nothing any more
 
 
 def status(

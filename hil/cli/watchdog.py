@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,6 +14,8 @@ import typer
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, messages
 from hil.errors import InputError
+from procedures.plan import Plan
+from procedures.progress import Silent
 
 if TYPE_CHECKING:
     from hil.config import Bench
@@ -64,6 +68,28 @@ def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopReq
         return ended
     finally:
         notifier.close()
+
+
+class WatchdogBeside(Silent):
+    """Starts `hil watchdog` for a night once there is something to watch; it outlives the terminal and the controller.
+
+    What it says goes into watchdog.log in the night's folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._started: subprocess.Popen[bytes] | None = None
+
+    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:  # noqa: ARG002 - an onlooker's
+        """Start it, in a session of its own."""
+        command = [sys.executable, "-m", "hil", "watchdog", str(self._folder.resolve())]
+        try:
+            with (self._folder / "watchdog.log").open("ab") as log:
+                self._started = subprocess.Popen(  # noqa: S603 - our own program, and no shell
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                )
+        except OSError as error:
+            _say(f"warning: no watchdog could be started ({error.strerror}); start it with hil watchdog {self._folder}")
 
 
 def _say(what: str) -> None:

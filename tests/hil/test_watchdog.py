@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ import yaml
 from drivers.clock import SystemClock
 from hil.bench import open_chamber
 from hil.bench_lock import bench_lock
-from hil.config import Bench, load_bench, load_sweep
+from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.control import request
 from hil.errors import InputError
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
@@ -28,12 +27,11 @@ from hil.journal_reader import open_readonly
 from hil.journal_records import Night
 from hil.lock import Owner, process_start
 from hil.night import start_night
-from hil.simulate import client_bench, served
+from hil.simulate import Simulation, client_bench, served
 from hil.status import night_status
 from hil.watchdog import Patience, Watchdog, Watched
 from procedures.control import RequestKind
 from procedures.plan import make_plan
-from procedures.stop import StopRequest
 
 SWEEP = """
 title: A soak that outlasts the test
@@ -43,6 +41,7 @@ positions: [1, 3]
 restabilisation: {at_least: 2 h}
 """
 TIMEOUT_S = 2.0
+STATED_S = 10.0  # docs/how-to/overnight.md: a second to see the death, and a chamber's own pacing
 
 
 def wait_until(
@@ -57,14 +56,22 @@ def wait_until(
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    """A client's bench file; the devices behind it are served on pseudo-terminals by a thread of this process."""
-    with served(load_bench("simulated")) as simulation:
-        client = yaml.safe_load(client_bench(load_bench("simulated"), simulation.ports).text)
-        client["polling"] = {"interval": "1 s", "read_interval": "0.25 s"}
-        path = tmp_path / "bench.yaml"
-        path.write_text(yaml.safe_dump(client))
-        yield load_bench(path)
+def simulation(tmp_path: Path) -> Iterator[Simulation]:
+    """Unit and chamber, served on pseudo-terminals by a thread of this process."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["chamber"] |= {"driver": "simserv", "model": ""}  # of all chambers the one with the least pacing
+    with served(parse_bench(yaml.safe_dump(document), str(tmp_path / "served.yaml"))) as simulation:
+        yield simulation
+
+
+@pytest.fixture
+def bench(simulation: Simulation, tmp_path: Path) -> Bench:
+    """A client's bench file for them."""
+    client = yaml.safe_load(client_bench(simulation.bench, simulation.ports).text)
+    client["polling"] = {"interval": "1 s", "read_interval": "0.25 s"}
+    path = tmp_path / "bench.yaml"
+    path.write_text(yaml.safe_dump(client))
+    return load_bench(path)
 
 
 class Processes:
@@ -78,8 +85,15 @@ class Processes:
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
         """Start a command."""
+        return self._process(sys.executable, "-m", "hil", *arguments)
+
+    def python(self, code: str, *arguments: object) -> subprocess.Popen[str]:
+        """Start a small program."""
+        return self._process(sys.executable, "-c", code, *arguments)
+
+    def _process(self, *command: object) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "hil", *map(str, arguments)],
+            [str(word) for word in command],
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,
@@ -87,9 +101,9 @@ class Processes:
         self._started.append(process)
         return process
 
-    def controller(self, bench: Bench) -> subprocess.Popen[str]:
+    def controller(self, bench: Bench, *options: str) -> subprocess.Popen[str]:
         """Start a night and return once it soaks."""
-        process = self.start("run", self.sweep, "--bench", bench.source, "--out", self.night, "--yes")
+        process = self.start("run", self.sweep, "--bench", bench.source, "--out", self.night, "--yes", *options)
         wait_until((self.night / HEARTBEAT_NAME).exists, process)
         wait_until(lambda: night_status(self.night)["step"] == "T1/S1/restabilise", process)
         return process
@@ -110,10 +124,9 @@ def processes(tmp_path: Path) -> Iterator[Processes]:
     started.close()
 
 
-def mode_of(bench: Bench) -> str:
-    """Ask the chamber itself."""
-    with open_chamber(bench) as live:
-        return live.chamber.read().mode
+def conditioning(simulation: Simulation) -> bool:
+    """Tell whether the chamber heats or cools: asked of the chamber behind the protocol, not of its driver."""
+    return simulation.devices.plant.commanded_degC is not None
 
 
 def events(folder: Path) -> list[tuple[str, str]]:
@@ -122,84 +135,115 @@ def events(folder: Path) -> list[tuple[str, str]]:
         return [(event.kind, event.message) for event in journal.events()]
 
 
-def watched(
-    bench: Bench, folder: Path, *, kill: bool = True, when: str = "", act: Callable[[], object] | None = None
-) -> Watched:
-    """Watch from this process; `act` takes place once the watchdog says `when`."""
-    stop = StopRequest()
-
-    def say(what: str) -> None:
-        if when and when in what:
-            (act or (lambda: stop.request("seen")))()
-
-    patience = Patience(TIMEOUT_S, look_s=0.2, term_s=1.0)
-    return Watchdog(folder, bench, patience=patience, kill=kill, say=say, stop=stop).run()
+def watched(bench: Bench, folder: Path, *, kill: bool = True, hear: Callable[[str], None] = lambda _: None) -> Watched:
+    """Watch from this process."""
+    patience = Patience(TIMEOUT_S, look_s=0.2, term_s=0.5)
+    return Watchdog(folder, bench, patience=patience, kill=kill, say=hear).run()
 
 
-def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(bench: Bench, processes: Processes) -> None:
-    """SIGKILL: the chamber itself says that it is safe, within the stated time; the journal says who did what."""
+def dead_night(folder: Path) -> None:
+    """Make a night whose controller was killed."""
+    folder.mkdir()
+    plan = make_plan(load_sweep("quick").procedure())
+    SqliteJournal.create(folder, plan, Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=""))
+    SqliteJournal.open(folder, clock=SystemClock()).close()
+    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as journal:
+        journal.execute("UPDATE controllers SET ended = NULL")
+
+
+HUNG = """
+import signal, sys
+from pathlib import Path
+from drivers.clock import SystemClock
+from hil.heartbeat import HeartbeatFile
+from hil.journal import SqliteJournal
+journal = SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock())
+HeartbeatFile(Path(sys.argv[1])).alive()
+print("works", file=sys.stderr, flush=True)
+signal.pause()
+"""
+
+
+def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(
+    simulation: Simulation, bench: Bench, processes: Processes
+) -> None:
+    """SIGKILL: the watchdog that `hil run` started beside itself makes the chamber safe; the chamber itself says so."""
     controller = processes.controller(bench)
-    watchdog = processes.start("watchdog", processes.night, "--timeout", TIMEOUT_S)
-    assert watchdog.stderr is not None
-    assert "watching" in watchdog.stderr.readline()
+    log = processes.night / "watchdog.log"
+    wait_until(lambda: log.exists() and "watching" in log.read_text(), controller)
+    assert conditioning(simulation)
     clock = SystemClock()
     controller.kill()
-    _, said = watchdog.communicate(timeout=30)
+    controller.wait(10)
+    wait_until(lambda: night_status(processes.night)["state"] == "failed")
     took_s = clock.now()
-    assert watchdog.returncode == 3, said
-    assert took_s < TIMEOUT_S + 6.0  # a chamber's own pacing, on a machine that may be busy
-    assert mode_of(bench) == "STANDBY"
-    status = night_status(processes.night)
-    assert status["state"] == "failed"
-    assert "watchdog brought the chamber to its safe state" in status["reason"]
+    assert took_s < STATED_S
+    assert not conditioning(simulation)
+    assert "watchdog brought the chamber to its safe state" in night_status(processes.night)["reason"]
     happened = dict(events(processes.night))
     assert f"process {controller.pid}" in happened["watchdog"]
     assert "safe-state" in happened
+    wait_until(lambda: "brought the chamber to its safe state" in log.read_text())  # its last words
 
 
-def test_a_hung_controller_is_reported_killed_and_its_chamber_made_safe(bench: Bench, processes: Processes) -> None:
-    """Left alone where that was asked for; killed otherwise, because only one program can drive a chamber."""
-    controller = processes.controller(bench)
-    os.kill(controller.pid, signal.SIGSTOP)
-    assert watched(bench, processes.night, kill=False, when="left alone").exit_status == 0
-    assert controller.poll() is None
-    assert watched(bench, processes.night, when="it is killed", act=lambda: None).exit_status == 3
-    assert controller.wait(5) == -signal.SIGKILL
-    assert mode_of(bench) == "STANDBY"
+def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
+    simulation: Simulation, bench: Bench, processes: Processes
+) -> None:
+    """It is asked to end first; then killed, because only one program can drive a chamber."""
+    dead_night(processes.night)
+    hung = processes.python(HUNG, processes.night)
+    assert hung.stderr is not None
+    assert "works" in hung.stderr.readline()
+    os.kill(hung.pid, signal.SIGSTOP)
+    with open_chamber(bench) as live:
+        live.chamber.prepare()
+    said: list[str] = []
+    ended = watched(bench, processes.night, hear=said.append)
+    assert ended.exit_status == 3
+    assert hung.wait(5) == -signal.SIGKILL
+    assert not conditioning(simulation)
+    assert [words for words in ("asked to end", "does not react", "safe state") if words in " ".join(said)] == [
+        "asked to end",
+        "does not react",
+        "safe state",
+    ]
 
 
-def test_a_controller_that_ends_by_itself_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
-    """A second night on its ports is refused with its name; and when it ends, the watchdog leaves the chamber alone."""
-    controller = processes.controller(bench)
+def test_a_controller_that_is_well_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
+    """A second night on its ports is refused; a silence is reported where that was all; its end is its own."""
+    controller = processes.controller(bench, "--no-watchdog")
     with pytest.raises(InputError, match=f"process {controller.pid} .*{processes.night}"):
         start_night(tmp_path / "second", load_sweep("quick"), bench)
     assert not (tmp_path / "second").exists()
-    abort = partial(request, processes.night, RequestKind.ABORT, "ann", "enough")
-    ended = watched(bench, processes.night, when="watching", act=abort)
+    os.kill(controller.pid, signal.SIGSTOP)
+
+    def go_on_and_end(what: str) -> None:
+        if "left alone" in what:
+            os.kill(controller.pid, signal.SIGCONT)
+            request(processes.night, RequestKind.ABORT, "ann", "enough")
+
+    ended = watched(bench, processes.night, kill=False, hear=go_on_and_end)
     assert ended.exit_status == 0
     assert "aborted by ann: enough" in ended.message
     assert controller.wait(10) == 1
     assert "watchdog" not in dict(events(processes.night))
 
 
-def test_a_bench_that_another_night_has_taken_over_is_left_alone(bench: Bench, tmp_path: Path) -> None:
+def test_a_bench_that_another_night_has_taken_over_is_left_alone(
+    simulation: Simulation, bench: Bench, tmp_path: Path
+) -> None:
     """The watchdog of a dead night must not stop the chamber of a living one."""
     folder = tmp_path / "night"
-    plan = make_plan(load_sweep("quick").procedure())
-    folder.mkdir()
-    SqliteJournal.create(folder, plan, Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=""))
-    SqliteJournal.open(folder, clock=SystemClock()).close()
-    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as journal:
-        journal.execute("UPDATE controllers SET ended = NULL")  # as a killed controller leaves it
+    dead_night(folder)
     with open_chamber(bench) as live:
         live.chamber.prepare()
     with bench_lock(bench, tmp_path / "another"):
         left = watched(bench, folder)
     assert left.exit_status == 0
     assert "left alone" in left.message
-    assert mode_of(bench) == "CONSTANT"
+    assert conditioning(simulation)
     assert watched(bench, folder).exit_status == 3
-    assert mode_of(bench) == "STANDBY"
+    assert not conditioning(simulation)
 
 
 def test_one_adapter_is_one_port_whatever_its_name(bench: Bench, tmp_path: Path) -> None:
