@@ -19,7 +19,8 @@ class Averaging:
     """How averages scatter, from the fitted curve between the shortest and the longest tau of the record.
 
     `lowest_deg_per_hr` is the least that averaging reaches, at `lowest_at_s`; from `enough_s` on it is reached within
-    10 %. `turns` tells whether the curve rises again within the record, so that longer averages are worse.
+    10 %. `turns` tells whether the curve rises again within the record, so that longer averages are worse. `white` is N
+    in deg/hr·sqrt(s): averages of T seconds scatter by at least N / sqrt(T).
     """
 
     lowest_deg_per_hr: float
@@ -27,8 +28,14 @@ class Averaging:
     enough_s: float
     turns: bool
     longest_s: float
+    white: float
     _tau_s: FloatArray
     _deviation: FloatArray
+
+    @property
+    def shortest_s(self) -> float:
+        """The shortest averaging time of the record, s."""
+        return float(self._tau_s[0])
 
     def reach_s(self, deg_per_hr: float) -> float | None:
         """Return the shortest averaging time that reaches a deviation; None where the record shows none."""
@@ -56,6 +63,7 @@ def averaging(fit: NoiseFit) -> Averaging:
         enough_s=float(tau_s[enough]),
         turns=bool(deviation[-1] > _WORTH * deviation[least]),
         longest_s=float(tau_s[-1]),
+        white=fit.terms["N"].value,
         _tau_s=tau_s,
         _deviation=deviation,
     )
@@ -66,7 +74,11 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
     said = []
     scatter = found.at(collect_s)
     if scatter is None:
-        said.append(f"a collect of {duration(collect_s)} is longer than this record can judge")
+        least = found.white / np.sqrt(collect_s)
+        said.append(
+            f"a collect of {duration(collect_s)} is outside what this record can judge ({duration(found.shortest_s)} "
+            f"to {duration(found.longest_s)}); the white noise in it alone scatters by {least:.3g} deg/hr"
+        )
     else:
         said.append(
             f"a collect of {duration(collect_s)} scatters by {scatter:.3g} deg/hr, MU of one three-collect "

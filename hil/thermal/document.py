@@ -96,6 +96,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
             for step in choice.steps
         ],
         "repeatability": _known(each.repeatability),
+        "changes": each.changes,
         "chance_constant": each.chance_constant,
         "chance_form": each.chance_form,
         "largest_linear_change": each.largest_change,

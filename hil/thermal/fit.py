@@ -53,7 +53,8 @@ class ParameterFit:
     """One parameter against temperature.
 
     `values` are the free estimates at each temperature; `coefficients` those of the chosen form (powers of T - T0, the
-    lowest first, for a polynomial; values at the temperatures for a table). `chance_constant` and `chance_form` are the
+    lowest first, for a polynomial; values at the temperatures for a table). `changes` says that they differ between
+    temperatures by more than noise, for whatever form. `chance_constant` and `chance_form` are the
     chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
     `largest_change` bounds the change over the range of a straight line, where no dependence was found.
     """
@@ -65,6 +66,7 @@ class ParameterFit:
     coefficients: Estimates
     values: Estimates
     repeatability: float
+    changes: bool
     chance_constant: float
     chance_form: float | None
     largest_change: float
@@ -81,7 +83,7 @@ class ParameterFit:
         """modelled, constant (no dependence found), or undescribed (it depends, and no form predicts it)."""
         if self.choice.form.order != 0:
             return "modelled"
-        return "constant" if self.chance_constant >= DESCRIBES else "undescribed"
+        return "undescribed" if self.changes else "constant"
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,7 @@ def fit_sensor(
     count = len(layout.stations)
     values = [at_stations.part(p * count, count) for p in range(len(free))]
     centre = layout.stations.centre_degC
+    changes = [_changes(layout, each) for each in values]
     choices = [
         choose(
             centre,
@@ -161,9 +164,11 @@ def fit_sensor(
             each.covariance,
             highest_order=highest_order,
             seed=seed + place,
-            first_alarm=_first_alarm(layout, each),
+            # Values that stay within their noise need a rare win to be more than a constant; the sum over all
+            # parameters of both ways to be wrong is `FALSE_ALARM`.
+            first_alarm=FALSE_ALARM if changing else 0.5 * FALSE_ALARM / len(free),
         )
-        for place, each in enumerate(values)
+        for place, (each, changing) in enumerate(zip(values, changes, strict=True))
     ]
     bases = [layout.station_basis() if c.form.order is None else layout.power_basis(c.form.order) for c in choices]
     fitted = estimate(layout, noise, bases)
@@ -269,6 +274,7 @@ def _parameter(
         coefficients=coefficients,
         values=values,
         repeatability=scatter,
+        changes=_changes(layout, values),
         chance_constant=_misfit(layout, values, 0).chance,
         chance_form=None if misfit is None else misfit.chance,
         largest_change=_largest_change(layout, values),
@@ -277,17 +283,14 @@ def _parameter(
     )
 
 
-def _first_alarm(layout: Layout, values: Estimates) -> float:
-    """Return how rare a win over the constant must be, so that a sensor that depends on nothing is called so.
+def _changes(layout: Layout, values: Estimates) -> bool:
+    """Tell whether the free values, or their straight line, change with temperature more than their noise allows.
 
-    Half of the false alarms, shared by all parameters, goes to this comparison alone. The other half goes to values
-    that, or whose straight line, change more than their noise allows: for those only a form is sought.
+    Of a sensor without any dependence that is said, for whichever parameter, in half of `FALSE_ALARM` of campaigns.
     """
-    shared = 0.5 * FALSE_ALARM / len(layout.form.names)
     line = _line(layout, values)
     slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom[1]))
-    changes = min(_misfit(layout, values, 0).chance, slope) < 0.5 * shared
-    return FALSE_ALARM if changes else shared
+    return min(_misfit(layout, values, 0).chance, slope) < 0.25 * FALSE_ALARM / len(layout.form.names)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ CURVES = {
     "MUA": (5.0, 10.0, -10.0),
     "MUB": (0.0,),
 }
-DRAWS = 400
+DRAWS = 250
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_coefficients_are_covered_as_stated(run_to_run: dict[str, float]) -> Non
         held += np.abs(found.values - truth) <= found.half_width
     share = held / DRAWS
     assert 0.93 <= np.mean(share) <= 0.97
-    assert np.all(share >= 0.90), share
+    assert np.all(share >= 0.885), share
     assert np.all(share <= 0.995), share
 
 
