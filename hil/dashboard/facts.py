@@ -20,6 +20,7 @@ from drivers.clock import SystemClock
 from hil.config.files import parse_yaml
 from hil.dashboard.curves import NightCurves
 from hil.dashboard.results import ResultsSoFar
+from hil.errors import InputError
 from hil.heartbeat import read_heartbeat
 from hil.journal_reader import JOURNAL_NAME, JournalReader, reading
 from hil.journal_records import Event
@@ -171,16 +172,28 @@ def _now(live: Part) -> Part:
 
 def _about(journal: JournalReader) -> Part:
     """Return what stays the same all night."""
-    bench = parse_yaml(journal.night.configuration, "the night's configuration").get("bench")
-    bench = bench if isinstance(bench, dict) else {}
-    unit = bench.get("unit") if isinstance(bench.get("unit"), dict) else {}
+    bench = _section(_configuration(journal), "bench")
+    unit = _section(bench, "unit")
     return {
         "title": journal.night.title,
         "bench": str(bench.get("name", "")),
-        "unit": " ".join(str(value) for value in (unit or {}).values()),
+        "unit": " ".join(str(value) for value in unit.values()),
         "simulated": journal.night.simulated,
         "began_utc": journal.night.began_utc.isoformat(),
     }
+
+
+def _configuration(journal: JournalReader) -> Part:
+    """Return the night's configuration; nothing where this version does not understand it, which hides no night."""
+    try:
+        return parse_yaml(journal.night.configuration, "the night's configuration")
+    except InputError:
+        return {}
+
+
+def _section(document: Part, name: str) -> Part:
+    found = document.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def _pausing(journal: JournalReader) -> str | None:

@@ -8,14 +8,24 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from subprocess import Popen
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
+from drivers.clock import VirtualClock
+from drivers.imu import SensorChannels
+from hil.journal import SqliteJournal
 from hil.journal_reader import open_readonly
+from hil.journal_records import Night
+from hil.live import TRACE_NAME, LiveFiles, trace_columns
+from procedures.plan import Step, make_plan
+from procedures.progress import Snapshot
+from procedures.settings import SweepProcedure
 from tests.hil.live_page import TOKEN, Dashboard, begin_night, bench_file, sweep_file
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed, so no browser is driven")
@@ -211,6 +221,45 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     nights.dashboard.begin()
     shown(page, "#link", "live")
     shown(page, "#banner", "The controller is dead")
+
+
+def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_less_than_100_ms(
+    nights: Nights, open_page: Callable[..., Any]
+) -> None:
+    """The page's own part of it: taking a second's news in and drawing both curves anew."""
+    folder, clock = nights.dashboard.root / "long", VirtualClock()
+    folder.mkdir()
+    plan = make_plan(SweepProcedure(title="Fifteen hours", temperatures_degC=(20.0,)))
+    SqliteJournal.create(folder, plan, Night(plan.title, "rk", clock.utc(), True, ""))
+    with SqliteJournal.open(folder, clock=clock, who="rk") as journal:
+        journal.begin(plan.steps[0])
+        LiveFiles(folder, SENSORS, every_s=0.5).close()  # leaves the head of a trace
+        rows = np.random.default_rng(1).normal(20.0, 1.0, (15 * 3600, len(trace_columns(SENSORS)))).astype("<f4")
+        rows[:, 0] = np.arange(15 * 3600)
+        with (folder / TRACE_NAME).open("ab") as trace:
+            trace.write(rows.tobytes())
+        files = LiveFiles(folder, SENSORS, every_s=0.5)
+        page = open_page("long")
+        taken = []
+        for second in range(6):
+            files.update(during(plan.steps[0], 15 * 3600.0 + second))
+            page.wait_for_timeout(1000)
+            taken += page.evaluate("() => performance.getEntriesByName('hil-update').map((each) => each.duration)")
+        files.close()
+        shown(page, "#tiles", "19.9")
+    assert max(taken) < 100.0
+    assert len(set(taken)) > 3
+
+
+SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
+
+
+def during(step: Step, elapsed_s: float) -> Snapshot:
+    """Return what a controller shows in the midst of a collect."""
+    rates = {f"{number}.{channel}": 12.0 for number in SENSORS for channel in ("RA", "RB")}
+    shows = {"rates_deg_per_hr": rates, "rates_se_deg_per_hr": rates, "rates_now_deg_per_hr": rates}
+    end = datetime(1985, 10, 2, 12, tzinfo=UTC)
+    return Snapshot(step, 1, elapsed_s, 10.0, 50.0, end, 19.9, 20.0, {1: 21.0, 2: 22.0}, **shows)
 
 
 def test_an_audit_finds_nothing_that_keeps_people_out(nights: Nights, open_page: Callable[..., Any]) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
+import shutil
 import sqlite3
 import tracemalloc
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -118,15 +119,15 @@ def test_looking_leaves_no_lock_and_holds_no_transaction(night: tuple[Path, dict
 
 
 @pytest.fixture
-def killed(night: tuple[Path, dict[str, Any]]) -> Iterator[Path]:
-    """The same night as a controller leaves it that was killed."""
-    connection = sqlite3.connect(night[0] / JOURNAL_NAME, isolation_level=None)
-    ended = connection.execute("SELECT ended FROM controllers").fetchone()[0]
-    connection.execute("UPDATE controllers SET ended = NULL")
-    (night[0] / HEARTBEAT_NAME).unlink(missing_ok=True)
-    yield night[0]
-    connection.execute("UPDATE controllers SET ended = ?", (ended,))
-    connection.close()
+def killed(night: tuple[Path, dict[str, Any]], tmp_path: Path) -> Path:
+    """The same night as a controller leaves it that was killed in its last step."""
+    folder = tmp_path / "killed"
+    shutil.copytree(night[0], folder)
+    (folder / HEARTBEAT_NAME).unlink()
+    with contextlib.closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as connection:
+        connection.execute("DELETE FROM attempts WHERE id = (SELECT max(id) FROM attempts)")
+        connection.execute("UPDATE controllers SET ended = NULL")
+    return folder
 
 
 def test_a_controller_that_ended_without_a_word_is_called_dead(killed: Path) -> None:
