@@ -241,7 +241,7 @@ def status(
         console.print(f"{done} of {total} self-calibrations")
         if document["reason"]:
             console.print(f"reason: {document['reason']}")
-        if document["prompt"]:
+        if document.get("prompt"):
             console.print(f"ASKS: {document['prompt']['question']} (hil confirm {folder}, or --no)")
         working = document["state"] in {"running", "paused"}
         if working and document["eta_utc"]:
