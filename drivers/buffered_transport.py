@@ -8,6 +8,13 @@ from drivers.clock import Clock
 from drivers.errors import DeviceTimeout
 
 _POLL_S = 0.002  # between looks while a read waits
+_SHOWN = 60  # bytes of what arrived in a message
+
+
+def shown(data: bytes | bytearray) -> str:
+    """Return bytes as a message shows them: noise without end must not fill it."""
+    more = len(data) - _SHOWN
+    return repr(bytes(data)) if more <= 0 else f"{bytes(data[:_SHOWN])!r} and {more} bytes more"
 
 
 class BufferedTransport(ABC):
@@ -46,7 +53,7 @@ class BufferedTransport(ABC):
         while terminator not in self._arrived:
             if not self._fill_before(deadline_s):
                 raise DeviceTimeout(
-                    f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
+                    f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {shown(self._arrived)}"
                 )
         return self._take(self._arrived.index(terminator) + len(terminator))
 

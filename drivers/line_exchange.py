@@ -19,6 +19,9 @@ from drivers.transport import Transport
 
 Reply = TypeVar("Reply")
 
+_LONGEST_LINE = 512  # bytes; what is longer is noise
+_SHOWN = 40  # bytes of it in a message
+
 
 @dataclass(frozen=True)
 class LineTiming:
@@ -135,10 +138,13 @@ class LineExchange:
                     f"cable, and the line settings and delimiter on its panel ({error})"
                 ) from error
             try:
+                if len(received) > _LONGEST_LINE:
+                    raise ValueError("longer than any reply")
                 line = received[: -len(self._reply_terminator)].decode(self._encoding).strip()
-            except UnicodeDecodeError as error:
+            except ValueError as error:
                 raise ProtocolError(
-                    f"{self._device} answered {request!r} with {received!r}: no text; check baud rate and parity"
+                    f"{self._device} answered {request!r} with {len(received)} bytes that begin with "
+                    f"{received[:_SHOWN]!r}: no text; check baud rate and parity"
                 ) from error
             if line != request:
                 return line

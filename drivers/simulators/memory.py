@@ -7,6 +7,7 @@ Under a virtual clock a read that must wait jumps to the moment at which the dev
 
 from __future__ import annotations
 
+from drivers.buffered_transport import shown
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, TransportError
 from drivers.simulators import SimulatedDevice
@@ -72,7 +73,7 @@ class MemoryTransport:
         while terminator not in self._arrived:
             if not self._wait(deadline_s):
                 raise DeviceTimeout(
-                    f"{self._name}: no {terminator!r} within {timeout_s:g} s; what arrived: {bytes(self._arrived)!r}"
+                    f"{self._name}: no {terminator!r} within {timeout_s:g} s; what arrived: {shown(self._arrived)}"
                 )
             self._pump()
         return self._take(self._arrived.index(terminator) + len(terminator))

@@ -169,3 +169,14 @@ def test_silence_names_what_to_check() -> None:
     exchange, _, _ = _exchange(*[(b"T?\r\n", b"")] * 3)
     with pytest.raises(DeviceTimeout, match=r"chamber did not answer 'T\?' in 2 s; check its power, the cable"):
         exchange.query("T?", _number)
+
+
+@pytest.mark.parametrize(
+    ("noise", "words"), [(b"\x9a" * 5000, "bytes more"), (b"a" * 5000 + b"\r\n", "5002 bytes that begin")]
+)
+def test_noise_without_end_makes_a_short_message(noise: bytes, words: str) -> None:
+    """A port that spews is named in a sentence that a person can read, and does not fill the journal."""
+    exchange, _, _ = _exchange(*[(b"T?\r\n", noise)] * 3)
+    with pytest.raises((DeviceTimeout, ProtocolError), match=words) as caught:
+        exchange.query("T?", str)
+    assert len(str(caught.value)) < 600
