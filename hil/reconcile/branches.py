@@ -25,7 +25,7 @@ from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 
 _MOST_EFFECTS = 5
 _LEAST_FREEDOM = 3
-_FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
+_FURTHER = 3.0  # an effect after the first must be as many times rarer by chance
 _ROUNDS = 3
 _TEMPERATURE = "temperature_degC"
 CERTAIN = 4.0  # log evidence above the threshold from which a disagreement is called certain
@@ -141,14 +141,14 @@ def posed(
 def detect(
     search: Search, alpha: float, draws: int, rng: np.random.Generator
 ) -> tuple[Scan | None, float, float, float]:
-    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/10, and the p-value."""
+    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/3, and the p-value."""
     freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
     if not search.hypotheses or freedom < _LEAST_FREEDOM:
         return None, np.inf, np.inf, 1.0
     scan = search.scan()
     null = null_statistics(scan, search.blocks, draws, rng)
     threshold = level(null, alpha)
-    return scan, threshold, max(level(null, alpha / _FURTHER), threshold + 1.0), p_value(null, scan.statistic)
+    return scan, threshold, level(null, alpha / _FURTHER), p_value(null, scan.statistic)
 
 
 def find(search: Search, first: Scan, threshold: float) -> list[Step]:

@@ -39,7 +39,7 @@ def per_temperature(form: LinearForm, conditions: Conditions) -> LinearForm:
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         return form
-    numbers = stations(temperature, len(conditions))
+    numbers = stations(conditions)
     if numbers.max() + 1 < _LEAST_STATIONS:
         return form
     centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
@@ -71,7 +71,7 @@ def may_differ(model: Model, campaign: Campaign) -> bool:
     return any(
         (temperature := collects.conditions.columns.get("temperature_degC")) is not None
         and np.all(np.isfinite(temperature))
-        and stations(temperature, len(collects.conditions)).max() + 1 >= _LEAST_STATIONS
+        and stations(collects.conditions).max() + 1 >= _LEAST_STATIONS
         for collects in campaign.sensors.values()
     )
 

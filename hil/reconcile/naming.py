@@ -42,6 +42,7 @@ _UNHEARD_OF = 20.0
 _CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
+_WITHHOLDS = 0.05  # a rival that reproduces all of the leader withholds the name from this probability on
 _SHOWS = 5.0  # norm in units of the noise from which an effect shows on a sensor
 
 
@@ -94,6 +95,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         same = [w for w in rivals if w.same_on or (w.tier == 1 and _same(leader, w, blocks, noise))]
         stronger = [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > leader.probability]
         same += [w for w in stronger if w not in same]
+        same += [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > _WITHHOLDS and w not in same]
         possible = [
             w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
         ]

@@ -196,7 +196,7 @@ def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArra
     """Return the columns of the terms that the model already has, each at every power its values use, (n, c, p)."""
     out = [np.zeros((len(conditions), len(conditions.sensor.channels), 0))]
     temperature = conditions.columns.get("temperature_degC")
-    numbers = stations(temperature, len(conditions))
+    numbers = stations(conditions)
     for term, effect in model.terms_for(conditions.sensor):
         if effect.missing(conditions):
             continue

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -75,10 +77,23 @@ def test_combinations_of_earlier_columns_are_left_out() -> None:
     assert np.allclose(kept, np.column_stack([a, b, a**2]))
 
 
+def at(temperature: list[float], setpoint: list[float] | None = None) -> Conditions:
+    """Rows at these temperatures, of which the setpoints may be known."""
+    rows = conditions().rows(np.arange(len(temperature)))
+    columns = {"temperature_degC": np.array(temperature)}
+    return replace(rows, columns=columns | ({} if setpoint is None else {"setpoint_degC": np.array(setpoint)}))
+
+
 def test_setpoints_are_found_in_the_temperatures() -> None:
     """Gaps of more than 4 degC part setpoints; the coldest is number 0, an empty cell belongs to none."""
-    assert stations(np.array([20.1, -19.0, 19.5, np.nan, -20.0, 60.0]), 6).tolist() == [1, 0, 1, -1, 0, 2]
-    assert stations(None, 3).tolist() == [0, 0, 0]
+    assert stations(at([20.1, -19.0, 19.5, np.nan, -20.0, 60.0])).tolist() == [1, 0, 1, -1, 0, 2]
+    assert stations(replace(at([1.0, 2.0, 3.0]), columns={})).tolist() == [0, 0, 0]
+
+
+def test_known_setpoints_part_what_temperatures_cannot_unless_the_unit_did_not_follow_them() -> None:
+    """A unit that has not settled is still at its setpoint; a setpoint that the unit left altogether says nothing."""
+    assert stations(at([14.0, 19.5, 24.0, 25.0], [20.0, 20.0, 25.0, 25.0])).tolist() == [0, 0, 1, 1]
+    assert stations(at([-20.0, 0.0, 20.0, 40.0], [25.0, 25.0, 25.0, 25.0])).tolist() == [0, 1, 2, 3]
 
 
 def test_evidence_grows_with_the_effect_and_not_with_the_scale_of_the_column() -> None:
