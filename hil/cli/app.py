@@ -18,6 +18,7 @@ from hil.cli import (
     frames,
     model,
     night,
+    notify,
     rehearse,
     replay,
     reproduction,
@@ -45,7 +46,7 @@ for command in (
     *replay.COMMANDS,
 ):
     app.command()(with_status(command))
-for request in (*control.COMMANDS, *watchdog.COMMANDS):
+for request in (*control.COMMANDS, *notify.COMMANDS, *watchdog.COMMANDS):
     app.command()(with_status(request))
 app.command("continue")(with_status(control.go_on))
 for analysis in (*coefficients.COMMANDS, *design.COMMANDS, *reproduction.COMMANDS):

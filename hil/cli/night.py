@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from drivers.clock import SystemClock
 from hil.cli.ask import TerminalQuestions
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
@@ -139,7 +140,12 @@ def _is_sweep(name: str) -> bool:
 def run(
     sweep: SweepName,
     bench: BenchName,
-    out: Annotated[Path, typer.Option("--out", help="The night's folder; must not exist yet.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", help="The night's folder; must not exist yet. {date} stands for today's (UTC).", show_default=False
+        ),
+    ],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
     quiet: Quiet = False,
     speed: Speed = None,
@@ -150,6 +156,7 @@ def run(
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
+    out = Path(str(out).replace("{date}", f"{SystemClock().utc():%Y-%m-%d}"))
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     if not on.simulated and not yes:
