@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 .DELETE_ON_ERROR:
-.PHONY: demo test lint types floors bench clean help
+.PHONY: demo test lint types floors bench reliability clean help
 
 help:  ## what can be made
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -36,6 +36,15 @@ floors: $(VENV)/dev.stamp  ## imports only go down: drivers, procedures, hil
 
 bench: $(VENV)/dev.stamp  ## the numbers in docs/benchmarks.md
 	$(BIN)/python -m pytest -q benchmarks --benchmark-only --benchmark-disable-gc -p no:randomly
+
+reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in an hour or two
+	$(BIN)/python -m benchmarks.reliability.kill points
+	$(BIN)/python -m benchmarks.reliability.kill instants --take 200 --seed 1
+	$(BIN)/python -m benchmarks.reliability.kill twice --take 150 --seed 1
+	$(BIN)/python -m benchmarks.reliability.kill power --take 500 --seed 2
+	unshare --map-root-user --mount $(BIN)/python -m benchmarks.reliability.disks
+	$(BIN)/python -m benchmarks.reliability.long_night
+	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1
 
 clean:  ## remove the virtual environment and the demo
 	rm -rf $(VENV) demo

@@ -224,3 +224,11 @@ def test_random_faults_are_the_same_for_a_seed_and_make_sense() -> None:
     assert seen == {(device, kind) for device, kinds in CATALOGUE.items() for kind in kinds} - {
         ("operator", "no_answer")
     }
+
+
+def test_every_fault_is_in_the_reference() -> None:
+    """Device, kind and meaning stand in docs/reference/configuration.md."""
+    text = (Path(__file__).resolve().parents[3] / "docs" / "reference" / "configuration.md").read_text()
+    for device, kinds in CATALOGUE.items():
+        for kind, meaning in kinds.items():
+            assert f"| `{device}` | `{kind}` | {meaning.means} |" in text

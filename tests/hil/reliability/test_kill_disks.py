@@ -1,0 +1,67 @@
+"""Nights on disks that are too small, read-only or rotten, and under a limit of the file size."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil.night import resume_night
+from hil.verify import verify_night
+
+_ROOT = Path(__file__).resolve().parents[3]
+_QUIET = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+_OWN_MOUNTS = ("unshare", "--map-root-user", "--mount")
+
+
+def may_mount() -> bool:
+    """Tell whether this system lets anybody have mounts of their own."""
+    if shutil.which("unshare") is None or not Path("/bin/mount").exists():
+        return False
+    tried = subprocess.run(
+        [*_OWN_MOUNTS, "/bin/mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True, check=False
+    )
+    return tried.returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(not may_mount(), reason="this system lets nobody have mounts of their own")
+def test_a_disk_that_is_really_full_read_only_or_rotten_costs_nothing() -> None:
+    """Full at many places: safe, said, undamaged, carried on. Read-only: readable. A rotten block: seen, done again."""
+    command = [*_OWN_MOUNTS, sys.executable, "-m", "benchmarks.reliability.disks"]
+    ended = subprocess.run(command, cwd=_ROOT, env=_QUIET, stdout=subprocess.PIPE, check=False)
+    found = json.loads(ended.stdout)
+    assert found["problems"] == []
+    assert len(found["ended_full_kB"]) >= 5
+
+
+_LIMITED = """
+import resource, sys
+from pathlib import Path
+from benchmarks.reliability import nights
+from hil.night import start_night
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+outcome = start_night(Path(sys.argv[1]), nights.sweep(), nights.bench())
+print(outcome.state, outcome.reason)
+"""
+
+
+@pytest.mark.parametrize("limit", [150_000, 250_000])
+def test_a_limit_of_the_file_size_ends_a_night_safely_and_it_can_be_carried_on(tmp_path: Path, limit: int) -> None:
+    """Where nothing can be mounted: SQLite's log or a block meets the limit; without it the night becomes complete."""
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[1] == resource.RLIM_INFINITY
+    night = tmp_path / "night"
+    command = [sys.executable, "-c", _LIMITED, str(night), str(limit)]
+    ended = subprocess.run(command, cwd=_ROOT, env=_QUIET, stdout=subprocess.PIPE, text=True, check=True)
+    assert ended.stdout.startswith("failed")
+    assert "NOT SAFE" not in ended.stdout
+    assert [each for each in verify_night(night)["problems"] if not each.startswith("missing: ")] == []
+    assert resume_night(night).state == "complete"
+    assert verify_night(night)["problems"] == []
