@@ -103,6 +103,7 @@ def _sensor(
         "observed_run_to_run": {
             name: {"sd": sd, "degrees_of_freedom": degrees} for name, (sd, degrees) in observed.items()
         },
+        "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "runs": [
             {

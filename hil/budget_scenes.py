@@ -10,7 +10,7 @@ solved for after a night, and else typical of such a sensor.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.effects.base import Base
 from hil.effects.geometry import local_frame
-from hil.errors import InputError
 from hil.linear_forms import LinearForm, default_form
 from hil.model import Model, load_model
 from hil.planned import planned_conditions
@@ -39,13 +38,17 @@ _UNIFORM = 1.0 / np.sqrt(3.0)
 
 @dataclass(frozen=True)
 class PlannedScene:
-    """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is."""
+    """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is.
+
+    `left_out` names the sources that cannot be reckoned with, because it is not known how the sensor lay.
+    """
 
     run: int
     scene: Scene
     sources: tuple[Source, ...]
     form: LinearForm
     base_origin: str
+    left_out: tuple[str, ...] = ()
 
     @property
     def temperature_degC(self) -> float | None:
@@ -110,8 +113,12 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
             else f"angle_random_walk {walk:g} deg/√hr over the collect",
         )
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
-        scene = Scene(conditions, _axes(conditions, bench), base, assumed if stated is None else stated)
-        yield PlannedScene(run, scene, given, form, origin)
+        axes = _axes(conditions, bench)
+        usable = tuple(each for each in given if axes is not None or not each.needs_axes)
+        lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
+        scene = Scene(conditions, lying, base, assumed if stated is None else stated)
+        left_out = tuple(each.title for each in given if each not in usable)
+        yield PlannedScene(run, scene, usable, form, origin, left_out)
 
 
 def _of(scene: Scene, chosen: np.ndarray) -> Scene:
@@ -150,8 +157,11 @@ def _slope(conditions: Conditions) -> tuple[float, str]:
     return limit * _UNIFORM, f"not measured; within ±{limit:g} °C/min"
 
 
-def _axes(conditions: Conditions, bench: Bench) -> FloatArray:
-    """Return the sensor's axes in the bench frame: the bench file's where it is that bench, else up, north and east."""
+def _axes(conditions: Conditions, bench: Bench) -> FloatArray | None:
+    """Return the sensor's axes in the bench frame: the bench file's where it is that bench, else up, north and east.
+
+    None where neither is known: positions of another bench, and no earth rate given.
+    """
     number = conditions.sensor.number
     known = bench.orientations(number) if number in bench.sensors else {}
     if all(label in known for label in conditions.position):
@@ -159,11 +169,7 @@ def _axes(conditions: Conditions, bench: Bench) -> FloatArray:
         gravity = np.einsum("nab,na->nb", axes, conditions.f_g)
         if np.all(np.abs(gravity - gravity.mean(axis=0)) < _SAME_G):
             return axes
-    frame = local_frame(replace(conditions, w_deg_per_hr=np.nan_to_num(conditions.w_deg_per_hr)))
+    frame = local_frame(conditions)
     if not np.all(np.any(frame.north != 0.0, axis=1)):
-        raise InputError(
-            f"sensor {number}: how it lay is not known: bench {bench.name} does not have its positions "
-            f"({', '.join(dict.fromkeys(conditions.position.tolist()))}), and the earth rate is not given; "
-            "name its own bench with --bench"
-        )
+        return None
     return np.stack([frame.up, frame.north, frame.east], axis=-1)

@@ -86,6 +86,7 @@ class Source(ABC):
     varies: ClassVar[str]
     per_unit: ClassVar[float] = 1.0  # what `columns` and `changes` reckon in, per `unit`
     is_ramp: ClassVar[bool] = False  # grows in proportion to the time between collects
+    needs_axes: ClassVar[bool] = False  # acts in the bench frame, so that it must be known how the sensor lay
 
     def __init__(self, size: float, origin: str) -> None:
         self.size, self.origin = size, origin
@@ -135,6 +136,7 @@ class _Turn(Source):
 
     per_unit = np.pi / 180.0
     unit = "deg"
+    needs_axes = True
     turns_gravity: ClassVar[bool] = True
 
     @abstractmethod
@@ -198,7 +200,7 @@ class Latitude(Heading):
 class EarthRate(Source):
     """The earth rate is otherwise wrong, in each component alike: a rounded table, a base that creeps."""
 
-    id, title, unit, varies = "earth_rate", "earth rate, each component", "deg/hr", "bench"
+    id, title, unit, varies, needs_axes = "earth_rate", "earth rate, each component", "deg/hr", "bench", True
 
     def columns(self, scene: Scene) -> FloatArray:
         """Return what a unit of W1, W2, W3 adds."""

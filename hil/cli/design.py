@@ -15,6 +15,9 @@ from hil.cli.data import read_source
 from hil.cli.output import JsonFlag, print_json, results
 from hil.errors import InputError
 
+_MANY = 12  # positions that are still written out
+_MOST_TWICE = 8  # parameters for which both columns fit beside each other; of more, --json has the second
+
 
 def budget(
     source: Annotated[
@@ -81,13 +84,21 @@ def _print_budget(document: Mapping[str, Any]) -> None:
     for number, sensor in document["sensors"].items():
         at = "" if sensor["temperature_degC"] is None else f" at {sensor['temperature_degC']:.4g} °C"
         console.print(
-            f"\nsensor {number}, run {sensor['run']}{at}, collects {'-'.join(sensor['positions'])}; GS and MU "
+            f"\nsensor {number}, run {sensor['run']}{at}, collects {_sequence(sensor)}; sensitivities "
             f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
         )
         console.print(_budget_table(document, sensor))
         console.print(_origins(sensor))
+        if sensor["left_out"]:
+            left_out = ", ".join(sensor["left_out"])
+            console.print(f"left out, for how the sensor lay is not known (name its bench with --bench): {left_out}")
         if not sensor["agrees"]:
             console.print("calculation and Monte Carlo do NOT agree: the errors are too large for a linear calculation")
+
+
+def _sequence(sensor: Mapping[str, Any]) -> str:
+    positions = sensor["positions"]
+    return "-".join(positions) if len(positions) <= _MANY else f"at {len(positions)} positions"
 
 
 def _origins(sensor: Mapping[str, Any]) -> str:
@@ -99,18 +110,19 @@ def _origins(sensor: Mapping[str, Any]) -> str:
 
 def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("source")
-    table.add_column("size", justify="right")
+    table.add_column("source", no_wrap=True)
+    table.add_column("size", justify="right", no_wrap=True)
     for name, unit in sensor["parameters"].items():
         table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
     names = list(sensor["parameters"])
+    told = _two if len(names) <= _MOST_TWICE else lambda cell: _one(cell["analytic"])
     for source in sensor["sources"]:
-        cells = [_two(source["parameters"][name]) for name in names]
+        cells = [told(source["parameters"][name]) for name in names]
         size = f"{source['size']:.3g} {source['unit']}"
         if source["id"] == "noise":
             size = f"{sensor['noise_deg_per_hr']:.3g} deg/hr"
         table.add_row(source["title"], size, *cells)
-    table.add_row("all together, one run", "", *(_two(sensor["total"][name]) for name in names), style="bold")
+    table.add_row("all together, one run", "", *(told(sensor["total"][name]) for name in names), style="bold")
     if document["repeats"] > 1:
         means = sensor["mean_of_repeats"]
         table.add_row(f"mean of {document['repeats']} runs", "", *(_one(means[name]) for name in names))

@@ -22,7 +22,6 @@ from hil.campaign import Campaign
 from hil.campaign_reader import read_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
-from hil.errors import InputError
 
 FEW = Asked(draws=2000)
 
@@ -109,8 +108,9 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
         for name in ("BA", "GSA", "MUB"):
             assert other[source][name]["analytic"] == pytest.approx(own[source][name]["analytic"], abs=2e-4), source
     still = replace(renamed, conditions=replace(renamed.conditions, w_deg_per_hr=np.zeros_like(rows.conditions.f_g)))
-    with pytest.raises(InputError, match="name its own bench with --bench"):
-        measured_scenes(replace(campaign, sensors={2: still}), bench)
+    known = budget_document(measured_scenes(replace(campaign, sensors={2: still}), bench), "t", FEW)["sensors"]["2"]
+    assert [each["id"] for each in known["sources"]] == ["noise", "instability", "gravity", "drift", "soak"]
+    assert "index error of each move" in known["left_out"]
 
 
 def test_from_the_command_line_for_programs_and_for_people(tmp_path: Path) -> None:
