@@ -80,12 +80,14 @@ LASTING: dict[Fault, Outcomes] = {
     Fault.SENSOR_FROZEN: {"*": {None}},  # shows over time: test_every_chamber
     Fault.SENSOR_BROKEN: {"*": {None}, "prepare": {SensorFault}, "read": {SensorFault}},
     Fault.PLANT_DEAD: {"*": {None}},
+    Fault.RUNAWAY: {"*": {None}},  # the reading tells, and an interlock acts
 }
 
 
 def _faults_of(name: str) -> list[Fault]:
     """Return the faults that the protocol can have: a program that the line does not show is none of them."""
-    return [fault for fault in Fault if fault is not Fault.PROGRAM or KINDS[name].sees_programs]
+    shows_programs = name not in KINDS or KINDS[name].sees_programs
+    return [fault for fault in Fault if fault is not Fault.PROGRAM or shows_programs]
 
 
 def _held(name: str) -> ChamberBench:
@@ -115,7 +117,7 @@ def _outcome(bench: ChamberBench, operation: str) -> type[DeviceError] | None:
 
 def test_the_matrix_is_complete() -> None:
     """Every driver that a bench file can name, every fault that a simulator knows, everything that a chamber does."""
-    assert set(KINDS) == set(CHAMBER_DRIVERS)
+    assert set(KINDS) == set(CHAMBER_DRIVERS), "a chamber driver has no line in chamber_benches.KINDS"
     assert set(LASTING) == set(Fault)
     methods = {name for name, member in vars(Chamber).items() if callable(member) and not name.startswith("_")}
     assert set(OPERATIONS) == methods - {"close"}
