@@ -168,7 +168,7 @@ class Sequencer:
                 self._end(*self._open, StepResult(outcome, reason))
             if cause is not None:
                 kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
-                self._watch.event(kind, reason)
+                self._watch.event(kind, reason, **(self._watch.evidence() if kind == "interlock" else {}))
             if problem:
                 self._watch.event("safe-state-not-reached", problem)
             elif self._touched:

@@ -77,7 +77,7 @@ class Watch:
         self._unchanged = Unchanged(devices.imu.sensors)
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
-        self._interlocks = Interlocks(interlocks, self.event)
+        self._interlocks = Interlocks(interlocks, lambda kind, message: self.event(kind, message, **self.evidence()))
         self._polling = polling
         self._progress = progress
         self._position: Position | None = None
@@ -142,6 +142,21 @@ class Watch:
             self._journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
     # Looking
+
+    def evidence(self) -> dict[str, Any]:
+        """Return what the newest look saw, for the record."""
+        look = self.look
+        if look is None:
+            return {}
+        chamber = {} if look.chamber is None else {"chamber": vars(look.chamber), "chamber_fresh": look.chamber_fresh}
+        return chamber | {
+            "commanded_degC": look.commanded_degC,
+            "unit_degC": look.unit_degC,
+            "samples": look.samples,
+            "stream_span_s": look.stream_span_s,
+            "counts": vars(look.counts),
+            "disk_free_mb": look.disk_free_mb,
+        }
 
     def alive(self, silent_s: float = 0.0) -> None:
         """Tell a watchdog that the controller lives, and for how long it may be silent now."""
