@@ -20,9 +20,9 @@ SWEEP: dict[str, Any] = {
     "self_calibrations_per_temperature": 1,
     "positions": [1, 2, 3],
     "restabilisation": {"at_least": "45 min", "ceiling": "4 h"},
-    "collect": {"settle": "30 s", "duration": "20 min", "index_timeout": "20 h"},
+    "collect": {"settle": "30 s", "duration": "90 min", "index_timeout": "20 h", "drift_limit": "10 deg/hr/min"},
 }
-SPEED = 1800
+SPEED = 1800  # a collect takes 3 s: long enough to be seen by a page that is told once a second
 TOKEN = "abcd-efgh-jkmn-pqrs"  # noqa: S105 - of a test
 
 

@@ -69,7 +69,7 @@ function link(now, silent) {
   if (now === connected && now) return;
   connected = now;
   $("link").textContent = now ? "live" : "no connection";
-  $("link").classList.toggle("lost", !now);
+  $("link").className = `link ${now ? "live" : "lost"}`;
   banner(detail.id === null ? null : store.nights.get(detail.id));
 }
 
