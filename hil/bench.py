@@ -186,7 +186,12 @@ def check_ports(bench: Bench) -> None:
 
 def port_is_missing(port: str) -> bool:
     """Tell a path that this machine does not have. Network and simulated ports are no paths."""
-    return "://" not in port and not port.upper().startswith("COM") and not Path(port).exists()
+    if "://" in port or port.upper().startswith("COM"):
+        return False
+    try:
+        return not Path(port).exists()
+    except OSError:  # a name that is too long for any
+        return True
 
 
 def _check_port(bench: Bench, key: str, port: str) -> None:

@@ -7,7 +7,7 @@ find_config("benches", "./my-bench.yaml")  # a path given in full wins
 from __future__ import annotations
 
 import difflib
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,22 +63,30 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     what ships with hil. `kind` is "benches", "sweeps", "imus" or "models". Raises `InputError` naming the nearest.
     """
     path = Path(name).expanduser()
-    if path.is_file():
+    if _is(Path.is_file, path):
         return path
     folders = ([beside] if beside is not None else []) + config_folders(kind)
     if path.is_absolute():
         folders = []
     for folder in folders:
         for candidate in (folder / path, folder / f"{path}.yaml"):
-            if candidate.is_file():
+            if _is(Path.is_file, candidate):
                 return candidate
     what = SINGULAR.get(kind, kind)
-    if path.is_dir():
+    if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
     shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob("*.yaml")})
     if path.is_absolute() or "/" in str(name):
         raise InputError(f"{name}: there is no such {what} file")
     raise InputError(f"{name}: there is no {what} of this name{near(path.stem, shipped)}")
+
+
+def _is(what: Callable[[Path], bool], path: Path) -> bool:
+    """Ask the system about a path; what it takes for no path at all (a name that is too long) is nothing."""
+    try:
+        return what(path)
+    except OSError:
+        return False
 
 
 class _StrictLoader(yaml.SafeLoader):
