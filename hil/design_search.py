@@ -24,7 +24,7 @@ from hil.campaign import FloatArray
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.config.units import RATE, to_number
-from hil.design_sequences import Worth, scene_of, sequence_worth, sequences
+from hil.design_sequences import Worth, palindromes, scene_of, sequence_worth, sequences
 from hil.errors import InputError
 from hil.linear_forms import LinearForm, default_form
 from hil.model import Model, load_model
@@ -32,17 +32,15 @@ from procedures.plan import make_plan
 
 DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
 MOST_REPEATS = 8
-_MOST_POSITIONS = 6  # with more, orders are too many: only the base sweep's positions are arranged
 _UNIFORM = 1.0 / np.sqrt(3.0)
 _FEWEST = 3
-_ALSO = {"B": ("BA", "BB"), "GS": ("GSA", "GSB"), "MU": ("MUA", "MUB")}
 
 
 @dataclass(frozen=True)
 class Goal:
     """What is asked for. `targets` are the largest standard deviations of the mean at one temperature, by parameter.
 
-    "B", "GS" and "MU" stand for both of their parameters. `drift_immune` asks it of the parameters in `targets` (of all
+    "B", "GS" and "MU" stand for all that begin so. `drift_immune` asks it of the parameters in `targets` (of all
     where there are none). `residuals` are degrees of freedom left in one self-calibration; `tells_even_terms` asks that
     MU be told from terms in the square of the acceleration. `time_s` is the whole night's; `sensors` () means all.
     """
@@ -73,8 +71,8 @@ class Candidate:
 
     @property
     def sequence(self) -> str:
-        """The positions as people write them: 1-3-2."""
-        return "-".join(self.positions)
+        """The positions as people write them: 1-3-2; x-up, x-down where labels are words."""
+        return ("-" if max(map(len, self.positions)) <= 2 else ", ").join(self.positions)
 
 
 @dataclass(frozen=True)
@@ -116,24 +114,23 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal, model: Model | None = None) 
     for number in sensors:
         if number not in bench.sensors:
             raise InputError(f"bench {bench.name} has no sensor {number}; it has {', '.join(map(str, bench.sensors))}")
-    known = [name for number in sensors for name in _parameters(bench, number, sweep)]
+    known = [name for number in sensors for name in _form(bench, number, sweep).names]
     targets = spelled_out(goal.targets, dict.fromkeys(known))
     weigher = _Weigher(sweep, bench, goal, sensors, model)
-    arranged = list(dict.fromkeys([*sequences(_positions(sweep, bench)), sweep.positions]))
+    if goal.time_s is not None and weigher.shortest_s() > goal.time_s:
+        raise _too_little_time(sweep, goal, weigher.shortest_s())
+    arranged = dict.fromkeys([*sequences(bench.positions), sweep.positions, *palindromes(sweep.positions)])
     kinds = [kind for positions in arranged if (kind := weigher.kind(positions)) is not None]
     if not kinds:
         raise InputError(
-            f"bench {bench.name}: no order of three or four of its positions lets every parameter be known; give it "
-            "positions that point gravity along more axes"
+            f"bench {bench.name}: neither the sweep's positions nor three or four of the bench's let every parameter "
+            "be known; give it positions that point gravity along more axes"
         )
     every = [candidate for kind in kinds for candidate in weigher.candidates(kind)]
     weighed = [(_lacks(candidate, goal, targets), candidate) for candidate in every]
     found = [each for each in weighed if goal.time_s is None or each[1].time_s <= goal.time_s]
     if not found:
-        raise InputError(
-            f"{sweep.source}: not one self-calibration at each of its {len(sweep.temperatures)} temperatures fits into "
-            f"{(goal.time_s or 0.0) / 3600.0:.1f} h; allow more time, or fewer temperatures"
-        )
+        raise _too_little_time(sweep, goal, min(each.time_s for each in every))
     missing, best = min(found, key=lambda each: _rank(each[0], each[1], targets))
     meeting = [each for each in weighed if missing and not each[0]]
     longer = min(meeting, key=lambda each: _rank(each[0], each[1], targets), default=(None, None))[1]
@@ -141,6 +138,14 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal, model: Model | None = None) 
     duration_s, repeats = sweep.collect.duration_s, sweep.self_calibrations_per_temperature
     compared = tuple(weigher.weigh(kind, duration_s, repeats) for kind in variants)
     return Proposal(best, tuple(text for text, _ in missing), compared, longer)
+
+
+def _too_little_time(sweep: Sweep, goal: Goal, shortest_s: float) -> InputError:
+    return InputError(
+        f"{sweep.source}: the shortest night with its {len(sweep.temperatures)} temperatures takes "
+        f"{shortest_s / 3600.0:.1f} h, not {(goal.time_s or 0.0) / 3600.0:.1f} h; allow more time, or fewer "
+        "temperatures or repeats"
+    )
 
 
 @dataclass(frozen=True)
@@ -165,14 +170,20 @@ class _Weigher:
         self._temperature = float(np.median(sweep.temperatures))
         slope = sweep.restabilisation.unit_slope_degC_per_min * _UNIFORM
         self._sources = sources(bench.uncertainties, bench.name, slope, "", "")
+        self._forms = {number: _form(bench, number, sweep) for number in sensors}
         self._times_s: dict[tuple[int, float, int], float] = {}
+
+    def shortest_s(self) -> float:
+        """Return how long the shortest night takes: three short collects, repeated as often as must be."""
+        least = self._goal.repeats or self._sweep.self_calibrations_per_temperature
+        return self._time_s(_FEWEST, min(*DURATIONS_S, self._sweep.collect.duration_s), least)
 
     def kind(self, positions: tuple[str, ...]) -> _Kind | None:
         """Return a sequence's worth, None where some sensor's parameters cannot be known from it."""
         worth, variances = {}, {}
         for number in self._sensors:
             scene = scene_of(self._bench, number, positions, self._sweep.collect, self._temperature, self._model)
-            form = default_form(scene.conditions)
+            form = self._forms[number]
             one = sequence_worth(scene, form)
             if one is None:
                 return None
@@ -224,15 +235,9 @@ class _Weigher:
         return self._times_s[key]
 
 
-def _positions(sweep: Sweep, bench: Bench) -> tuple[str, ...]:
-    """Return the positions to arrange: all of the bench's, or, where they are many, those that the sweep has."""
-    known = bench.positions
-    return known if len(known) <= _MOST_POSITIONS else tuple(dict.fromkeys(sweep.positions))[:_MOST_POSITIONS]
-
-
-def _parameters(bench: Bench, sensor: int, sweep: Sweep) -> tuple[str, ...]:
-    """Return the names of what a sensor is solved for, with all of the bench's positions."""
-    return default_form(scene_of(bench, sensor, bench.positions, sweep.collect).conditions).names
+def _form(bench: Bench, sensor: int, sweep: Sweep) -> LinearForm:
+    """Return what a sensor is solved for, where all of the bench's positions are there."""
+    return default_form(scene_of(bench, sensor, bench.positions, sweep.collect).conditions)
 
 
 def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
@@ -241,22 +246,22 @@ def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
     found = [own]
     if len(own) == len(set(own)) == _FEWEST:
         swapped = (own[0], own[2], own[1])
-        found += [swapped, swapped + swapped[-2::-1], swapped + swapped[::-1]]
+        found += [swapped, *palindromes(swapped)]
         others = [label for label in bench.positions if label not in own]
         for fourth in others[:1]:
             four = (*own, fourth)
-            found += [four, four + four[-2::-1], four + four[::-1]]
+            found += [four, *palindromes(four)]
     return found
 
 
 def spelled_out(sizes: Mapping[str, float], known: Iterable[str]) -> dict[str, float]:
-    """Spell out B, GS and MU as their two parameters; raise `InputError` for a name that none of `known` has."""
+    """Spell out B, GS, MU (or any beginning of names); raise `InputError` for a name that none of `known` has."""
     names = list(known)
     found: dict[str, float] = {}
     for name, value in sizes.items():
-        members = [each for each in _ALSO.get(name, (name,)) if each in names]
+        members = [name] if name in names else [each for each in names if each.startswith(name)]
         if not members:
-            raise InputError(f"there is no parameter {name}; there are {', '.join(names)}, and B, GS, MU for two each")
+            raise InputError(f"there is no parameter {name}; there are {', '.join(names)}, and B, GS, MU for several")
         found |= dict.fromkeys(members, value)
     return found
 

@@ -62,14 +62,20 @@ class Worth:
 def sequences(positions: Sequence[str]) -> Iterator[tuple[str, ...]]:
     """Yield the sequences worth looking at: three or four of the positions in every order, and their palindromes.
 
-    An order and its reverse are one; a palindrome has its turning point once or twice.
+    An order and its reverse are one; a palindrome has its turning point once or twice. Of more than four positions
+    every choice comes in the given order only: there are too many others.
     """
+    arranged = itertools.permutations if len(positions) <= _MOST else itertools.combinations
     for count in range(_FEWEST, min(_MOST, len(positions)) + 1):
-        for order in itertools.permutations(positions, count):
-            if order <= order[::-1]:
+        for order in arranged(positions, count):
+            if order <= order[::-1] or len(positions) > _MOST:
                 yield order
-            yield order + order[-2::-1]
-            yield order + order[::-1]
+            yield from palindromes(order)
+
+
+def palindromes(order: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return there and back, the turning point once and twice."""
+    return order + order[-2::-1], order + order[::-1]
 
 
 def scene_of(
