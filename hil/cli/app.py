@@ -21,6 +21,7 @@ from hil.cli import (
     notify,
     rehearse,
     replay,
+    report,
     reproduction,
     watchdog,
 )
@@ -39,6 +40,7 @@ app = typer.Typer(
 for command in (
     *night.COMMANDS,
     *data.COMMANDS,
+    *report.COMMANDS,
     *model.COMMANDS,
     *frames.COMMANDS,
     *device.COMMANDS,

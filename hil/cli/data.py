@@ -1,4 +1,4 @@
-"""Commands that work on measured data: solve, report, export, and what a model is made of."""
+"""Commands that work on measured data: solve, export, import."""
 
 from __future__ import annotations
 
@@ -112,34 +112,6 @@ def _solution_table(solutions: list[RunSolution]) -> Table:
     return table
 
 
-def report(
-    source: Source,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Where to write it; default: report.html in the folder.")
-    ] = None,
-) -> None:
-    """Write the report: one self-contained HTML file."""
-    path = write_report(source, out)
-    results().print(f"report: {path}")
-
-
-def write_report(source: Path, out: Path | None = None) -> Path:
-    """Write the report of a night or a campaign folder; return where it is."""
-    from hil.journal_reader import JOURNAL_NAME
-    from hil.report.content import gather
-    from hil.report.night import night_content
-    from hil.report.page import write_page
-
-    campaign = read_source(source)
-    warn(tuple(campaign.warnings))
-    night = night_content(source) if (source / JOURNAL_NAME).is_file() else None
-    path = out or source / "report.html"
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    write_page(gather(campaign, night), path)
-    return path
-
-
 def export(
     folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
     out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
@@ -169,4 +141,4 @@ def import_table(
     results().print(f"campaign: {out}")
 
 
-COMMANDS = (solve, report, export)
+COMMANDS = (solve, export)

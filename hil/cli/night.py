@@ -281,7 +281,7 @@ def demo(
     quiet: Quiet = False,
 ) -> int:
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
-    from hil.cli.data import write_report
+    from hil.cli.report import write_report
     from hil.config import load_bench, load_sweep
     from hil.journal_reader import JOURNAL_NAME
 

@@ -6,13 +6,20 @@ Everything here is plain text and numbers; `page.py` turns it into HTML.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from hil.both_sensors import common_and_differential
 from hil.campaign import Campaign, FloatArray
 from hil.contractor import METHOD
+from hil.errors import InputError
 from hil.repeats import runs_by_temperature
+from hil.report.against import Comparison
+from hil.report.night import NightContent
+from hil.reproduction import Reproduction, reproduce
+from hil.scatter import ScatterSignature
+from hil.scatter_sources import campaign_signatures
 from hil.solve import RunSolution, solve_campaign
 from procedures.verdict import Judgement, Verdict
 
@@ -29,11 +36,18 @@ class Repeat:
 
 @dataclass(frozen=True)
 class SensorContent:
-    """One sensor: its self-calibrations grouped by temperature, and every single solution."""
+    """One sensor: its self-calibrations grouped by temperature, and every single solution.
+
+    `contractor` holds the contractor's solution by run; `reproduction` is None where the collects are not the report's
+    three; `scatter` says what the repeats scattered by, temperature by temperature and pooled.
+    """
 
     number: int
     repeats: Sequence[Repeat]
     solutions: Sequence[RunSolution]
+    contractor: Mapping[int | None, RunSolution]
+    reproduction: Reproduction | None = None
+    scatter: Sequence[ScatterSignature] = ()
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -52,26 +66,14 @@ class SensorContent:
 
 
 @dataclass(frozen=True)
-class NightContent:
-    """What only a journal knows."""
-
-    state: str
-    missing: Sequence[str] = ()
-    judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
-    events: Sequence[tuple[str, str, str]] = ()  # UTC, kind, message
-    hours: FloatArray = field(default_factory=lambda: np.empty(0))
-    temperatures: Mapping[str, FloatArray] = field(default_factory=dict)
-    collect_hours: FloatArray = field(default_factory=lambda: np.empty(0))
-    provenance: Sequence[tuple[str, str]] = ()
-
-
-@dataclass(frozen=True)
 class ReportContent:
     """Everything that the report shows."""
 
     campaign: Campaign
     sensors: Sequence[SensorContent]
     night: NightContent | None = None
+    comparison: Comparison | None = None
+    both_sensors: Sequence[str] = ()
 
     def judgement(self, solution: RunSolution) -> Judgement:
         """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
@@ -90,7 +92,9 @@ class ReportContent:
         return {verdict: found.count(verdict) for verdict in Verdict if verdict in found}
 
 
-def gather(campaign: Campaign, night: NightContent | None = None) -> ReportContent:
+def gather(
+    campaign: Campaign, night: NightContent | None = None, comparison: Comparison | None = None
+) -> ReportContent:
     """Solve the campaign with each sensor's default model and group the self-calibrations by temperature."""
     solutions = solve_campaign(campaign)
     contractor = {
@@ -98,6 +102,7 @@ def gather(campaign: Campaign, night: NightContent | None = None) -> ReportConte
         for number in campaign.sensors
         for each in solutions_of_contractor(campaign, number, solutions)
     }
+    scatter = campaign_signatures(campaign)
     sensors = []
     for number, collects in campaign.sensors.items():
         own = [each for each in solutions if each.sensor == number]
@@ -105,8 +110,20 @@ def gather(campaign: Campaign, night: NightContent | None = None) -> ReportConte
             _repeat(temperature, runs, own, contractor)
             for temperature, runs in runs_by_temperature(collects.conditions)
         ]
-        sensors.append(SensorContent(number, repeats, own))
-    return ReportContent(campaign, sensors, night)
+        beside = {run: each for (run, sensor), each in contractor.items() if sensor == number}
+        own_scatter = [each for each in scatter if each.sensor == number]
+        sensors.append(SensorContent(number, repeats, own, beside, _reproduced(campaign, number, beside), own_scatter))
+    both = common_and_differential(campaign)
+    return ReportContent(campaign, sensors, night, comparison, () if both is None else both.sentences())
+
+
+def _reproduced(campaign: Campaign, sensor: int, contractor: Mapping[int | None, RunSolution]) -> Reproduction | None:
+    if not contractor:
+        return None
+    try:
+        return reproduce(campaign, sensor)
+    except InputError:  # no single run has all three of the report's collects
+        return None
 
 
 def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:

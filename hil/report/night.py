@@ -1,73 +1,236 @@
-"""What a report takes from the journal of a night."""
+"""What a report takes from the journal of a night: what was asked and done, the soaks, the collects, what went wrong.
+
+    night = night_content(Path("night-014"))
+    night.asked, night.done, night.missing     # sentences
+    night.soaks[0].decided_by                  # "unit slope (sensor 1)"
+    night.collects[0].counts["ok"]             # frames
+
+Times are hours since the night began, temperatures °C.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.journal_reader import JournalReader, open_readonly
-from hil.journal_records import Heartbeat
-from hil.report.content import NightContent
+from hil.journal_reader import JournalReader, reading
+from hil.journal_records import Attempt, Heartbeat
+from hil.report.provenance import night_provenance
 from hil.status import night_status
-from procedures.plan import StepKind
-from procedures.verdict import self_calibration_verdict
+from hil.step_words import hours_minutes, step_in_words
+from procedures.journal import Outcome
+from procedures.plan import Plan, Step, StepKind
+from procedures.verdict import Judgement, self_calibration_verdict
 
 _SECONDS_PER_HOUR = 3600.0
-_TRACES = {"chamber": "chamber_degC", "setpoint": "setpoint_degC"}
+_SILENT_BEATS = 5.0
+"""A gap of so many times the usual time between heartbeats breaks the lines of the plot: nobody was measuring."""
+
+RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
+"""The kinds of events by which a resume says what it did and why."""
+
+
+@dataclass(frozen=True)
+class Soak:
+    """One restabilisation that ended: when, how long it waited, and which criterion was the last to be met."""
+
+    run: int
+    temperature_degC: float
+    began_h: float
+    ended_h: float
+    waited_s: float
+    decided_by: str
+    reason: str
+    verdict: str
+    restarts: int
+
+
+@dataclass(frozen=True)
+class CollectLine:
+    """One collect that counts: when, where, and what the stream brought. `counts` are the decoder's."""
+
+    run: int
+    temperature_degC: float
+    position: str
+    began_h: float
+    ended_h: float
+    utc: str
+    duration_s: float
+    n_samples: int
+    n_expected: int
+    counts: Mapping[str, int]
+    verdict: str
+    reason: str
+
+    @property
+    def bad(self) -> int:
+        """Frames whose checksum or delimiter was wrong."""
+        return self.counts.get("bad_checksum", 0) + self.counts.get("bad_delimiter", 0)
+
+
+@dataclass(frozen=True)
+class NightContent:
+    """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were."""
+
+    state: str
+    reason: str = ""
+    asked: str = ""
+    done: str = ""
+    unit: str = ""
+    missing: Sequence[str] = ()
+    judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
+    events: Sequence[tuple[str, str, str]] = ()
+    event_hours: FloatArray = field(default_factory=lambda: np.empty(0))
+    hours: FloatArray = field(default_factory=lambda: np.empty(0))
+    temperatures: Mapping[str, FloatArray] = field(default_factory=dict)
+    soaks: Sequence[Soak] = ()
+    collects: Sequence[CollectLine] = ()
+    rejected: Sequence[tuple[str, str, str]] = ()  # UTC, what, why
+    provenance: Sequence[tuple[str, str]] = ()
+    files: Sequence[tuple[str, int, str]] = ()  # path, bytes, SHA-256
+
+    @property
+    def resumes(self) -> Sequence[tuple[str, str, str]]:
+        """The events that say what a resume did and why."""
+        return [event for event in self.events if event[1] in RESUMING]
 
 
 def night_content(folder: Path) -> NightContent:
-    """Read state, verdicts, events, temperatures and provenance of the night in `folder`."""
+    """Read everything that the report shows of the night in `folder`; raises `InputError` where there is none."""
     status = night_status(folder)
-    with open_readonly(folder) as journal, journal.snapshot():
-        done = journal.completed()
-        beats = journal.heartbeats()
-        collects = [attempt.began_s for key, attempt in journal.done_attempts().items() if _is_collect(journal, key)]
+    with reading(folder) as journal:
+        completed, done = journal.completed(), journal.done_attempts()
+        steps, beats, events = journal.steps_by_key(), journal.heartbeats(), journal.events()
+        ended = [(steps[key], attempt) for key, attempt in done.items()]
+        identity = next((each.data for step, each in ended if step.kind is StepKind.IDENTIFY), {})
+        hours, temperatures = _temperatures(beats)
         return NightContent(
             state=str(status["state"]),
+            reason=str(status["reason"]),
+            asked=_asked(journal.plan),
+            done=_done(journal, status),
+            unit=" ".join(str(identity.get("imu", {}).get(name) or "") for name in ("model", "serial")).strip(),
             missing=list(status["missing"]),
             judgements={
-                number: self_calibration_verdict(steps, done)
-                for number, steps in journal.plan.self_calibrations.items()
+                number: self_calibration_verdict(own, completed)
+                for number, own in journal.plan.self_calibrations.items()
             },
-            events=[
-                (f"{journal.night.utc(event.at_s):%Y-%m-%d %H:%M:%S}", event.kind, event.message)
-                for event in journal.events()
-            ],
-            hours=np.array([beat.at_s for beat in beats]) / _SECONDS_PER_HOUR,
-            temperatures=_temperatures(beats),
-            collect_hours=np.array(collects) / _SECONDS_PER_HOUR,
-            provenance=_provenance(journal, folder),
+            events=[(_utc(journal, event.at_s), event.kind, event.message) for event in events],
+            event_hours=np.array([event.at_s for event in events], dtype=np.float64) / _SECONDS_PER_HOUR,
+            hours=hours,
+            temperatures=temperatures,
+            soaks=[_soak(step, attempt) for step, attempt in ended if step.kind is StepKind.RESTABILISE],
+            collects=[_collect(journal, step, each) for step, each in ended if step.kind is StepKind.COLLECT],
+            rejected=_rejected(journal, going_on=status["state"] in {"running", "paused"}),
+            provenance=night_provenance(journal, identity),
+            files=[(row.block.path, row.block.size, row.block.sha256) for row in journal.blocks()],
         )
 
 
-def _is_collect(journal: JournalReader, key: str) -> bool:
-    return journal.steps_by_key()[key].kind is StepKind.COLLECT
+def _asked(plan: Plan) -> str:
+    """Say in one sentence what the sweep asks for."""
+    runs = plan.self_calibrations
+    soaks = plan.of_kind(StepKind.RESTABILISE)
+    temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))
+    first = next(iter(runs.values()), ())
+    positions = "-".join(str(step.position) for step in first if step.kind is StepKind.COLLECT)
+    each = len(runs) / len(temperatures) if temperatures else 0.0
+    at_least = {hours_minutes(step.parameters["at_least_s"]) for step in soaks if "at_least_s" in step.parameters}
+    soak = f", each after at least {' or '.join(sorted(at_least))} of restabilisation" if at_least else ""
+    where = ", ".join(f"{temperature:.1f}" for temperature in temperatures)
+    return (
+        f"{len(runs)} self-calibrations, {each:g} at each of {len(temperatures)} temperatures ({where} °C), collects "
+        f"at positions {positions}{soak}; {hours_minutes(plan.total_s)} planned"
+    )
 
 
-def _temperatures(beats: Sequence[Heartbeat]) -> dict[str, FloatArray]:
-    """Chamber, setpoint and one unit thermometer, NaN where a heartbeat lacks it."""
-    names = dict(_TRACES)
-    unit = next((name for beat in beats for name in beat.readings if name.startswith("unit")), None)
-    if unit is not None:
-        names["unit"] = unit
-    return {
+def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
+    plan, done = journal.plan, journal.completed()
+    collects = plan.of_kind(StepKind.COLLECT)
+    taken = sum(step.key in done for step in collects)
+    last_s = max((each.seen_s for each in journal.controllers()), default=0.0)
+    sittings = len(journal.controllers())
+    return (
+        f"{status['self_calibrations_done']} of {len(plan.self_calibrations)} self-calibrations, {taken} of "
+        f"{len(collects)} collects, {len(done)} of {len(plan.steps)} steps, in {hours_minutes(last_s)} from "
+        f"{_utc(journal, 0.0)} to {_utc(journal, last_s)} UTC" + (f", in {sittings} parts" if sittings > 1 else "")
+    )
+
+
+def _soak(step: Step, attempt: Attempt) -> Soak:
+    data = attempt.data
+    return Soak(
+        step.self_calibration or 0,
+        step.temperature_degC if step.temperature_degC is not None else float("nan"),
+        attempt.began_s / _SECONDS_PER_HOUR,
+        (attempt.ended_s or attempt.began_s) / _SECONDS_PER_HOUR,
+        float(data.get("waited_s") or 0.0),
+        str(data.get("decided_by") or "–"),
+        attempt.reason,
+        str(data.get("verdict") or ""),
+        int(data.get("soak_restarts") or 0) + int(data.get("window_restarts") or 0),
+    )
+
+
+def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> CollectLine:
+    data = attempt.data
+    start_s = float(data.get("start_s", attempt.began_s))
+    duration_s = float(data.get("duration_s") or 0.0)
+    return CollectLine(
+        run=step.self_calibration or 0,
+        temperature_degC=step.temperature_degC if step.temperature_degC is not None else float("nan"),
+        position=str(data.get("position", step.position)),
+        began_h=start_s / _SECONDS_PER_HOUR,
+        ended_h=(start_s + duration_s) / _SECONDS_PER_HOUR,
+        utc=_utc(journal, start_s),
+        duration_s=duration_s,
+        n_samples=int(data.get("n_samples") or 0),
+        n_expected=int(data.get("n_expected") or 0),
+        counts={name: int(count) for name, count in (data.get("counts") or {}).items()},
+        verdict=str(data.get("verdict") or ""),
+        reason=str(data.get("reason") or attempt.reason),
+    )
+
+
+def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str, str]]:
+    """Return every attempt that does not count, and why; not the one that is going on now."""
+    attempts, steps = journal.attempts(), journal.steps_by_key()
+    withdrawn = journal.withdrawn()
+    newest = attempts[-1] if attempts and going_on and attempts[-1].outcome is None else None
+    found = []
+    for each in attempts:
+        if each is newest or each.outcome is Outcome.DONE:
+            continue
+        gone = (each.step_key, each.attempt) in withdrawn
+        word = "withdrawn" if gone else "never ended" if each.outcome is None else each.outcome.value.lower()
+        why = each.reason or "the controller was killed, or lost its power; nothing of it is used"
+        what = f"{step_in_words(steps[each.step_key])}, attempt {each.attempt}"
+        found.append((_utc(journal, each.began_s), what, f"{word}: {why}"))
+    return found
+
+
+def _temperatures(beats: Sequence[Heartbeat]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return hours (t,) and setpoint, chamber and every unit thermometer (t,), NaN where unknown or nobody measured."""
+    if not beats:
+        return np.empty(0), {}
+    at_s = np.array([beat.at_s for beat in beats], dtype=np.float64)
+    units = sorted({name for beat in beats for name in beat.readings if name.startswith("unit")})
+    names = {"setpoint": "setpoint_degC", "chamber": "chamber_degC"}
+    names |= {f"unit, sensor {name.split('_')[1]}": name for name in units}
+    series = {
         label: np.array([beat.readings.get(name, np.nan) for beat in beats], dtype=np.float64)
         for label, name in names.items()
         if any(name in beat.readings for beat in beats)
     }
+    steps_s = np.diff(at_s)
+    silent = np.flatnonzero(steps_s > _SILENT_BEATS * np.median(steps_s)) + 1 if len(steps_s) else np.empty(0, int)
+    broken = {label: np.insert(values, silent, np.nan) for label, values in series.items()}
+    return np.insert(at_s, silent, at_s[silent]) / _SECONDS_PER_HOUR, broken
 
 
-def _provenance(journal: JournalReader, folder: Path) -> list[tuple[str, str]]:
-    night = journal.night
-    told = [
-        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + (" (simulated time)" if night.simulated else "")),
-        ("who", night.who),
-        ("folder", folder.name),
-        ("seed", "" if night.seed is None else str(night.seed)),
-        *((f"version of {name}", version) for name, version in (night.versions or {}).items()),
-    ]
-    return [(name, value) for name, value in told if value]
+def _utc(journal: JournalReader, at_s: float) -> str:
+    return f"{journal.night.utc(at_s):%Y-%m-%d %H:%M:%S}"

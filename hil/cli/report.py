@@ -1,0 +1,96 @@
+"""`hil report`: the morning report of a night or a campaign folder, and its numbers beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil.cli.data import Source, read_source
+from hil.cli.output import results, warn
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from hil.campaign import Campaign
+    from hil.report.against import Comparison
+    from hil.report.content import ReportContent
+    from hil.report.night import NightContent
+    from hil.report.tables import TableFormat
+
+
+def report(
+    source: Source,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where to write it; default: report.html in the folder.")
+    ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            "--against",
+            help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.",
+            show_default=False,
+        ),
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Beside it its tables, for a program.")] = False,
+) -> None:
+    """Write the report: one self-contained HTML file that any browser shows and prints."""
+    from hil.report.pdf import find_browser, write_pdf
+    from hil.report.tables import write_tables
+
+    if pdf:
+        find_browser()  # before anything is written
+    path, content = _written(source, out, against)
+    results().print(f"report: {path}")
+    formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
+    for kind in formats:
+        for table in write_tables(content, path.with_suffix(""), kind):
+            results().print(f"table: {table}")
+    if pdf:
+        write_pdf(path, path.with_suffix(".pdf"))
+        results().print(f"pdf: {path.with_suffix('.pdf')}")
+
+
+def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> Path:
+    """Write the report of a night or a campaign folder; return where it is."""
+    return _written(source, out, against)[0]
+
+
+def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path, ReportContent]:
+    from hil.report.content import gather
+    from hil.report.page import write_page
+
+    campaign = read_source(source)
+    path = out or source / "report.html"
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
+    warn(tuple(campaign.warnings))
+    night = _night(source)
+    comparison = None if against is None else _comparison(campaign, night, against)
+    content = gather(campaign, night, comparison)
+    try:
+        write_page(content, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    return path, content
+
+
+def _night(source: Path) -> NightContent | None:
+    from hil.journal_reader import JOURNAL_NAME
+    from hil.report.night import night_content
+
+    return night_content(source) if (source / JOURNAL_NAME).is_file() else None
+
+
+def _comparison(campaign: Campaign, night: NightContent | None, against: Path) -> Comparison:
+    from hil.report.against import compare
+
+    earlier, before = read_source(against), _night(against)
+    return compare(campaign, earlier, night.unit if night else "", before.unit if before else "")
+
+
+COMMANDS = (report,)

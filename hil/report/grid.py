@@ -1,0 +1,75 @@
+"""Tables as the page shows them: a caption, a head, and rows of cells; and how numbers are written in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+ABSENT = "–"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell: its text, what stands below it in small print (unit, uncertainty), and what it is.
+
+    `kind` is "" for a number, "text", "wrap" for text that may break, or a verdict's word, which colours it.
+    """
+
+    text: str
+    below: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table. The first cell of every row is its head."""
+
+    name: str
+    caption: str
+    head: Sequence[Cell]
+    rows: Sequence[Sequence[Cell]]
+
+
+def text(value: object) -> Cell:
+    """Return a cell of text that does not break."""
+    return Cell(str(value), kind="text")
+
+
+def wrap(value: object) -> Cell:
+    """Return a cell of text that may break."""
+    return Cell(str(value), kind="wrap")
+
+
+def number(value: float | None, decimals: int = 0, below: str = "") -> Cell:
+    """Return a cell with a number, or a dash where it is not known."""
+    return Cell(ABSENT if value is None or not math.isfinite(value) else f"{value:.{decimals}f}", below)
+
+
+def estimate(value: float | None, uncertainty: float | None, decimals: int) -> Cell:
+    """Return a cell with a value and, below it, its uncertainty."""
+    known = value is not None and math.isfinite(value)
+    plain = uncertainty is None or not math.isfinite(uncertainty)
+    return number(value, decimals, "" if plain or not known else f"±{uncertainty:.{decimals}f}")
+
+
+def decimals_for(uncertainties: Iterable[float | None]) -> int:
+    """Return how many decimals show two digits of the smallest uncertainty: at least 2, at most 6."""
+    known = [each for each in uncertainties if each is not None and math.isfinite(each) and each > 0.0]
+    return min(max(2, 1 - math.floor(math.log10(min(known)))), 6) if known else 2
+
+
+def degrees(temperature_degC: float | None) -> str:
+    """Write a temperature in °C, or say that there is none."""
+    return "all runs" if temperature_degC is None else f"{temperature_degC:.1f} °C"
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Write whole numbers as people do: 1–3, 7, 9–10."""
+    parts: list[list[int]] = []
+    for each in sorted(set(numbers)):
+        if parts and each == parts[-1][-1] + 1:
+            parts[-1][1:] = [each]
+        else:
+            parts.append([each])
+    return ", ".join(f"{part[0]}–{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)

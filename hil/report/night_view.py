@@ -1,0 +1,135 @@
+"""The night's chapter of the report: temperatures, soaks, the stream of each collect, what was rejected or happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from hil.report.figures import draw_night, inline_svg
+from hil.report.grid import Cell, Grid, degrees, number, text, wrap
+from hil.report.night import CollectLine, NightContent
+from hil.step_words import hours_minutes
+
+MOST_EVENTS = 500
+"""More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
+
+_COUNTS = (
+    ("frames ok", "", "ok"),
+    ("bad", "checksum or end", "bad"),
+    ("lost", "by their counter", "lost"),
+    ("twice", "", "duplicate"),
+    ("late", "", "timed_out"),
+    ("unknown", "", "unknown_id"),
+    ("resyncs", "", "resyncs"),
+    ("skipped", "bytes", "skipped_bytes"),
+)
+
+
+def night_view(night: NightContent) -> dict[str, Any]:
+    """Return what the template shows of a night."""
+    listed = list(night.events)[:MOST_EVENTS]
+    left = len(night.events) - len(listed)
+    return {
+        "svg": _picture(night),
+        "soaks": _soaks(night) if night.soaks else None,
+        "stream": stream_in_words(night.collects),
+        "collects": _collects(night.collects) if night.collects else None,
+        "rejected": _list("rejected", "Attempts that count for nothing.", ("what", "why"), night.rejected),
+        "resumes": _list("resumes", "What a resume did, and why.", ("what", "said"), night.resumes),
+        "events": _events(listed, left),
+    }
+
+
+def stream_in_words(collects: Sequence[CollectLine]) -> str:
+    """Say of all collects together what the stream brought, in one sentence."""
+    if not collects:
+        return ""
+    total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
+    used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
+    troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
+    share = f" ({used / expected:.2%})" if expected else ""
+    return (
+        f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "
+        f"{total['duplicate']} twice, {total['timed_out']} late, {total['resyncs']} resyncs, {total['skipped_bytes']} "
+        f"bytes skipped; {used} of {expected} expected samples are in the averages{share}. "
+        + (f"{troubled} collects saw any of that." if troubled else "No collect saw anything but good frames.")
+    )
+
+
+def _count(each: CollectLine, name: str) -> int:
+    return each.bad if name == "bad" else each.counts.get(name, 0)
+
+
+def _picture(night: NightContent) -> str:
+    if len(night.hours) < 2:
+        return ""
+    low = {
+        label: (min(v), max(v)) for label, values in night.temperatures.items() if (v := [x for x in values if x == x])
+    }
+    spans = ", ".join(f"{label} {least:.1f} to {most:.1f} °C" for label, (least, most) in low.items())
+    says = (
+        f"Temperatures through {night.hours[-1]:.1f} hours: {spans}; {len(night.soaks)} soaks, {len(night.collects)} "
+        f"collects, {len(night.events)} events."
+    )
+    return inline_svg(draw_night(night), says)
+
+
+def _soaks(night: NightContent) -> Grid:
+    heads = [Cell("run"), Cell("at"), Cell("began", "h"), Cell("waited"), Cell("starts over")]
+    heads += [Cell("decided by", kind="text"), Cell("verdict", kind="text"), Cell("how it ended", kind="text")]
+    return Grid(
+        "soaks",
+        "Restabilisation before each self-calibration: how long, and which criterion was the last to be met.",
+        heads,
+        [
+            [
+                number(each.run),
+                Cell(degrees(each.temperature_degC)),
+                number(each.began_h, 2),
+                Cell(hours_minutes(each.waited_s)),
+                number(each.restarts),
+                text(each.decided_by),
+                Cell(each.verdict, kind=each.verdict),
+                wrap(each.reason),
+            ]
+            for each in night.soaks
+        ],
+    )
+
+
+def _collects(collects: Sequence[CollectLine]) -> Grid:
+    heads = [Cell("run"), Cell("position"), Cell("at"), Cell("began", "UTC"), Cell("lasts", "s"), Cell("samples")]
+    heads += [Cell(name, below) for name, below, _ in _COUNTS]
+    heads.append(Cell("verdict", kind="text"))
+    rows = [
+        [
+            number(each.run),
+            Cell(each.position),
+            Cell(degrees(each.temperature_degC)),
+            Cell(each.utc),
+            Cell(f"{each.duration_s:g}"),
+            Cell(str(each.n_samples), f"of {each.n_expected}"),
+            *(number(_count(each, name)) for _, _, name in _COUNTS),
+            Cell(each.verdict, kind=each.verdict),
+        ]
+        for each in collects
+    ]
+    return Grid("collects", "The stream of every collect that counts.", heads, rows)
+
+
+def _list(name: str, caption: str, columns: tuple[str, str], rows: Sequence[tuple[str, str, str]]) -> Grid | None:
+    if not rows:
+        return None
+    heads = [Cell("when (UTC)", kind="text"), *(Cell(column, kind="text") for column in columns)]
+    return Grid(name, caption, heads, [[text(when), text(what), wrap(why)] for when, what, why in rows[:MOST_EVENTS]])
+
+
+def _events(events: Sequence[tuple[str, str, str]], left: int) -> Grid | None:
+    if not events:
+        return None
+    caption = "Events; their numbers are those of the marks in the picture."
+    if left:
+        caption += f" {left} more are in the journal."
+    heads = [Cell("no."), Cell("when (UTC)", kind="text"), Cell("what", kind="text"), Cell("said", kind="text")]
+    rows = [[number(n), text(when), text(kind), wrap(said)] for n, (when, kind, said) in enumerate(events, start=1)]
+    return Grid("events", caption, heads, rows)

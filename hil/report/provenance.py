@@ -1,0 +1,60 @@
+"""Where a report's numbers come from: who, when, with what, and the hashes by which the records can be recognised."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hil.campaign import Campaign
+from hil.campaign_reader import COLLECTS_FILE, HEADER_FILE
+from hil.journal_reader import JournalReader
+
+
+def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return names and values for a night; `identity` is what the devices said of themselves."""
+    night = journal.night
+    controllers = journal.controllers()
+    first = night.versions or {}
+    told = [
+        ("folder", journal.folder.resolve().name),
+        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + (" (simulated time)" if night.simulated else "")),
+        ("began by", night.who),
+        ("carried on by", ", ".join(each.who for each in controllers[1:])),
+        *((device, _identity(said)) for device, said in identity.items()),
+        ("seed of the simulation", "" if night.seed is None else str(night.seed)),
+        ("configuration, SHA-256", hashlib.sha256(night.configuration.encode()).hexdigest()),
+        ("plan and configuration, digest in the journal", night.digest(journal.plan)),
+        *((f"version of {name}", version) for name, version in first.items()),
+    ]
+    return [(name, value) for name, value in told if value]
+
+
+def _identity(said: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in said.items() if value)
+
+
+def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:
+    """Return names and values for a campaign folder."""
+    folder = campaign.folder
+    told = [("campaign", folder.resolve().name if folder else campaign.title), ("source", campaign.source)]
+    return [(name, value) for name, value in told if value]
+
+
+def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
+    """Return path, size in bytes and SHA-256 of the files that a campaign folder was read from."""
+    if campaign.folder is None:
+        return []
+    folder = campaign.folder
+    paths = [folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()]
+    return [(_name(path, folder), path.stat().st_size, _sha256(path)) for path in paths if path.is_file()]
+
+
+def _name(path: Path, folder: Path) -> str:
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,131 @@
+"""What the report says in sentences: the verdict, what was assumed, and what the collects cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from hil.report.content import ReportContent, SensorContent
+from hil.report.grid import degrees, ranges
+from procedures.verdict import Verdict
+
+_WANDER = (
+    "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
+    "standard errors (the scatter from run to run shows it)"
+)
+
+_THREE_COLLECTS = (
+    "Six equations, six unknowns: no residual is left, so these collects cannot contradict the model.",
+    (
+        "What is alike in all positions is called bias; what changes sign between Collects 1 and 2 is called GS; what "
+        "appears in Collect 3 alone is called MU, be it settling, an index error times GS, a drift, or an even g² term."
+    ),
+    "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
+    (
+        "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
+        "even g² term does not."
+    ),
+)
+
+
+def headline(content: ReportContent) -> str:
+    """Say in one sentence what was done and whether it is good."""
+    runs = {each.run for sensor in content.sensors for each in sensor.solutions}
+    temperatures = max((len(sensor.repeats) for sensor in content.sensors), default=0)
+    counts = content.verdict_counts()
+    what = (
+        f"{len(runs)} self-calibration{'s' * (len(runs) != 1)} at {temperatures} temperature{'s' * (temperatures != 1)}"
+    )
+    verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
+    night = content.night
+    state = "" if night is None or night.state == "complete" else f" The night is {night.state}: {night.reason}."
+    sensors = f"{len(content.sensors)} sensor{'s' * (len(content.sensors) != 1)}"
+    return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
+
+
+def good(content: ReportContent) -> tuple[str, str]:
+    """Say whether it is good, by a verdict and a sentence."""
+    counts = content.verdict_counts()
+    worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
+    whole = content.night is None or content.night.state == "complete"
+    if worst is None and counts and whole:
+        return str(Verdict.PASS), "Good: everything that was asked for is there and within its limits."
+    if worst is None:
+        return str(Verdict.INCONCLUSIVE), "Not whole: what is there is within its limits, but something is missing."
+    words = {
+        Verdict.MARGINAL: "Usable, but something deserves a look; the reasons are below.",
+        Verdict.INCONCLUSIVE: "Not conclusive: for some of it the evidence does not suffice; the reasons are below.",
+        Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
+    }
+    return str(worst), words[worst]
+
+
+def summary(content: ReportContent) -> Iterator[str]:
+    """Yield what an engineer must know first."""
+    if not any(each.degrees_of_freedom for sensor in content.sensors for each in sensor.solutions):
+        yield "No residual is left: this speaks for the measurements, and not for the model."
+    for sensor in content.sensors:
+        if sensor.has_contractor:
+            yield from _largest_mu(sensor)
+    for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
+        for sensor in content.sensors:
+            found = [run for e in sensor.solutions if content.judgement(e).verdict is verdict for run in e.runs]
+            if found:
+                yield f"{verdict}: sensor {sensor.number}, {'run' if len(found) == 1 else 'runs'} {ranges(found)}."
+    if content.comparison is not None:
+        yield content.comparison.sentence[:1].upper() + content.comparison.sentence[1:] + "."
+
+
+def _largest_mu(sensor: SensorContent) -> Iterator[str]:
+    sizes = [
+        (abs(float(np.mean(repeat.matrix[name]))), name, float(np.mean(repeat.matrix[name])), repeat)
+        for repeat in sensor.repeats
+        for name in ("MUA", "MUB")
+        if name in repeat.matrix and np.isfinite(repeat.matrix[name]).all()
+    ]
+    if sizes:
+        _, name, value, repeat = max(sizes, key=lambda each: each[0])
+        bias = "BB" if name == "MUA" else "BA"
+        yield (
+            f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
+            f"{value:+.1f} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero moves {bias} by as much, "
+            "in deg/hr."
+        )
+
+
+def assumed(content: ReportContent) -> list[str]:
+    """Return what every number rests upon."""
+    found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
+    site = content.campaign.site
+    told = [f"site: {', '.join(f'{name} {value:g}' for name, value in site.items())}"] if site else []
+    return list(dict.fromkeys([*told, *found, _WANDER]))
+
+
+def cannot_tell(content: ReportContent) -> list[str]:
+    """Return what these collects leave open, each thing once."""
+    solutions = [each for sensor in content.sensors for each in sensor.solutions]
+    open_things: dict[tuple[int, str], list[int]] = {}
+    for each in solutions:
+        for text in each.unobservable:
+            open_things.setdefault((each.sensor, text), []).extend(each.runs)
+    told = [
+        f"sensor {sensor}, {'run' if len(runs) == 1 else 'runs'} {ranges(runs)}: {text}"
+        for (sensor, text), runs in open_things.items()
+    ]
+    if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
+        told = [*_THREE_COLLECTS, *told]
+    if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):
+        told.append(
+            "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
+            "cycle; a second visit from the other direction could."
+        )
+    return told or ["nothing that the model asks for is left open by these collects"]
+
+
+def _visited_once(sensor: SensorContent) -> bool:
+    """Whether no temperature was come back to after another: the runs of each follow one another."""
+    order = sorted(run for repeat in sensor.repeats for run in repeat.runs)
+    return all(
+        order.index(repeat.runs[-1]) - order.index(repeat.runs[0]) < len(repeat.runs) for repeat in sensor.repeats
+    )
