@@ -229,6 +229,8 @@ class Interlocks:
 
     def countdown(self, time_s: float) -> str:
         """Say what is suspected and when it ends the sweep unless it clears; empty where nothing is."""
+        if not self._suspicions:
+            return ""
         left = {
             each.name: max(each.grace_s - (time_s - self._suspicions[each.name].since_s), 0.0)
             for each in self._interlocks

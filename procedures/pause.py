@@ -39,8 +39,10 @@ class HeldBand:
         return abs(look.chamber.temperature_degC - self._setpoint_degC) <= self._settings.band_degC
 
 
-def rest(watch: Watch, settings: Restabilisation, longest_s: float) -> str:
+def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: bool) -> str:
     """Hold the bench until the pause ends; return why the soak must start over, or nothing.
+
+    `soaked` says that the soak of the present self-calibration was finished before the pause.
 
     Raises what a poll raises, and `InterlockTripped` where nobody came back within `longest_s`.
     """
@@ -61,14 +63,15 @@ def rest(watch: Watch, settings: Restabilisation, longest_s: float) -> str:
     finally:
         watch.resting, watch.note = False, ""
     lasted_s = watch.now_s - began_s
-    soak = f"the soak starts over: {held.lost}" if held.lost else "the band was held, so a finished soak still counts"
+    lost = held.lost if soaked else "it was not finished"
+    soak = f"the soak starts over: {lost}" if lost else "the soak still counts: the air stayed in its band"
     by = watch.desk.continued_by
     watch.event(
         "continue",
         f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}",
         who=by,
         paused_s=lasted_s,
-        soak_kept=not held.lost,
-        reason=held.lost,
+        soak_kept=not lost,
+        reason=lost,
     )
-    return held.lost
+    return lost

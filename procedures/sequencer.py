@@ -320,9 +320,10 @@ class Sequencer:
         """Return once nothing is suspected and nobody pauses; return the key of what a pause undid for good, if any."""
         self._watch.hold_until_clear()
         while self._watch.desk.pause is not None:
-            soak = self._before(step, StepKind.RESTABILISE)
+            soak = step if step.kind is StepKind.RESTABILISE else self._before(step, StepKind.RESTABILISE)
             settings = Restabilisation() if soak is None else Restabilisation.from_parameters(soak.parameters)
-            lost = rest(self._watch, settings, self._interlocks.pause_s)
+            soaked = soak is not None and self._in_effect.get(StepKind.RESTABILISE) == soak.key
+            lost = rest(self._watch, settings, self._interlocks.pause_s, soaked=soaked)
             undone = [StepKind.IDENTIFY, StepKind.INDEX, *([StepKind.RESTABILISE] if lost else [])]
             for kind in undone:
                 self._in_effect.pop(kind, None)

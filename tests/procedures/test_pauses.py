@@ -70,6 +70,7 @@ def test_a_pause_in_a_soak_ends_it_at_once_and_begins_it_anew(bench, new_bench):
     assert _outcomes(bench, SOAK) == [Outcome.ABORTED, Outcome.DONE]
     assert control.answers[0] == (RequestKind.PAUSE, True, "pauses at once; the chamber is held")
     assert bench.record.results[SOAK].data["waited_s"] >= 600.0
+    assert _continued(bench)["reason"] == "it was not finished"
     assert _restored(bench) == ["identify"]
 
 
