@@ -123,7 +123,9 @@ def _left_out_one_by_one(temperature_degC: FloatArray, values: FloatArray, shape
     errors = np.empty_like(values)
     for left in range(count):
         shown = np.flatnonzero(np.arange(count) != left)
-        curve = PchipInterpolator(temperature_degC[shown], shape(shown, values[..., shown]), axis=-1)
+        # Between two temperatures PCHIP is made of them and the next on either side.
+        near = slice(max(left - 2, 0), left + 2) if 0 < left < count - 1 else slice(-2, None) if left else slice(2)
+        curve = PchipInterpolator(temperature_degC[shown[near]], shape(shown, values[..., shown])[..., near], axis=-1)
         at = np.clip(temperature_degC[left], temperature_degC[shown[0]], temperature_degC[shown[-1]])
         errors[..., left] = values[..., left] - curve(at)
     return errors
@@ -145,10 +147,9 @@ def _rising(values: FloatArray, weight: FloatArray) -> FloatArray:
     start, end = np.arange(count)[:, None], np.arange(count)[None, :] + 1
     with np.errstate(divide="ignore", invalid="ignore"):
         means = (cumulated[..., end] - cumulated[..., start]) / (total[end] - total[start])
-    out = np.empty_like(values)
-    for place in range(count):
-        out[..., place] = means[..., : place + 1, place:].min(axis=-1).max(axis=-1)
-    return out
+    means = np.where(end > start, means, np.inf)
+    least = np.minimum.accumulate(means[..., ::-1], axis=-1)[..., ::-1]  # over ends at or after each place
+    return np.asarray(np.where(end > start, least, -np.inf).max(axis=-2))
 
 
 def _scaled_powers(temperature_degC: FloatArray, order: int) -> FloatArray:
