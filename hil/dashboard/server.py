@@ -34,6 +34,7 @@ from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
 
 _STATIC = str(files("hil.dashboard") / "static")
+_UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once
 _LARGEST_BODY = 8192
 _LONGEST_NAME, _LONGEST_WHY = 60, 200
 _ANSWER_S = 5.0
@@ -56,7 +57,7 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
     async def stream(request: Request) -> Response:
         if not access.may_read(request.headers):
             return _refused("the token is needed to read")
-        return StreamingResponse(_events(watcher), media_type="text/event-stream")
+        return StreamingResponse(_events(watcher), media_type="text/event-stream", headers=_UNBUFFERED)
 
     async def ask(request: Request) -> Response:
         if not access.may_ask(request.headers):

@@ -15,7 +15,7 @@ import asyncio
 import json
 import threading
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ class Watcher:
         self._root = root
         self._every_s = every_s
         self._nights: dict[str, NightFacts] = {}
+        self._not_shown = 0
         self._broken: dict[str, Part] = {}
         self._pages: dict[asyncio.Queue[bytes], bool] = {}  # whether it needs everything
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -117,14 +118,17 @@ class Watcher:
         if own.is_file():
             return [own]
         below = [*self._root.glob(f"*/{JOURNAL_NAME}"), *self._root.glob(f"*/*/{JOURNAL_NAME}")]
+        self._not_shown = max(len(below) - MOST_NIGHTS, 0)
         return sorted(below, key=self._rank, reverse=True)[:MOST_NIGHTS]
 
     def _rank(self, journal: Path) -> tuple[bool, float]:
+        """Return what is greater for a night that is rather shown. Whoever reads a journal leaves an empty log."""
         known = self._nights.get(self._name(journal.parent))
-        try:
-            newest = max(path.stat().st_mtime for path in journal.parent.glob(f"{JOURNAL_NAME}*"))
-        except (OSError, ValueError):  # it vanished meanwhile
-            newest = 0.0
+        newest = 0.0
+        for path in (journal, journal.with_name(f"{JOURNAL_NAME}-wal")):
+            with suppress(OSError):  # it vanished meanwhile
+                found = path.stat()
+                newest = max(newest, found.st_mtime if found.st_size else 0.0)
         return known is not None and known.working, newest
 
     def _name(self, folder: Path) -> str:
@@ -138,6 +142,7 @@ class Watcher:
             "utc": SystemClock().utc().isoformat(timespec="milliseconds"),
             "folder": self._root.resolve().name,
             "shown": list(self._nights),
+            "not_shown": self._not_shown,
             "nights": nights,
         }
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

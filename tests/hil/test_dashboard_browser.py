@@ -213,6 +213,7 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     shown(page, "#banner", "The controller is dead")
     assert time.monotonic() - began < 5.0
     shown(page, "#state", "controller dead")
+    assert violations(page) == []
 
     nights.dashboard.end()
     shown(page, "#banner", "No connection to the dashboard")

@@ -20,7 +20,7 @@ from drivers.clock import SystemClock
 from drivers.imu import SensorChannels
 from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
-from hil.dashboard.watcher import Watcher
+from hil.dashboard.watcher import MOST_NIGHTS, Watcher
 from hil.export import campaign_of_night
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile
 from hil.journal_reader import JOURNAL_NAME, open_readonly
@@ -251,6 +251,27 @@ def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(
     (tmp_path / "a" / JOURNAL_NAME).unlink()
     watcher.look()
     assert set(json.loads(watcher._frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
+
+
+def test_of_many_nights_the_newest_are_shown_and_the_others_counted(
+    night: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """A folder of years stays a page; the one that is at work is on it, however old its files are."""
+    for number in range(MOST_NIGHTS + 3):
+        journal = tmp_path / f"night-{number:02d}" / JOURNAL_NAME
+        journal.parent.mkdir()
+        journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+        os.utime(journal, ns=(0, (1000 + number) * 10**9))
+    watcher = Watcher(tmp_path)
+    shown = set(watcher.look())
+    assert shown == {f"night-{number:02d}" for number in range(3, MOST_NIGHTS + 3)}
+    assert json.loads(watcher._frame({})[6:])["not_shown"] == 3
+    with FolderLock(tmp_path / "night-03").acquire():
+        watcher.look()
+        newest = tmp_path / "night-00" / JOURNAL_NAME
+        os.utime(newest, ns=(0, 9000 * 10**9))
+        watcher.look()
+        assert {"night-03", "night-00"} <= set(json.loads(watcher._frame({})[6:])["shown"])
 
 
 def test_a_night_that_can_be_read_again_is_told_from_its_beginning(

@@ -5,12 +5,14 @@ export class Store {
     this.nights = new Map();
     this.folder = "";
     this.utc = null;
+    this.notShown = 0;
   }
 
   // Take one frame in; return the names of the parts that changed, by night.
   take(frame) {
     this.folder = frame.folder;
     this.utc = frame.utc;
+    this.notShown = frame.not_shown;
     for (const id of this.nights.keys()) if (!frame.shown.includes(id)) this.nights.delete(id);
     const changed = new Map();
     for (const [id, parts] of Object.entries(frame.nights)) {
