@@ -84,7 +84,8 @@ def test_calculation_and_draws_agree_for_every_source_and_parameter(order: str, 
     """Within the draws' own error, every source alone and all of them together."""
     budget = error_budget(scene(order, gravity), every_source(), matrix_6_form(SENSOR), draws=20_000)
     assert [each.source.id for each in budget.shares] == [
-        "noise", "instability", "tilt", "accelerometer", "heading", "latitude", "earth_rate", "gravity", "index", "drift", "soak",
+        "noise", "instability", "tilt", "accelerometer", "heading", "latitude", "earth_rate", "gravity", "index",
+        "drift", "soak",
     ]  # fmt: skip
     for share in budget.shares:
         allowed = 4.5 * budget.simulation_error(share.analytic) + 1e-4
@@ -96,6 +97,21 @@ def test_a_size_that_is_not_small_is_said_not_to_agree() -> None:
     """A bench that leans by 20 degrees is no small error: the linear column is wrong there, and it is noticed."""
     leaning = error_budget(scene(), [Tilt(20.0, "test")], matrix_6_form(SENSOR), draws=20_000)
     assert not leaning.agrees
+
+
+@pytest.mark.parametrize("source", every_source(), ids=lambda each: each.id)
+def test_the_exact_change_begins_as_the_calculated_one_does(source: Source) -> None:
+    """For errors a hundred-thousandth of a unit large, component by component, with their signs."""
+    of = scene("1324", np.array([0.9, 0.3, -0.3]))
+    columns = source.columns(of)
+    step = 1e-5 * np.eye(columns.shape[-1])
+    np.testing.assert_allclose(np.moveaxis(source.changes(of, step), 0, -1) / 1e-5, columns, atol=1e-3, rtol=1e-4)
+
+
+def test_a_bias_instability_leaves_two_thirds_of_itself_in_every_average() -> None:
+    """0.664 B, the floor of the Allan deviation: of 0.5 deg/hr 0.332, and 0.235 in a bias."""
+    found = error_budget(scene(), every_source(), matrix_6_form(SENSOR), draws=100).share("instability").analytic
+    np.testing.assert_allclose(found[:2], 0.332 / np.sqrt(2.0))
 
 
 def test_noise_gives_the_covariance_of_the_solver() -> None:

@@ -12,6 +12,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from hil.budget import error_budget
+from hil.budget_sources import sources
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.bench import Bench
 from hil.design_document import design_document, sweep_text
@@ -21,6 +23,7 @@ from hil.earth import Site
 from hil.equation import Orientation
 from hil.errors import InputError
 from hil.linear_forms import default_form
+from hil.model import load_model
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
 
@@ -178,6 +181,20 @@ def test_the_proposal_meets_its_goal_and_is_the_shortest_that_does(sweep: Any, r
     assert shorter.missing != ()
     assert shorter.best.time_s <= recommended.best.time_s - 60.0
     assert shorter.with_more_time == recommended.best
+
+
+def test_longer_collects_and_repeats_are_weighed_as_the_whole_budget_would(sweep: Any) -> None:
+    """The proposal's uncertainty is the error budget's of that very sequence and duration, not a scaled guess of it."""
+    bench = load_bench("simulated")
+    best = propose(sweep, bench, Goal({"MU": 0.3}, sensors=(2,))).best
+    assert best.duration_s != sweep.collect.duration_s
+    collect = replace(sweep.collect, duration_s=best.duration_s)
+    model = load_model("rd-gc-86-1-truth")
+    scene = scene_of(bench, 2, best.positions, collect, float(np.median(sweep.temperatures)), model)
+    slope = sweep.restabilisation.unit_slope_degC_per_min / np.sqrt(3.0)
+    given = sources(bench.uncertainties, "", slope, "", "")
+    total = error_budget(scene, given, default_form(scene.conditions), draws=100).total(best.repeats)
+    np.testing.assert_allclose(list(best.total[2].values()), total, rtol=1e-9)
 
 
 def test_without_a_goal_the_free_improvement_is_proposed(sweep: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.closed_forms import contractor_solution, matrix_solution
 from hil.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.scatter import (
     HYPOTHESES,
@@ -150,6 +151,21 @@ def test_a_nights_repeats_name_what_changed_in_each_channel() -> None:
     assert found["A"].verdict == "bias"
     assert found["A"].correlation.value == pytest.approx(1.0, abs=0.05)
     assert found["B"].verdict == "collect_3"
+
+
+def test_c_is_the_contractors_bias_and_m_the_matrix_one_in_both_channels() -> None:
+    """Where bias and MU go together, a wrong sign of MU would make C stand still: compared with the closed forms."""
+    campaign = night("1-2-3", 6, {"BA": 5.0, "BB": 5.0})
+    rows = campaign.sensors[2]
+    rates = rows.rates_deg_per_hr.reshape(6, 3, 2).copy()
+    rates[:, 2] += rates.mean(axis=1)  # what the bias does, Collect 3 does twice
+    moved = replace(campaign, sensors={2: replace(rows, rates_deg_per_hr=rates.reshape(-1, 2))})
+    contractor = contractor_solution(rates, [1.0, 0.0, 0.0], np.zeros(3))
+    matrix = matrix_solution(rates, [1.0, 0.0, 0.0], np.zeros(3))
+    for channel, found in enumerate(campaign_signatures(moved)):
+        assert found.sigma_c.value == pytest.approx(np.std(contractor[:, channel], ddof=1))
+        assert found.sigma_m.value == pytest.approx(np.std(matrix[:, channel], ddof=1))
+        assert found.sigma_mu.value == pytest.approx(np.std(matrix[:, 5 - channel], ddof=1))
 
 
 def test_a_drift_shows_in_the_order_1_2_3_only() -> None:
