@@ -63,15 +63,15 @@ def test_flicker_and_random_walk_are_told_apart() -> None:
 
 @pytest.mark.slow
 def test_the_intervals_of_n_b_and_k_cover() -> None:
-    """95 % intervals from 50 records of 4096 samples hold the truth at least nine times in ten."""
+    """95 % intervals from 30 records of 4096 samples hold the truth at least 26 times."""
     rng = np.random.default_rng(20)
     truth = {"N": 1.0, "B": 0.1, "K": 0.003}
     held = dict.fromkeys(truth, 0)
-    for _ in range(50):
+    for _ in range(30):
         fit = fit_noise(octaves([rates(rng, 1 << 12, n=1.0, b=0.1, k=0.003)], 1.0))
         for name, value in truth.items():
             held[name] += fit.terms[name].low <= value <= fit.terms[name].high
-    assert all(count >= 45 for count in held.values()), held
+    assert all(count >= 26 for count in held.values()), held
 
 
 def test_a_gap_is_never_bridged() -> None:

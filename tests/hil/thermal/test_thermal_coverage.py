@@ -23,7 +23,7 @@ CURVES = {
     "MUA": (5.0, 10.0, -10.0),
     "MUB": (0.0,),
 }
-DRAWS = 250
+DRAWS = 200
 
 
 @pytest.mark.slow
