@@ -152,29 +152,20 @@ def fit_sensor(
     free = [layout.station_basis()] * len(layout.form.names)
     spare = max(runs - len(layout.stations) - int(layout.hysteresis), 0)
     noise = rate_noise(number, layout.collects, layout.design(free), spare)
-    at_stations = estimate(layout, noise, free)
-    count = len(layout.stations)
-    values = [at_stations.part(p * count, count) for p in range(len(free))]
-    centre = layout.stations.centre_degC
-    changes = [_changes(layout, each) for each in values]
-    choices = [
-        choose(
-            centre,
-            each.values,
-            each.covariance,
-            highest_order=highest_order,
-            seed=seed + place,
-            # Values that stay within their noise need a rare win to be more than a constant; the sum over all
-            # parameters of both ways to be wrong is `FALSE_ALARM`.
-            first_alarm=FALSE_ALARM if changing else 0.5 * FALSE_ALARM / len(free),
+    values = _free_values(layout, noise)
+    choices = _choices(layout, values, noise.known, highest_order, seed)
+    if not noise.known:
+        notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
+        noise = noise.times(
+            float(np.mean([_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(values, choices, strict=True)]))
         )
-        for place, (each, changing) in enumerate(zip(values, changes, strict=True))
-    ]
+        values = _free_values(layout, noise)
     bases = [layout.station_basis() if c.form.order is None else layout.power_basis(c.form.order) for c in choices]
     fitted = estimate(layout, noise, bases)
     scatter = repeatability(layout, noise)
     errors = [
-        nested_errors(centre, each, choice, highest_order, seed) for each, choice in zip(values, choices, strict=True)
+        nested_errors(layout.stations.centre_degC, each, choice, highest_order, seed)
+        for each, choice in zip(values, choices, strict=True)
     ]
     parameters = {}
     start = 0
@@ -184,7 +175,7 @@ def fit_sensor(
         last = len(fitted.values) - len(bases) + place
         change = fitted.part(last, 1) if layout.hysteresis else None
         parameters[name] = _parameter(
-            layout, place, choices[place], values[place], own, scatter[name], errors[place], change
+            layout, place, choices[place], values[place], own, scatter[name], errors[place], change, noise.known
         )
     if layout.hysteresis:
         notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
@@ -193,11 +184,38 @@ def fit_sensor(
             f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
             "are in the curves"
         )
-    if not noise.known:
-        notes.append(f"sensor {number}: neither repeats nor standard errors: the size of the noise is not known")
     rates = _rate_improvement(layout, choices, errors)
     size = float(np.sqrt(np.mean(np.diagonal(noise.covariance))))
     return SensorFit(number, layout, noise, parameters, rates, size, tuple(notes))
+
+
+def _free_values(layout: Layout, noise: RateNoise) -> list[Estimates]:
+    """Return every parameter free at each temperature, (S,) values each, in the form's order."""
+    count, names = len(layout.stations), layout.form.names
+    found = estimate(layout, noise, [layout.station_basis()] * len(names))
+    return [found.part(place * count, count) for place in range(len(names))]
+
+
+def _choices(
+    layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int, seed: int
+) -> list[Choice]:
+    """Choose each parameter's form.
+
+    Values that stay within their noise need a rare win to be more than a constant: over all parameters of the sensor
+    both ways to be wrong come to `FALSE_ALARM`.
+    """
+    rare = 0.5 * FALSE_ALARM / len(values)
+    return [
+        choose(
+            layout.stations.centre_degC,
+            each.values,
+            each.covariance,
+            highest_order=highest_order,
+            seed=seed + place,
+            first_alarm=FALSE_ALARM if noise_known and _changes(layout, each) else rare,
+        )
+        for place, each in enumerate(values)
+    ]
 
 
 def _layout(number: int, collects: Collects, model_name: str | None, apart_degC: float) -> tuple[Layout, list[str]]:
@@ -250,6 +268,7 @@ def _parameter(
     scatter: float,
     errors: FloatArray,
     change: Estimates | None,
+    noise_known: bool,
 ) -> ParameterFit:
     unit = layout.form.units[place]
     order = choice.form.order
@@ -274,7 +293,7 @@ def _parameter(
         coefficients=coefficients,
         values=values,
         repeatability=scatter,
-        changes=_changes(layout, values),
+        changes=noise_known and _changes(layout, values),
         chance_constant=_misfit(layout, values, 0).chance,
         chance_form=None if misfit is None else misfit.chance,
         largest_change=_largest_change(layout, values),

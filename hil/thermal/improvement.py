@@ -48,7 +48,7 @@ def improvement(constant: FloatArray, modelled: FloatArray, weight: FloatArray, 
 
     def share(places: IntArray | slice) -> FloatArray:
         first, second = before[places].sum(axis=-1), after[places].sum(axis=-1)
-        return np.asarray(1.0 - np.sqrt(second / np.maximum(first, 1e-300)))
+        return np.asarray(np.where(first > 0.0, 1.0 - np.sqrt(second / np.maximum(first, 1e-300)), 0.0))
 
     resampled = share(drawn)
     tail = 0.5 * (1.0 - CONFIDENCE)

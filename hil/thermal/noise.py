@@ -38,6 +38,10 @@ class RateNoise:
     stated: bool
     known: bool
 
+    def times(self, factor: float) -> RateNoise:
+        """Return the same noise with its variances times a factor."""
+        return replace(self, white=factor * self.white, run=factor * self.run)
+
     @property
     def covariance(self) -> FloatArray:
         """The covariance of the rates, (m, m)."""

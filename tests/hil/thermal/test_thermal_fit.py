@@ -212,6 +212,18 @@ def test_one_missing_collect_costs_its_run_and_not_its_temperature() -> None:
     assert fit_thermal(kept).sensors[2].range_degC[0] < -29
 
 
+def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:
+    """One run per temperature, nothing stated: the curve is found, its errors are of the right size, and it is said."""
+    night = rotor_night(np.random.default_rng(15), {"BB": lambda t: 40.0 * scaled(t)}, runs=1, run_to_run={})
+    collects = night.sensors[2]
+    silent = replace(collects, rates_se_deg_per_hr=np.full(collects.rates_deg_per_hr.shape, np.nan))
+    sensor = fit_thermal(replace(night, sensors={2: silent})).sensors[2]
+    assert sensor.parameters["BB"].form == "linear"
+    assert sensor.parameters["BB"].coefficients.se[0] == pytest.approx(0.93 / np.sqrt(2 * 8), rel=0.6)
+    assert all(each.finding == "constant" for name, each in sensor.parameters.items() if name != "BB")
+    assert any("what the curves leave is taken for noise" in note for note in sensor.notes)
+
+
 def refused(campaign: Campaign, change: dict[str, np.ndarray]) -> Campaign:
     """Return the campaign with other condition columns."""
     collects = campaign.sensors[2]
