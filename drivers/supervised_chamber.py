@@ -45,6 +45,7 @@ from drivers.setpoint_checks import (
 from drivers.write_wear import WriteWear
 
 _ATTEMPTS = 3
+_SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever called must hear of it
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
 
 
@@ -208,14 +209,16 @@ class SupervisedChamber:
         the state could not be confirmed.
         """
         self._dead_man.rest()
+        give_up_s = self._clock.now() + _SAFE_STATE_S
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 self._reach_safe_state()
                 return
             except DeviceError as error:
-                if attempt == _ATTEMPTS:
+                if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
+                    tried = "1 attempt" if attempt == 1 else f"{attempt} attempts"
                     raise type(error)(
-                        f"the safe state ({self._safe.words}) could not be confirmed in {_ATTEMPTS} attempts; go to "
+                        f"the safe state ({self._safe.words}) could not be confirmed in {tried}; go to "
                         f"the chamber and stop it at its panel: {error}"
                     ) from error
                 self._clock.sleep(_MODE_CHANGE_S)
@@ -265,13 +268,13 @@ class SupervisedChamber:
         if self._identity is None:
             self.identify()
 
-    def _settle_on(self, setpoint_degC: float) -> ControllerState:
+    def _settle_on(self, setpoint_degC: float, *, looks: int = _ATTEMPTS) -> ControllerState:
         """Write setpoint and native limits in the order that the controller accepts, read back, return the state."""
         present = self._state()
         wanted = self._wanted(setpoint_degC, present)
         for write in writes_in_order(self._settings_of(present), wanted, self._controller.resolution_degC):
             self._write(write.which, write.value_degC)
-        for look in range(1, _ATTEMPTS + 1):
+        for look in range(1, looks + 1):
             state = self._state()
             try:
                 confirm_settings(self._settings_of(state), wanted, self._controller.resolution_degC, self._device)
@@ -279,7 +282,7 @@ class SupervisedChamber:
                 return state
             except ProtocolError:
                 # A late reply to the question before the writes still shows the old values: ask once more.
-                if look == _ATTEMPTS:
+                if look == looks:
                     raise
         raise ValueError("a setting needs at least one look")
 
@@ -351,7 +354,7 @@ class SupervisedChamber:
         setpoint = self._safe_setpoint()
         if not silent:
             try:
-                self._settle_on(setpoint)
+                self._settle_on(setpoint, looks=1)  # on a line where every look is slow, what counts is the last
                 return
             except TransportError:
                 raise

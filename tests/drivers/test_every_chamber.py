@@ -348,7 +348,7 @@ def test_a_chamber_that_hears_but_does_not_answer_is_made_safe_and_still_reporte
     bench.chamber.set_temperature(60.0)
     bench.fault(Fault.SILENCE, times=None)
     began_s = bench.clock.now()
-    with pytest.raises(DeviceTimeout, match="could not be confirmed in 3 attempts; go to the chamber"):
+    with pytest.raises(DeviceTimeout, match=r"could not be confirmed in \d attempts?; go to the chamber"):
         bench.chamber.safe_state()
     assert bench.is_safe()
     assert bench.clock.now() - began_s < 150.0
