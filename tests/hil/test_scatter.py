@@ -16,6 +16,7 @@ from hil.scatter import (
     HYPOTHESES,
     NAMED,
     PUBLISHED_RAMP,
+    QUIET_COLLECT_DEG_PER_HR,
     Repeats,
     correlation_interval,
     log_evidence,
@@ -243,6 +244,15 @@ def test_table_1_pooled_shows_more_than_white_noise_in_axis_a(reference: Path) -
         spread = np.sqrt(np.array([sums[axis][0, 0], sums[axis][1, 1], mu @ sums[axis] @ mu]) / 18)
         assert spread == pytest.approx(expected, abs=0.0051)
     assert more_in_collect_3_p(sums["A"], 18, WHITE) == pytest.approx(0.013, abs=0.0005)
+
+
+def test_the_noise_taken_where_none_is_stated_is_that_of_table_1s_quiet_cells(reference: Path) -> None:
+    """The matrix bias of 74.1 A, 140 A, 120 B and 140 B, a mean of two collects each: 0.96 deg/hr per collect."""
+    cells = printed(reference)
+    quiet = [cells[key] for key in (("A", 74.1), ("A", 140.0), ("B", 120.0), ("B", 140.0))]
+    of_a_collect = np.sqrt(np.mean([2.0 * group.squares[1, 1] / (group.runs - 1) for group in quiet]))
+    assert of_a_collect == pytest.approx(0.96, abs=0.005)
+    assert pytest.approx(of_a_collect, rel=0.25) == QUIET_COLLECT_DEG_PER_HR  # eight degrees of freedom
 
 
 def test_table_1s_triples_cannot_tell_what_the_indicative_reading_says(reference: Path) -> None:
