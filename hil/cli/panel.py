@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import datetime
 
 from rich.console import Console, ConsoleOptions, Group, RenderResult
 from rich.progress_bar import ProgressBar
@@ -14,7 +13,6 @@ from hil.step_words import hours_minutes, step_in_words
 from procedures.progress import Snapshot
 
 _WIDEST_BAR = 40
-_LABELS = 8  # columns that the labels and the space behind them take
 
 
 class Panel:
@@ -35,16 +33,15 @@ class Panel:
         if self._trouble:
             parts.append(Text(self._trouble, style="bold red"))
         if self._now is not None:
-            parts.append(_table(self._now, options.max_width))
+            parts.append(_table(self._now))
         yield Group(*parts)
 
 
-def _table(now: Snapshot, width: int) -> Table:
+def _table(now: Snapshot) -> Table:
     table = Table.grid(padding=(0, 2), pad_edge=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    bar_width = min(_WIDEST_BAR, max(width - _LABELS, 8))
-    table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=bar_width))
+    table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
     table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
     for label, text in _rows(now):
         table.add_row(label, text)
@@ -61,7 +58,7 @@ def _rows(now: Snapshot) -> Iterator[tuple[str, str]]:
     if rates:
         yield "deg/hr", ", ".join(_rate(label, mean, now) for label, mean in rates.items())
     yield "stream", _stream(now)
-    yield "end", f"{_local(now.finishing_utc)}"
+    yield "end", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}"
 
 
 def _temperatures(now: Snapshot) -> str:
@@ -87,7 +84,3 @@ def _stream(now: Snapshot) -> str:
         return f"every frame arrived ({counts.ok})"
     unread = f", {counts.overflow_bytes} bytes unread" if counts.overflow_bytes else ""
     return f"{counts.ok} good, {counts.lost} lost, {damaged} damaged{unread}"
-
-
-def _local(utc: datetime) -> str:
-    return f"{utc.astimezone():%a %d %b %H:%M}"

@@ -39,6 +39,11 @@ def test_a_spike_of_one_second_is_still_drawn_after_fifteen_hours() -> None:
     assert whole["width_s"] == 32.0
     assert len(whole["least"][0]) <= 2048
     assert set(whole["least"][1]) == {-5.0}
+    times, values = night()
+    by_the_hour = Curve(2)
+    for hour in range(15):
+        by_the_hour.add(times[3600 * hour : 3600 * (hour + 1)], values[3600 * hour : 3600 * (hour + 1)])
+    assert by_the_hour.whole() == whole
 
 
 def test_what_is_sent_piece_by_piece_is_the_whole() -> None:

@@ -41,23 +41,26 @@ SWEEP = {
 SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (2, 1)}
 
 
+Watched = tuple[Path, dict[str, Any], NightFacts]
+
+
 class Onlooker(Silent):
     """Looks at the night's facts at one moment of it, as the dashboard would."""
 
     def __init__(self, folder: Path, at: str) -> None:
-        self._facts = NightFacts(folder, "night")
+        self.facts = NightFacts(folder, "night")
         self._at = at
         self.seen: dict[str, Any] = {}
 
     def update(self, snapshot: Snapshot) -> None:
         """Look once, in the step that is asked for."""
         if snapshot.step.key == self._at and not self.seen:
-            self._facts.look()
-            self.seen = self._facts.whole()
+            self.facts.look()
+            self.seen = self.facts.whole()
 
 
 @pytest.fixture(scope="module")
-def night(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def night(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     """A complete night, and what the page was told during the soak of its second self-calibration."""
     folder = tmp_path_factory.mktemp("facts")
     sweep = folder / "sweep.yaml"
@@ -66,12 +69,12 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hil.live._EVERY_S", 0.0)  # this night lasts a second; its live file is to keep up
         start_night(folder / "night", load_sweep(str(sweep)), load_bench("simulated"), who="rk", progress=onlooker)
-    return folder / "night", onlooker.seen
+    return folder / "night", onlooker.seen, onlooker.facts
 
 
-def test_a_running_night_is_told_with_what_its_controller_shows(night: tuple[Path, dict[str, Any]]) -> None:
+def test_a_running_night_is_told_with_what_its_controller_shows(night: Watched) -> None:
     """State, step, temperatures, stream and the first results, while it runs; and that it is simulated."""
-    _, seen = night
+    _, seen, _ = night
     head = seen["head"]
     assert (head["state"], head["working"], head["killed"], head["old"]) == ("running", True, False, False)
     assert head["simulated"] is True
@@ -86,11 +89,11 @@ def test_a_running_night_is_told_with_what_its_controller_shows(night: tuple[Pat
     assert seen["temperatures"]["columns"][:2] == ["chamber_degC", "setpoint_degC"]
 
 
-def test_the_parameters_on_the_page_are_those_of_hil_solve_to_the_digit(night: tuple[Path, dict[str, Any]]) -> None:
+def test_the_parameters_on_the_page_are_those_of_hil_solve_to_the_digit(night: Watched) -> None:
     """One equation, one solver: the page computes nothing of its own."""
-    folder, _ = night
-    facts = NightFacts(folder, "night")
-    told = facts.look()["results"]
+    folder, _, facts = night
+    facts.look()  # for the second time: it has seen the first results only
+    told = facts.whole()["results"]
     campaign = campaign_of_night(folder)
     solved = solution_document(campaign, solve_campaign(campaign))["solutions"]
     assert len(told) == 2
@@ -100,14 +103,14 @@ def test_the_parameters_on_the_page_are_those_of_hil_solve_to_the_digit(night: t
         assert [each["verdict"] for each in row["solutions"]] == [each["verdict"] for each in expected]
 
 
-def test_nothing_is_told_where_nothing_changed(night: tuple[Path, dict[str, Any]]) -> None:
+def test_nothing_is_told_where_nothing_changed(night: Watched) -> None:
     """A finished night costs a look at three files a second."""
     facts = NightFacts(night[0], "night")
     assert {"head", "events", "results", "plan", "temperatures"} <= set(facts.look())
     assert facts.look() == {}
 
 
-def test_looking_leaves_no_lock_and_holds_no_transaction(night: tuple[Path, dict[str, Any]]) -> None:
+def test_looking_leaves_no_lock_and_holds_no_transaction(night: Watched) -> None:
     """A controller that would not wait a millisecond can write, and the write-ahead log can be emptied."""
     watcher = Watcher(night[0])
     watcher.look()
@@ -119,7 +122,7 @@ def test_looking_leaves_no_lock_and_holds_no_transaction(night: tuple[Path, dict
 
 
 @pytest.fixture
-def killed(night: tuple[Path, dict[str, Any]], tmp_path: Path) -> Path:
+def killed(night: Watched, tmp_path: Path) -> Path:
     """The same night as a controller leaves it that was killed in its last step."""
     folder = tmp_path / "killed"
     shutil.copytree(night[0], folder)
@@ -203,7 +206,7 @@ _STEPS: dict[Path, Any] = {}
 
 
 def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_bounded_memory(
-    night: tuple[Path, dict[str, Any]], tmp_path: Path
+    night: Watched, tmp_path: Path
 ) -> None:
     """An update takes less than 100 ms of this process, journal and all; what is kept does not grow."""
     folder = tmp_path / "long"
@@ -232,9 +235,7 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     assert len(watcher._frame(watcher._whole())) < 500_000
 
 
-def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(
-    night: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(night: Watched, tmp_path: Path) -> None:
     """One bad file hides no other night; nights appear and vanish by themselves."""
     for name in ("a", "bench-2/b", "damaged"):
         (tmp_path / name).mkdir(parents=True)
@@ -253,9 +254,7 @@ def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(
     assert set(json.loads(watcher._frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
 
 
-def test_of_many_nights_the_newest_are_shown_and_the_others_counted(
-    night: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_of_many_nights_the_newest_are_shown_and_the_others_counted(night: Watched, tmp_path: Path) -> None:
     """A folder of years stays a page; the one that is at work is on it, however old its files are."""
     for number in range(MOST_NIGHTS + 3):
         journal = tmp_path / f"night-{number:02d}" / JOURNAL_NAME
@@ -274,9 +273,7 @@ def test_of_many_nights_the_newest_are_shown_and_the_others_counted(
         assert {"night-03", "night-00"} <= set(json.loads(watcher._frame({})[6:])["shown"])
 
 
-def test_a_night_that_can_be_read_again_is_told_from_its_beginning(
-    night: tuple[Path, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_night_that_can_be_read_again_is_told_from_its_beginning(night: Watched, tmp_path: Path) -> None:
     """Pages that were told it cannot be read have nothing left that could be brought up to date."""
     journal = tmp_path / "a" / JOURNAL_NAME
     journal.parent.mkdir()
@@ -290,7 +287,7 @@ def test_a_night_that_can_be_read_again_is_told_from_its_beginning(
 
 
 def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_it_does(
-    night: tuple[Path, dict[str, Any]],
+    night: Watched,
 ) -> None:
     """A phone that went to sleep costs the others nothing; what it missed comes in one piece."""
 
@@ -301,6 +298,7 @@ def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_i
             for _ in range(3):
                 watcher._send(b"change", b"")
             assert updates.full()
+            watcher._everything_wanted = False  # as the thread leaves it when it has made everything
             watcher._send(b"change", b"")
             assert updates.empty()  # it is not worth keeping: everything will come
             assert watcher._everything_wanted
