@@ -1,4 +1,4 @@
-"""The scatter of repeats from the command line: a printed table, a night, and `hil solve` saying it too."""
+"""What the coefficients mean, from the command line: scatter, the report given again, the budget after a night."""
 
 from __future__ import annotations
 
@@ -62,3 +62,19 @@ def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) 
     assert "MUA2 matrix, deg/hr/g" in people
     assert "printed 10" in people
     assert hil("reproduce", night, "--sensor", "1").returncode == 2
+
+
+def test_the_budget_after_a_night_is_of_what_was_measured(hil: Any, night: Path) -> None:
+    """On the night's own bench: measured standard errors and slopes, and what scattered beside what was expected."""
+    told = json.loads(hil("budget", night, "--draws", "2000", "--json").stdout)
+    assert told["simulated"] is True
+    for sensor in told["sensors"].values():
+        by_id = {each["id"]: each for each in sensor["sources"]}
+        assert by_id["noise"]["origin"] == "measured standard errors"
+        assert by_id["soak"]["origin"].startswith("as measured")
+        assert sensor["left_out"] == []
+        assert sensor["observed_run_to_run"]["BA"]["degrees_of_freedom"] == 2
+        assert sensor["agrees"] is True
+    people = hil("budget", night, "--draws", "2000").stdout
+    assert "observed from run to run" in people
+    assert "SIMULATED" in people
