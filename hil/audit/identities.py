@@ -86,14 +86,20 @@ def _lattices(row: PrintedRow, resolution: float, runs: int) -> Iterator[Identit
         return
     for role in means:
         if f"sigma_{role}" in row.cells and off_lattice(row.cells[role].value, half[role], resolution, runs) == 0.0:
-            yield Identity(
-                f"{row.cells[f'sigma_{role}'].what} is possible for 3 runs at {resolution:g}",
-                "sigma possible for 3 runs",
-                (role, f"sigma_{role}"),
-                lambda v, role=role: sigma_gap(v[role], v[f"sigma_{role}"], resolution),  # type: ignore[misc]
-                lambda v, role=role: 1.02 * half[f"sigma_{role}"],  # type: ignore[misc]  # noqa: ARG005
-                linear=False,
-            )
+            yield _possible_sigma(row, role, resolution)
+
+
+def _possible_sigma(row: PrintedRow, role: str, resolution: float) -> Identity:
+    sigma = f"sigma_{role}"
+    cell = row.cells[sigma]
+    return Identity(
+        f"{cell.what} is possible for 3 runs at {resolution:g}",
+        "sigma possible for 3 runs",
+        (role, sigma),
+        lambda v: sigma_gap(v[role], v[sigma], resolution),
+        lambda v: 1.02 * cell.half_digit,  # noqa: ARG005
+        linear=False,
+    )
 
 
 def identities_of_a1(row: PrintedRow) -> Iterator[Identity]:

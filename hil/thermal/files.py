@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.files import RealDisk, write_durably
 from hil.model import save_model
 from hil.thermal.document import thermal_document
-from hil.thermal.exports import ardupilot_parameters, px4_parameters
+from hil.thermal.exports import ARDUPILOT_LEAST_RANGE_DEGC, ardupilot_parameters, px4_parameters
 from hil.thermal.fit import SensorFit, ThermalFit
 
 _SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
@@ -30,7 +30,9 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
         contents[f"sensor-{fit.number}.svg"] = _figure(fit, result.campaign.simulated)
         if fit.layout.collects.conditions.sensor.is_triad:
             contents[f"sensor-{fit.number}-px4.params"] = px4_parameters(fit)
-            contents[f"sensor-{fit.number}-ardupilot.parm"] = ardupilot_parameters(fit)
+            low, high = fit.range_degC
+            if high - low >= ARDUPILOT_LEAST_RANGE_DEGC:
+                contents[f"sensor-{fit.number}-ardupilot.parm"] = ardupilot_parameters(fit)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():

@@ -318,6 +318,24 @@ def test_a_real_warming_record_is_linear_in_one_axis(reference_data: Path) -> No
     assert found.coefficients.values[1] / 3600.0 == pytest.approx(0.0041, abs=0.0008)
 
 
+def test_published_cubics_that_blow_up_outside_their_range_are_refused_there(reference_data: Path) -> None:
+    """Of 32 published sets some are wrong by five times their own span 15 °C further out; the curve refuses."""
+    path = reference_data / "temperature" / "published-cubic-coefficients.csv"
+    sets = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    blown = 0
+    for each in sets:
+        low, high = float(each["tmin_C"]), float(each["tmax_C"])
+        cubic = (0.0, *(float(each[f"gyr{power}_x_1e6"]) for power in (1, 2, 3)))
+        curve = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0, valid_degC=(low, high))
+        inside = curve.at(np.linspace(low, high, 50))
+        free = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0)
+        blown += bool(np.abs(free.at([low - 15.0, high + 15.0]) - inside.mean()).max() > 5 * np.ptp(inside))
+        for outside in (low - 15.0, high + 15.0):
+            with pytest.raises(InputError, match="not extrapolated"):
+                curve.at(outside)
+    assert blown >= 2
+
+
 def test_the_command_prints_one_document_and_writes_its_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
