@@ -67,7 +67,7 @@ class Block:
 def stations(conditions: Conditions) -> IntArray:
     """Number the temperature setpoints of n collects, coldest first, shape (n,); -1 where the temperature is unknown.
 
-    Setpoints are those of the column `setpoint_degC`, where the temperatures stay by them; else gaps of more than 4 °C
+    Setpoints are those of the column `setpoint_degC`, where all temperatures stay by them; else gaps of more than 4 °C
     in the sorted temperatures. No grid of setpoints is assumed.
     """
     temperature = conditions.columns.get("temperature_degC")
@@ -80,7 +80,7 @@ def stations(conditions: Conditions) -> IntArray:
     if setpoint is not None and np.all(np.isfinite(setpoint[known])):
         levels = _levels(setpoint[known], _SETPOINT_WIDTH_DEGC)
         centres = np.bincount(levels, temperature[known]) / np.bincount(levels)
-        if np.std(temperature[known] - centres[levels]) < _STATION_WIDTH_DEGC:
+        if np.max(np.abs(temperature[known] - centres[levels])) < _STATION_WIDTH_DEGC:
             out[known] = levels
     return out
 

@@ -141,14 +141,17 @@ def posed(
 def detect(
     search: Search, alpha: float, draws: int, rng: np.random.Generator
 ) -> tuple[Scan | None, float, float, float]:
-    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/3, and the p-value."""
+    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/3, and the p-value.
+
+    Whatever noise does, what is less probable than nothing missing is not detected.
+    """
     freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
     if not search.hypotheses or freedom < _LEAST_FREEDOM:
         return None, np.inf, np.inf, 1.0
     scan = search.scan()
     null = null_statistics(scan, search.blocks, draws, rng)
-    threshold = level(null, alpha)
-    return scan, threshold, level(null, alpha / _FURTHER), p_value(null, scan.statistic)
+    threshold, stricter = (max(level(null, rate), 0.0) for rate in (alpha, alpha / _FURTHER))
+    return scan, threshold, stricter, p_value(null, scan.statistic)
 
 
 def find(search: Search, first: Scan, threshold: float) -> list[Step]:

@@ -25,6 +25,7 @@ from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_col
 
 _RICH_ORDER = 5
 _ROUNDS = 5
+_BEYOND_DOUBT = 12.0  # log likelihood
 
 
 @dataclass(frozen=True)
@@ -50,17 +51,21 @@ class SensorProblem:
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.
 
-        Base and effect are fitted together, and the effect's columns taken anew about that base, until they agree.
+        Base and effect are fitted together, and the effect's columns taken anew about that base, until they agree; but
+        only where the effect shows beyond doubt: columns that follow every noise would find it more often than stated.
         """
         base = self.base
         if not effect.needs_base:
             return base
         conditions = self.collects.conditions
         plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
-        rates = self.collects.rates_deg_per_hr - self.known_rates()
+        rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
+        alone = _misfit(plain, rates, _fit(plain, rates, stated))
         for _ in range(_ROUNDS):
-            columns = effect_columns(effect, conditions, base, shape)
-            joint = _fit(np.concatenate([plain, columns], axis=2), rates, self.collects.rates_se_deg_per_hr)
+            both = np.concatenate([plain, effect_columns(effect, conditions, base, shape)], axis=2)
+            joint = _fit(both, rates, stated)
+            if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
+                return self.base
             base = _added(base_at(self.form, conditions, joint[: len(self.form.names)]), self.given, conditions)
         return base
 
@@ -176,6 +181,13 @@ def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArr
     scale = np.linalg.norm(design, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(np.linalg.lstsq(design / scale, rates[measured] * weight, rcond=1e-3)[0] / scale)
+
+
+def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float:
+    """Return minus the log likelihood of a fit at the scatter that it leaves, up to a constant."""
+    measured = np.isfinite(rates)
+    left = (rates - columns @ values)[measured]
+    return 0.5 * float(measured.sum()) * float(np.log(max(float(left @ left), 1e-300)))
 
 
 def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Base:

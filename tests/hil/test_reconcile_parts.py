@@ -92,7 +92,7 @@ def test_setpoints_are_found_in_the_temperatures() -> None:
 
 def test_known_setpoints_part_what_temperatures_cannot_unless_the_unit_did_not_follow_them() -> None:
     """A unit that has not settled is still at its setpoint; a setpoint that the unit left altogether says nothing."""
-    assert stations(at([14.0, 19.5, 24.0, 25.0], [20.0, 20.0, 25.0, 25.0])).tolist() == [0, 0, 1, 1]
+    assert stations(at([17.0, 19.5, 22.0, 23.0], [20.0, 20.0, 23.0, 23.0])).tolist() == [0, 0, 1, 1]
     assert stations(at([-20.0, 0.0, 20.0, 40.0], [25.0, 25.0, 25.0, 25.0])).tolist() == [0, 1, 2, 3]
 
 
