@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.console import Group
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -24,8 +24,8 @@ class Panel:
         self._trouble = trouble
         self._simulated = simulated
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw it as wide as the console is at this moment."""
+    def __rich__(self) -> Group:
+        """Return what is to be drawn, in whatever width."""
         head = Text(self._headline, style="bold")
         if self._simulated:
             head.append("  SIMULATED", style="bold magenta")
@@ -34,7 +34,7 @@ class Panel:
             parts.append(Text(self._trouble, style="bold red"))
         if self._now is not None:
             parts.append(_table(self._now))
-        yield Group(*parts)
+        return Group(*parts)
 
 
 def _table(now: Snapshot) -> Table:
