@@ -247,13 +247,17 @@ def test_a_bench_that_another_night_has_taken_over_is_left_alone(
 
 
 def test_one_adapter_is_one_port_whatever_its_name(bench: Bench, tmp_path: Path) -> None:
-    """/dev/serial/by-id/… and /dev/ttyUSB0 are the same lock."""
-    link = tmp_path / "by-id"
-    link.symlink_to(bench.chamber.port)
-    other = tmp_path / "other.yaml"
-    other.write_text(bench.text.replace(bench.chamber.port, str(link)))
-    with bench_lock(bench, tmp_path), pytest.raises(InputError, match="another controller owns the bench"):
-        bench_lock(load_bench(other), tmp_path).__enter__()
+    """/dev/serial/by-id/… and /dev/ttyUSB0 are the same lock; other ports are other locks."""
+    text = bench.text
+    for port, name in ((bench.chamber.port, "by-id-chamber"), (bench.imu.port, "by-id-imu")):
+        (tmp_path / name).symlink_to(port)
+        text = text.replace(port, str(tmp_path / name))
+    same = parse_bench(text, bench.source)
+    (tmp_path / "port").touch()
+    another = parse_bench(text.replace("by-id-chamber", "port").replace("by-id-imu", "port"), bench.source)
+    refused = pytest.raises(InputError, match="another controller owns the bench")
+    with bench_lock(bench, tmp_path), bench_lock(another, tmp_path), refused, bench_lock(same, tmp_path):
+        pass
 
 
 def test_an_owner_is_told_from_another_process_with_its_number() -> None:

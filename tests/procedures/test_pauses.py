@@ -185,6 +185,17 @@ def test_a_question_is_answered_at_the_terminal_while_the_bench_is_looked_at(ben
     assert sitter.ended == ["confirmed"] * 4
 
 
+def test_a_pause_withdraws_the_question_and_it_is_put_again_afterwards(bench, new_bench):
+    """Whoever pauses has their hands on the unit; the answer of before would not be worth much."""
+    at_s = _began(new_bench(), "T1/S1/C1/index") + 20.0
+    control = Asked(bench.clock, (at_s, PAUSE), (at_s + 600.0, GO_ON))
+    outcome = bench.run(control=control, attendant=_attended(bench, Sitter(bench.clock, after_s=45.0)))
+    assert outcome.state is SweepState.COMPLETE
+    ended = [evidence["how"] for kind, _, evidence in bench.record.events if kind == "prompt-ended"]
+    assert ended == ["withdrawn", *["confirmed"] * 4]
+    assert _outcomes(bench, "T1/S1/C1/index") == [Outcome.ABORTED, Outcome.DONE]
+
+
 def test_a_chamber_that_runs_away_while_somebody_is_asked_is_made_safe(bench, new_bench):
     """The interlock does not wait for the answer; the question is withdrawn."""
     at_s = _began(new_bench(), "T1/S1/C1/index")

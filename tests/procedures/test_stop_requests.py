@@ -38,6 +38,22 @@ def test_the_former_handlers_come_back():
     assert signal.getsignal(signal.SIGTERM) is former
 
 
+def test_what_a_terminal_stops_a_process_with_is_ignored_and_what_was_ignored_stays_so():
+    """Ctrl-Z must not put a controller to sleep; nohup means what it says."""
+    former = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stopping = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+    before = [signal.getsignal(number) for number in stopping]
+    try:
+        with StopRequest().on_signals() as stop:
+            assert [signal.getsignal(number) for number in stopping] == [signal.SIG_IGN] * 3
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop.requested
+        assert [signal.getsignal(number) for number in stopping] == before
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, former)
+
+
 def test_the_first_reason_is_kept():
     """Two people, one reason: who was first."""
     stop = StopRequest()
