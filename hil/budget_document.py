@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.budget import DRAWS, Budget, analytic_share, error_budget, response
-from hil.budget_scenes import PlannedScene
+from hil.budget_scenes import RunScene
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.repeats import runs_by_temperature
@@ -39,7 +39,7 @@ class Asked:
 
 
 def budget_document(
-    scenes: Mapping[int, Sequence[PlannedScene]],
+    scenes: Mapping[int, Sequence[RunScene]],
     title: str,
     asked: Asked,
     *,
@@ -81,7 +81,7 @@ def scatter_of(campaign: Campaign) -> dict[int, dict[str, tuple[float, int]]]:
 
 
 def _sensor(
-    number: int, runs: Sequence[PlannedScene], asked: Asked, observed: Mapping[str, tuple[float, int]]
+    number: int, runs: Sequence[RunScene], asked: Asked, observed: Mapping[str, tuple[float, int]]
 ) -> dict[str, Any]:
     totals = {each.run: _total(each) for each in runs}
     if asked.run is not None and asked.run not in totals:
@@ -116,7 +116,7 @@ def _sensor(
     }
 
 
-def _total(each: PlannedScene) -> FloatArray:
+def _total(each: RunScene) -> FloatArray:
     to_parameters = response(each.scene, each.form)
     parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
     return np.asarray(np.sqrt(np.sum(parts, axis=0)))

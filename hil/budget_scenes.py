@@ -37,7 +37,7 @@ _UNIFORM = 1.0 / np.sqrt(3.0)
 
 
 @dataclass(frozen=True)
-class PlannedScene:
+class RunScene:
     """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is.
 
     `left_out` names the sources that cannot be reckoned with, because it is not known how the sensor lay.
@@ -60,7 +60,7 @@ class PlannedScene:
         return None
 
 
-def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[PlannedScene]]:
+def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as the files plan them; raises `InputError` where they do not fit together."""
     check_sweep_against_bench(sweep, bench)
     model = model or _simulated(bench)
@@ -74,7 +74,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         f"within the sweep's unit_slope, ±{limit:g} °C/min",
         f"{stated} angle_random_walk {walk:g} deg/√hr over the collect",
     )
-    found: dict[int, list[PlannedScene]] = {}
+    found: dict[int, list[RunScene]] = {}
     for number, conditions in planned_conditions(make_plan(sweep.procedure()), bench).items():
         base, origin = _base(conditions, model)
         # deg/√hr over T seconds: N / √(T / 3600)
@@ -82,18 +82,18 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
         found[number] = [
-            PlannedScene(run, _of(Scene(conditions, axes, base, sigma), conditions.run == run), given, form, origin)
+            RunScene(run, _of(Scene(conditions, axes, base, sigma), conditions.run == run), given, form, origin)
             for run in np.unique(conditions.run).tolist()
         ]
     return found
 
 
-def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[PlannedScene]]:
+def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as they were measured; collects without every rate are left out."""
     return {number: list(_measured_runs(rows, bench, model)) for number, rows in campaign.sensors.items()}
 
 
-def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[PlannedScene]:
+def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:
     whole = collects.rows(~np.any(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run in np.unique(whole.conditions.run).tolist():
         rows = whole.rows(whole.conditions.run == run)
@@ -118,7 +118,7 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         scene = Scene(conditions, lying, base, assumed if stated is None else stated)
         left_out = tuple(each.title for each in given if each not in usable)
-        yield PlannedScene(run, scene, usable, form, origin, left_out)
+        yield RunScene(run, scene, usable, form, origin, left_out)
 
 
 def _of(scene: Scene, chosen: np.ndarray) -> Scene:
