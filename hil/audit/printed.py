@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hil.collects_table import Table
@@ -20,8 +20,7 @@ TABLE_1, TABLE_A1 = "table-1", "table-a1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 """The seven ways to the bias of Table A-1, eqs. (A-27)-(A-33)."""
 
-_PARAMETER = re.compile(r"(MUA|MUB|BA|BB)(\d*)_(matrix|collins)")
-_AXES = {"A": ("BA", "MUB"), "B": ("BB", "MUA")}
+_PARAMETER = re.compile(r"(MUA|MUB)(\d*)(?:_matrix)?|(BA|BB)(\d*)_(matrix|collins)")
 _TEMPERATURES = {
     "temperature_F": "degF",
     "temperature_degF": "degF",
@@ -127,7 +126,7 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
     names = table.texts("parameter")
     means = _cells(table, mean, "mean")
     sigma_column = next((name for name in ("sigma_printed", "sigma") if name in table.header), None)
-    sigmas = _cells(table, sigma_column, "sigma") if sigma_column else None
+    sigmas = _cells(table, sigma_column, "sigma", required=False) if sigma_column else None
     counts = table.texts("n_stated") if "n_stated" in table.header else [""] * len(table)
     temperatures = table.texts(temperature)
     table.numbers(temperature, required=True)
@@ -137,17 +136,18 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
         matched = _PARAMETER.fullmatch(name)
         if matched is None:
             continue
-        parameter, sensor, method = matched.groups()
-        axis = next(axis for axis, members in _AXES.items() if parameter in members)
-        role = "mu" if parameter.startswith("MU") else "contractor" if method == "collins" else "matrix"
+        mu, mu_sensor, bias, bias_sensor, method = matched.groups()
+        sensor = mu_sensor if mu else bias_sensor
+        axis = "A" if (mu or bias) in {"MUB", "BA"} else "B"
+        role = "mu" if mu else "contractor" if method == "collins" else "matrix"
         row = found.setdefault((temperatures[line], sensor, axis), {})
         if role in row:
             raise table.complaint(line, "parameter", f"{name} at {temperatures[line]} {unit} stands there twice")
-        row[role] = _named(means[line], f"{name} mean")
-        if sigmas is not None:
+        row[role] = replace(means[line], what=f"{name} mean")
+        if sigmas is not None and sigmas[line].text:
             if sigmas[line].value < 0:
                 raise table.complaint(line, str(sigma_column), "a sigma cannot be negative")
-            row[f"sigma_{role}"] = _named(sigmas[line], f"{name} sigma")
+            row[f"sigma_{role}"] = replace(sigmas[line], what=f"{name} sigma")
         if counts[line]:
             stated.setdefault(temperatures[line], _count(table, line, counts[line]))
     rows, notes = [], []
@@ -161,16 +161,12 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
     return rows, notes or ["no parameter is named like BA2_collins, BA2_matrix or MUB2_matrix"] * (not rows)
 
 
-def _cells(table: Table, column: str, what: str) -> list[Cell]:
-    table.numbers(column, required=True)  # refuses what is no number, naming the cell
+def _cells(table: Table, column: str, what: str, *, required: bool = True) -> list[Cell]:
+    table.numbers(column, required=required)  # refuses what is no number, naming the cell
     return [Cell(text, row, column, what) for text, row in zip(table.texts(column), table.rows, strict=True)]
 
 
-def _named(cell: Cell, what: str) -> Cell:
-    return Cell(cell.text, cell.file_row, cell.column, what)
-
-
 def _count(table: Table, line: int, text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
+    if re.fullmatch(r"[1-9]\d*(\.0*)?", text) is None:
         raise table.complaint(line, "n_stated", f"{text!r} is not a number of runs")
-    return int(text)
+    return int(float(text))

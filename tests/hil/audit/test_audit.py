@@ -233,6 +233,18 @@ def test_bad_tables_are_refused_with_file_row_and_column(tmp_path: Path, text: s
     assert str(path) in str(raised.value)
 
 
+def test_sigmas_and_the_number_of_runs_may_be_missing(tmp_path: Path) -> None:
+    """What is not printed is not checked; what is, is."""
+    lines = ["temperature_C,parameter,mean_printed,sigma_printed", "20,BA_collins,12.00,", "20,BA_matrix,10.00,1.5"]
+    path = tmp_path / "few.csv"
+    path.write_text("\n".join([*lines, "20,MUB,-2.00,"]) + "\n")
+    audit = audit_table(path)
+    assert [(each.identity.kind, round(each.residual, 6)) for each in audit.inconsistent] == [
+        ("collins - matrix = MU*G1", 4.0)
+    ]
+    assert [each.read for each in audit.inconsistent[0].candidates if each.change == "sign"] == ["2.00"]
+
+
 def test_an_unknown_table_is_refused_with_those_that_ship() -> None:
     """The names are in the message."""
     with pytest.raises(InputError, match=TABLE_A1):
