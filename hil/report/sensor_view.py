@@ -15,6 +15,7 @@ from hil.reproduction import CONTRACTORS, SEVEN, Reproduction
 from hil.scatter import HYPOTHESES, Interval
 from hil.scatter_sources import overall
 from hil.solve import RunSolution
+from procedures.verdict import Verdict
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
 
@@ -52,6 +53,7 @@ def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
         "runs": _runs(content, sensor),
         "reasons": list(_reasons(content, sensor)),
+        "contractor": _contractors_verdicts(sensor),
         "seven": None if found is None else _table_a1(sensor.number, found),
         "errors": None if found is None else _contractor_errors(sensor.number, found),
         "scatter": _scatter(sensor),
@@ -178,6 +180,20 @@ def _reasons(content: ReportContent, sensor: SensorContent) -> Iterator[dict[str
     for (_, verdict, reason), runs in sorted(groups.items()):
         noun = "run" if len(runs) == 1 else "runs"
         yield {"verdict": verdict, "runs": f"{noun} {ranges(runs)}", "reason": reason}
+
+
+def _contractors_verdicts(sensor: SensorContent) -> str:
+    """Say in which runs the residuals contradict the contractor's model, of which it leaves two."""
+    groups: dict[Verdict, list[int]] = {}
+    for solution in sensor.contractor.values():
+        groups.setdefault(solution.verdict, []).extend(solution.runs)
+    words = {Verdict.FAIL: "contradicted", Verdict.MARGINAL: "strained", Verdict.PASS: "not contradicted"}
+    told = [
+        f"{verdict} ({words[verdict]}) in {'run' if len(groups[verdict]) == 1 else 'runs'} {ranges(groups[verdict])}"
+        for verdict in words
+        if verdict in groups
+    ]
+    return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 
 
 def _table_a1(sensor: int, found: Reproduction) -> Grid:

@@ -1,0 +1,136 @@
+"""A campaign against an earlier one: differences with honest uncertainties, and flags as often as chance gives them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from hil.campaign import Campaign, Collects
+from hil.campaign_reader import read_campaign
+from hil.cli.app import run as hil
+from hil.report.against import Comparison, compare
+from hil.report.content import gather
+from hil.report.page import render
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """A campaign of 8 temperatures × 3 self-calibrations."""
+    return read_campaign(write_case(make_case(7, model="matrix-6-thermal"), tmp_path_factory.mktemp("first") / "c"))
+
+
+def changed(campaign: Campaign, **of: float | np.ndarray) -> Campaign:
+    """Return the campaign with `add` put on every rate, and rates scaled by nothing else."""
+    collects = campaign.sensors[2]
+    return replace(
+        campaign,
+        title="another night",
+        sensors={2: Collects(collects.conditions, collects.rates_deg_per_hr + of["add"], collects.rates_se_deg_per_hr)},
+    )
+
+
+def again(campaign: Campaign, rng: np.random.Generator) -> Campaign:
+    """Return the campaign measured again: what does not change, with noise of its own of the stated size."""
+    return changed(campaign, add=rng.normal(size=campaign.sensors[2].rates_deg_per_hr.shape) * _se(campaign))
+
+
+def _se(campaign: Campaign) -> np.ndarray:
+    return campaign.sensors[2].rates_se_deg_per_hr
+
+
+def test_a_shift_of_the_bias_is_found_and_nothing_else(first: Campaign) -> None:
+    """50 deg/hr on both channels: BA and BB at every temperature, with the right size and sign; GS and MU stay."""
+    found = compare(changed(first, add=50.0), first)
+    assert {each.parameter for each in found.flagged} == {"BA", "BB"}
+    assert len(found.flagged) == 2 * 8
+    assert [each.difference for each in found.flagged] == pytest.approx([50.0] * 16)
+    assert compare(first, changed(first, add=50.0)).flagged[0].difference == pytest.approx(-50.0)
+
+
+def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
+    """48 differences of nothing, none beyond 3 sigma."""
+    found = compare(first, first)
+    assert len(found.differences) == 48
+    assert not found.flagged
+    assert found.sentence.startswith("0 of 48 differences")
+
+
+def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:
+    """Pairs of campaigns that differ by noise alone: 0.27 % of differences or fewer are beyond 3 sigma."""
+    rng = np.random.default_rng(5)
+    pairs = [compare(again(first, rng), again(first, rng)) for _ in range(12)]
+    everything = [each for pair in pairs for each in pair.differences]
+    assert len(everything) == 12 * 48
+    assert sum(each.flagged for each in everything) <= 5  # 1.6 expected; more than 5 has a chance of 0.6 %
+    times = np.array([each.difference / each.sigma for each in everything if each.sigma])
+    assert 0.3 < np.std(times) < 1.05  # never narrower than it is, and not so wide that nothing could be found
+
+
+def test_few_runs_widen_the_uncertainty_of_what_scatters(first: Campaign) -> None:
+    """A bias that changes by 10 deg/hr from run to run is not known to the collects' noise."""
+    run = first.sensors[2].conditions.run
+    jumps = np.random.default_rng(3).normal(scale=10.0, size=run.max() + 1)[run][:, None]
+    quiet = next(each for each in compare(first, first).differences if each.parameter == "BA")
+    loud = [each for each in compare(changed(first, add=jumps), first).differences if each.parameter == "BA"]
+    assert quiet.sigma is not None
+    assert np.median([each.sigma for each in loud if each.sigma]) > 3 * quiet.sigma
+    assert not [each for each in loud if each.flagged]
+
+
+def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
+    """A temperature that only one of them has, a sensor that the other lacks, units that are not the same."""
+    conditions = first.sensors[2].conditions
+    column = next(n for n in ("setpoint_degC", "chamber_degC", "temperature_degC") if n in conditions.columns)
+    hotter = replace(conditions, columns={**conditions.columns, column: conditions.columns[column] + 500.0})
+    moved = replace(first, sensors={2: replace(first.sensors[2], conditions=hotter)})
+    found = compare(moved, first, "MFS 1", "MFS 2")
+    assert not found.differences
+    assert found.sentence.startswith("nothing can be compared")
+    assert sum("has no such temperature" in each for each in found.remarks) == 8
+    assert any("two units, MFS 1 now and MFS 2 before" in each for each in found.remarks)
+    other = replace(first, sensors={5: first.sensors[2]})
+    assert "The earlier campaign has no sensor 2." in compare(first, other).remarks
+
+
+def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
+    """One run at each temperature and no standard errors: the difference is shown, and that it says nothing."""
+    collects = first.sensors[2]
+    chosen = collects.rows(np.isin(collects.conditions.run, [1, 4]))
+    bare = replace(
+        first,
+        sensors={
+            2: Collects(chosen.conditions, chosen.rates_deg_per_hr, np.full_like(chosen.rates_deg_per_hr, np.nan))
+        },
+    )
+    found = compare(changed(bare, add=1e6), bare)
+    assert all(each.sigma is None for each in found.differences)
+    assert not found.flagged
+    assert any("neither standard errors nor repeats" in each for each in found.remarks)
+
+
+def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign) -> None:
+    """First line of the verdict, and a table with every difference."""
+    comparison = compare(changed(first, add=50.0), first)
+    page = render(gather(changed(first, add=50.0), comparison=comparison))
+    assert "16 of 48 differences from" in page[: page.index("<table")]
+    assert page.count(">BEYOND<") == 16
+    assert isinstance(comparison, Comparison)
+
+
+def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--against`; and a folder that is none is bad input, with nothing written."""
+    for seed in (7, 8):
+        write_case(make_case(seed, model="matrix-6-thermal"), tmp_path / f"c{seed}")
+    out = tmp_path / "r.html"
+    assert hil(["report", str(tmp_path / "c7"), "--out", str(out), "--against", str(tmp_path / "nowhere")]) == 2
+    assert not out.exists()
+    assert hil(["report", str(tmp_path / "c7"), "--out", str(out), "--against", str(tmp_path / "c8"), "--csv"]) == 0
+    assert 'id="differences"' in out.read_text()
+    lines = (tmp_path / "r-differences.csv").read_text().splitlines()
+    assert len(lines) == 1 + 48
+    assert "difference" in lines[0]
+    capsys.readouterr()

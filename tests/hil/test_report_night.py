@@ -1,0 +1,297 @@
+"""The report of a night: its numbers are those of `hil solve`; it says what was asked, done, lost and done again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from html import unescape
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+
+from drivers.clock import VirtualClock
+from hil.cli.app import run as hil
+from hil.config import load_bench, parse_sweep
+from hil.journal import SqliteJournal
+from hil.night import resume_night, start_night
+from hil.report.grid import ranges
+from hil.report.night import night_content
+from procedures.stop import StopRequest
+
+SWEEP = """
+title: Two temperatures
+temperatures: [20 degC, 30 degC]
+self_calibrations_per_temperature: 2
+positions: [1, 2, 3]
+restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
+collect: {settle: 5 s, duration: 20 s}
+"""
+TWO = parse_sweep(SWEEP, "two.yaml")
+REJECTED = [("self-calibration 4: Collect 3 at 30.0 °C, attempt 1", "failed")]
+"""What the stationarity of so short a collect rejects on the simulated bench: always the same, by its seed."""
+
+
+class Tables(HTMLParser):
+    """The tables of a page by their id: a list of rows, each a list of cells, each a list of its lines of text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.found: dict[str, list[list[list[str]]]] = {}
+        self._name = ""
+        self._in_cell = False
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Open a table, a row or a cell."""
+        if tag == "table":
+            self._name = dict(attrs)["id"] or ""
+            self.found[self._name] = []
+        elif tag == "tr":
+            self.found[self._name].append([])
+        elif tag in {"td", "th"}:
+            self.found[self._name][-1].append([])
+            self._in_cell = True
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close a cell."""
+        if tag in {"td", "th"}:
+            self._in_cell = False
+
+    def handle_data(self, data: str) -> None:
+        """Take a line of a cell."""
+        if self._in_cell and data.strip():
+            self.found[self._name][-1][-1].append(data.strip())
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A complete night of two temperatures, two self-calibrations each."""
+    folder = tmp_path_factory.mktemp("reported") / "night"
+    assert start_night(folder, TWO, load_bench("simulated"), who="rk").state == "complete"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Its report, written by the command."""
+    out = tmp_path_factory.mktemp("report") / "report.html"
+    assert hil(["report", str(night), "--out", str(out)]) == 0
+    return out.read_text()
+
+
+def solved(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, object]]:
+    """Return the solutions of `hil solve --json`."""
+    capsys.readouterr()
+    assert hil(["solve", *arguments, "--json"]) == 0
+    found: list[dict[str, object]] = json.loads(capsys.readouterr().out)["solutions"]
+    return found
+
+
+def test_every_number_of_the_self_calibrations_is_that_of_hil_solve(
+    night: Path, page: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each value and standard error in the page, matrix and contractor's, to the digits that are shown."""
+    tables, compared = Tables(page).found, 0
+    for whose, solutions in (
+        ("", solved(capsys, str(night))),
+        ("contractor, ", [s for s in solved(capsys, str(night), "--model", "collins-4") if s["sensor"] == 2]),
+    ):
+        for solution in solutions:
+            head, *rows = tables[f"runs-sensor-{solution['sensor']}"]
+            row = next(row for row in rows if row[0] == [str(solution["run"])])
+            assert whose or row[2] == [solution["verdict"]]
+            for name, each in solution["parameters"].items():  # type: ignore[attr-defined]
+                value, se = row[head.index([name, f"{whose}{each['unit']}"])]
+                digits = len(value.partition(".")[2])
+                assert value == f"{each['value']:.{digits}f}"
+                assert se == f"±{each['se']:.{digits}f}"
+                assert float(se[1:]) > 5 * 10**-digits  # two digits of the uncertainty, or nearly
+                compared += 1
+    assert compared == 2 * 4 * 6 + 4 * 4
+    assert sum(len(row) - 3 for n in (1, 2) for row in tables[f"runs-sensor-{n}"][1:]) == compared
+
+
+def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two runs at each temperature: mean, and the scatter on one degree of freedom."""
+    runs = {s["run"]: s["parameters"] for s in solved(capsys, str(night)) if s["sensor"] == 2}
+    head, count, *rows = Tables(page).found["table-1-sensor-2"]
+    assert [cell[0] for cell in head[1:]] == ["20.0 °C", "30.0 °C"]
+    assert count[1:] == [["2"], ["2"]]
+    for row in (row for row in rows if row[0][0].endswith("matrix")):
+        name = row[0][0].partition(",")[0]
+        for cell, pair in zip(row[1:], ((1, 2), (3, 4)), strict=True):
+            one, two = (runs[n][name]["value"] for n in pair)  # type: ignore[index]
+            digits = len(cell[0].partition(".")[2])
+            assert float(cell[0]) == pytest.approx((one + two) / 2, abs=0.51 * 10**-digits)
+            assert float(cell[1][1:]) == pytest.approx(abs(one - two) / 2**0.5, abs=0.51 * 10**-digits)
+
+
+def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: str) -> None:
+    """Before any table: asked, done, solved, missing, stream."""
+    first = re.sub(r"<[^>]+>", " ", page[page.index("<main>") : page.index("<table")])
+    words = " ".join(first.split())
+    assert "Verdict: PASS Good: everything that was asked for is there" in words
+    assert "asked 4 self-calibrations, 2 at each of 2 temperatures (20.0, 30.0 °C)" in words
+    assert "each after at least 10 min of restabilisation" in words
+    assert "done 4 of 4 self-calibrations, 12 of 12 collects" in words
+    assert "missing nothing" in words
+    assert "12 collects: 4800 frames ok, 0 bad, 0 lost" in words
+
+
+def test_a_reason_is_said_once(page: str) -> None:
+    """Not beside each of the self-calibrations that it holds for."""
+    assert page.count("no residual: six equations, six unknowns") == 2  # once for each sensor
+    assert "runs 1–4: no residual" in page
+
+
+def test_the_report_says_in_which_runs_the_contractors_model_is_contradicted(
+    night: Path, page: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """MU taken for zero leaves residuals: the verdicts are those of `hil solve --model collins-4`."""
+    found = {s["run"]: s["verdict"] for s in solved(capsys, str(night), "--model", "collins-4") if s["sensor"] == 2}
+    failed = [run for run, verdict in found.items() if verdict == "FAIL"]
+    assert failed
+    said = re.search(r"The contractor.s model, MU = 0: (.*?)</p>", unescape(page))
+    assert said is not None
+    assert re.search(r"FAIL \(contradicted\) in runs? ([^;.]*)", said[1])[1] == ranges(failed)  # type: ignore[index]
+
+
+def test_everything_that_is_asked_of_a_report_is_in_it(page: str) -> None:
+    """Seven biases, scatter, soaks, stream, rejected data, assumptions, what cannot be known, provenance, hashes."""
+    tables = Tables(page).found
+    assert len(tables["table-a-1-sensor-2"]) == 1 + 4
+    assert [cell[0] for cell in tables["table-a-1-sensor-2"][0][1:8]] == [f"(A-{n})" for n in range(27, 34)]
+    assert {"scatter-sensor-1", "scatter-sensor-2", "soaks", "collects", "events", "files"} <= set(tables)
+    assert [row[5] for row in tables["soaks"][1:]] == [["time"]] * 4
+    assert len(tables["collects"]) == 1 + 12
+    assert [(row[1][0], row[2][0].partition(":")[0]) for row in tables["rejected"][1:]] == REJECTED
+    for heading in ("What was assumed", "What these collects cannot tell", "Provenance"):
+        assert f">{heading}</h2>" in page
+    assert "configuration, SHA-256" in page
+
+
+def test_the_files_hashes_are_those_of_the_files(night: Path, page: str) -> None:
+    """A reader can hold every block against the page."""
+    import hashlib
+
+    rows = Tables(page).found["files"][1:]
+    assert len(rows) == 2 * (12 + len(REJECTED))
+    for path, size, digest in rows:
+        data = (night / path[0]).read_bytes()
+        assert (int(size[0]), digest[0]) == (len(data), hashlib.sha256(data).hexdigest())
+
+
+def test_the_picture_of_the_night_marks_soaks_collects_and_events(page: str) -> None:
+    """Told to eyes by a legend, to ears by a sentence."""
+    picture = page[page.index('aria-label="Temperatures through') :]
+    picture = picture[: picture.index("</svg>")]
+    assert "4 soaks, 12 collects" in picture[: picture.index(">")]
+    for label in ("setpoint", "chamber", "unit, sensor 1", "restabilising", "collect", "event", "temperature, °C"):
+        assert f">{label}</text>" in picture
+
+
+def test_every_id_of_the_page_is_its_own_and_every_reference_is_met(page: str) -> None:
+    """Nine pictures by one library would otherwise share their clip paths."""
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'["(]#([^")]+)', page)) <= set(ids)
+
+
+def test_headings_are_in_order_and_heads_of_tables_say_what_they_head(page: str) -> None:
+    """No level is jumped; every th has its scope, every table its caption, every picture its words."""
+    levels = [int(level) for level in re.findall(r"<h(\d)", page)]
+    assert levels[0] == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+    assert len(re.findall("<th ", page)) == len(re.findall('<th scope="(?:col|row)"', page))
+    assert "<th>" not in page
+    assert page.count("<table ") == page.count("<caption ")
+    assert page.count("<svg ") == len(re.findall(r'<svg [^>]*role="img" aria-label="[^"]{20,}"', page))
+
+
+def test_an_interrupted_night_is_not_good_and_says_what_was_done_again(night: Path, tmp_path: Path) -> None:
+    """Stopped by a person, carried on later: before, what is missing; after, who, what was discarded and why."""
+    folder = tmp_path / "night"
+    shutil.copytree(night, folder)
+    with SqliteJournal.open(folder, clock=VirtualClock(), who="rk", keep_raw=True) as journal:
+        keys = {step.key for step in journal.plan.self_calibrations[4]}
+        journal.withdraw(keys, "done again, because samples were damaged: a test")
+    assert hil(["report", str(folder)]) == 0
+    page = (folder / "report.html").read_text()
+    assert "Not whole" in page or "Not conclusive" in page
+    assert "self-calibration 4 at 30.0 °C" in page[: page.index("<table")]
+    assert resume_night(folder, who="ann", stop=StopRequest()).state == "complete"
+    assert hil(["report", str(folder)]) == 0
+    page = (folder / "report.html").read_text()
+    tables = Tables(page).found
+    assert "Verdict: <span" in page
+    assert any("ann carried on" in " ".join(row[2]) for row in tables["resumes"])
+    assert any("samples were damaged: a test" in " ".join(row[2]) for row in tables["rejected"])
+    ways = {row[2][0].partition(":")[0] for row in tables["rejected"][1:]}
+    assert ways == {"withdrawn", "failed"}
+    assert "in 3 parts" in page  # began, withdrawn, carried on
+
+
+def test_collects_that_lost_frames_are_counted(night: Path) -> None:
+    """Counts are those of the decoder, collect by collect; the sentence adds them up."""
+    from dataclasses import replace
+
+    from hil.report.night_view import stream_in_words
+
+    collects = list(night_content(night).collects)
+    hurt = replace(
+        collects[3], counts={**collects[3].counts, "bad_checksum": 2, "lost": 5, "resyncs": 1}, n_samples=393
+    )
+    words = stream_in_words([*collects[:3], hurt, *collects[4:]])
+    assert "2 bad, 5 lost" in words
+    assert "1 resyncs" in words
+    assert "4793 of 4800 expected samples" in words
+    assert "1 collects saw any of that" in words
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_the_tables_beside_the_report_hold_the_full_numbers(
+    night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    """Every parameter to the last bit of `hil solve`, with its unit; and every table says that it is simulated."""
+    assert hil(["report", str(night), "--out", str(tmp_path / "r.html"), f"--{kind}"]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"r.html", *(f"r-{n}.{kind}" for n in ("parameters", "collects", "soaks", "temperatures"))}
+    path = tmp_path / f"r-parameters.{kind}"
+    if kind == "csv":
+        with path.open() as file:
+            rows = list(csv.DictReader(file))
+        assert {row["simulated"] for row in rows} == {"true"}
+    else:
+        table = pyarrow.parquet.read_table(path)
+        assert table.schema.metadata[b"simulated"] == b"true"
+        rows = table.to_pylist()
+    of = {(int(r["sensor"]), int(r["run"]), r["model"], r["parameter"]): r for r in rows}
+    for solution in solved(capsys, str(night)):
+        for name, each in solution["parameters"].items():  # type: ignore[attr-defined]
+            row = of[solution["sensor"], solution["run"], "matrix-6", name]  # type: ignore[index]
+            assert (float(row["value"]), float(row["se"]), row["unit"]) == (each["value"], each["se"], each["unit"])
+
+
+def test_no_browser_no_pdf_and_nothing_written(
+    night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message names what to install, and the way without."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "r.html"
+    assert hil(["report", str(night), "--out", str(out), "--pdf"]) == 2
+    assert not out.exists()
+    said = capsys.readouterr().err
+    assert "apt-get install chromium" in " ".join(said.split())
+
+
+def test_a_report_has_somewhere_to_go(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that is not there, or a folder in place of a file, is said in one sentence."""
+    assert hil(["report", str(night), "--out", str(tmp_path / "no" / "r.html")]) == 2
+    assert hil(["report", str(night), "--out", str(tmp_path)]) == 2
+    assert hil(["report", str(tmp_path / "nowhere")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
