@@ -71,7 +71,7 @@ def sweep_text(proposal: Proposal, sweep: Sweep, command: str) -> str:
     """Return the base sweep with the proposed sequence, duration and repeats, and at its head where it comes from."""
     best = proposal.best
     document = parse_yaml(sweep.text, sweep.source)
-    document["title"] = f"{sweep.title}, collects {best.sequence}"
+    document["title"] = f"{sweep.title.partition(', collects ')[0]}, collects {best.sequence}"
     document["positions"] = list(best.positions)
     document["self_calibrations_per_temperature"] = best.repeats
     document["collect"] = {**(document.get("collect") or {}), "duration": f"{best.duration_s:g} s"}
