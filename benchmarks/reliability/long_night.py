@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import tempfile
 import time
 from pathlib import Path
@@ -52,8 +51,9 @@ def bench_at(rate_hz: float) -> Bench:
 
 
 def rss_mb() -> float:
-    """Return the largest resident memory of this process so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    """Return the largest resident memory of this process so far, without what its parent had."""
+    (line,) = [each for each in Path("/proc/self/status").read_text().splitlines() if each.startswith("VmHWM")]
+    return float(line.split()[1]) / 1024.0
 
 
 class _Scale(Silent):

@@ -67,9 +67,10 @@ def rename_after_commit() -> None:
 
 def double_commit() -> None:
     """Commit every result twice, with nothing in the tables against it."""
-    tables = journal_schema._VERSION_1
-    tables = tables.replace("CREATE UNIQUE INDEX a_step_is_done_once", "CREATE INDEX a_step_is_done_once")
-    journal_schema._VERSION_1 = tables
+    for name, tables in list(vars(journal_schema).items()):
+        if name.startswith("_VERSION_"):
+            without = tables.replace("CREATE UNIQUE INDEX a_step_is_done_once", "CREATE INDEX a_step_is_done_once")
+            setattr(journal_schema, name, without)
     end = SqliteJournal.end
 
     def end_twice(self: SqliteJournal, step: Step, attempt: int, result: StepResult) -> None:

@@ -165,9 +165,13 @@ def problems(
     yield from (f"{key} is done {done.count(key)} times" for key in planned if done.count(key) != 1)
     yield from (f"the log said that {key} is done, and it was lost" for key in promises - _done(before))
     left = [path.name for path in (*folder.parent.iterdir(), *folder.rglob("*")) if path.name.startswith(PARTIAL)]
-    # What onlookers are shown is written anew at the next look, and not at all once the night is complete.
-    yield from (f"{name} was left behind" for name in left if "live" not in name)
+    yield from (f"{name} was left behind" for name in left if not is_shown(name))
     yield from _disagreements(parameters(folder), reference)
+
+
+def is_shown(path: str) -> bool:
+    """Tell a file that onlookers and the watchdog are shown: it is written anew at the next poll, and need not last."""
+    return Path(path).name.removeprefix(PARTIAL) in ("live.json", "heartbeat.json")
 
 
 def _done(kept: Kept) -> set[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import sys
 import tempfile
@@ -51,6 +52,7 @@ def main() -> None:
     parser.add_argument("--nights", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--faults", type=int, nargs=2, default=(1, 5), metavar=("LEAST", "MOST"))
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no night after so many")
     parser.add_argument("--keep", type=Path, help="where nights that were not survived are kept")
     asked = parser.parse_args()
     began_s = time.monotonic()
@@ -68,6 +70,8 @@ def main() -> None:
             found.append(night)
             if not night.survived:
                 print(json.dumps(night.document(), ensure_ascii=False), file=sys.stderr, flush=True)
+            if time.monotonic() - began_s > 60.0 * asked.minutes:
+                break
     document = summary(found)
     document["seconds"] = round(time.monotonic() - began_s, 1)
     print(json.dumps(document, indent=1, ensure_ascii=False))

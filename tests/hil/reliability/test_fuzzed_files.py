@@ -60,7 +60,7 @@ _JUNK: tuple[Any, ...] = (
     ),
 )
 _BENCHES = ("simulated", "espec-stim300-example", "voetsch-vectornav-example", "watlow-f4-kvh1750-example")
-_EXAMPLES = int(os.environ.get("HIL_FUZZ_EXAMPLES", "20"))
+_EXAMPLES = int(os.environ.get("HIL_FUZZ_EXAMPLES", "12"))
 _FUZZED = settings(max_examples=_EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
