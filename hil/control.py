@@ -65,8 +65,10 @@ def wait_for_answer(folder: Path, number: int, timeout_s: float) -> RequestRow:
     clock = SystemClock()
     with open_readonly(folder) as journal:
         while True:
+            # Asked before the row is read: a controller that has ended has answered.
+            last_look = clock.now() >= timeout_s or living_owner(folder) is None
             row = next(each for each in journal.requests() if each.number == number)
-            if row.accepted is not None or clock.now() >= timeout_s or living_owner(folder) is None:
+            if row.accepted is not None or last_look:
                 return row
             clock.sleep(_LOOK_S)
 

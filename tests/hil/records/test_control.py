@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -285,3 +286,19 @@ def test_a_withdrawn_result_is_kept_and_counts_no_more(full_night: Path, plan: A
     assert attempts(full_night, step.key)[0] == (Outcome.FAILED, "its samples are damaged")
     assert not any("changed after" in problem for problem in verify_night(full_night)["problems"])
     assert json.dumps(night_status(full_night)["missing"]).count("samples are damaged") <= 1
+
+
+def test_a_night_that_a_watchdog_ended_is_carried_on(tmp_path: Path) -> None:
+    """It has written into the journal as a controller of its own; the resume counts from there."""
+    folder = tmp_path / "night"
+    run(folder, (during("T1/S1/restabilise", 60.0), partial(request, folder, RequestKind.ABORT, "ann", "x")))
+    later = VirtualClock(datetime(1985, 10, 1, 18, 0, tzinfo=UTC))
+    with SqliteJournal.open(folder, clock=later, who="watchdog of hil@bench-pc") as journal:
+        journal.event("watchdog", "the controller died; the watchdog brought the chamber to its safe state")
+        journal.finish("failed: the controller died; the watchdog brought the chamber to its safe state")
+    assert night_status(folder)["state"] == "failed"
+    assert resume_night(folder).state == "complete"
+    with open_readonly(folder) as journal:
+        resumed = next(event for event in journal.events() if event.kind == "night-resumed")
+    assert resumed.at_s > 3600.0
+    assert verify_night(folder)["problems"] == []
