@@ -6,12 +6,13 @@ The free curve leaves no misfit that could be taken for noise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from hil.campaign import Collects, FloatArray, IntArray
+from hil.campaign import Collects, FloatArray, IntArray, TextArray
 from hil.reconcile.blocks import Block, sensor_blocks
 from hil.reconcile.calibration import is_repeated
 from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
@@ -61,18 +62,32 @@ def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs:
     alone = not is_repeated(blocks)
     blocks = [replace(block, sigma_trusted=alone and block.sigma_stated) for block in blocks]
     parts = [block_noise(block, block.y[:, None]) for block in blocks]
+    white = np.concatenate([white[0] for white, _ in parts])
+    if alone:
+        white = _levelled(white, blocks, conditions.position)
     rows_left = sum(len(block.y) - block.base.shape[1] for block in blocks)
     stated = all(block.sigma_stated for block in blocks)
     return RateNoise(
         row=np.concatenate([block.rows for block in blocks]),
         channel=np.concatenate([block.channel for block in blocks]),
-        white=np.concatenate([white[0] for white, _ in parts]),
+        white=white,
         run=block_diag(*(run[0] for _, run in parts)),
         rows_left=max(rows_left - repeated_runs * channels, 0),
         runs_left=repeated_runs,
         stated=stated and rows_left <= 0,
         known=stated or rows_left > 0,
     )
+
+
+def _levelled(white: FloatArray, blocks: Sequence[Block], position: TextArray) -> FloatArray:
+    """Draw each variance half way to the mean of its channel and position.
+
+    A standard error that nothing repeats, often from a handful of runs, is itself uncertain: no row must win by luck.
+    """
+    labels = np.concatenate([np.char.add(f"{place} ", position[block.rows]) for place, block in enumerate(blocks)])
+    _, group = np.unique(labels, return_inverse=True)
+    mean = np.bincount(group, weights=white) / np.bincount(group)
+    return np.asarray(0.5 * white + 0.5 * mean[group])
 
 
 def block_noise(block: Block, y: FloatArray) -> tuple[FloatArray, FloatArray]:
