@@ -1,7 +1,7 @@
 // One night: every part of it has a place of its own on the page, and is written only where it changed.
 
 import { AverageChart, TemperatureChart, temperatureStyle } from "./charts.js";
-import { resultsTable } from "./results.js";
+import { results } from "./results.js";
 import { stateOf } from "./state.js";
 import { points } from "./store.js";
 import { capital, channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError } from "./words.js";
@@ -42,7 +42,7 @@ export class Detail {
     if (has("head")) this.showHead(night.head);
     if (has("temperatures") || has("plan")) this.showTemperatures(night);
     if (has("head") || has("collect")) this.showRates(night);
-    if (has("results")) $("results").replaceChildren(resultsTable(night.results || []));
+    if (has("results")) $("results").replaceChildren(...results(night.results || []));
     if (has("events")) this.showEvents(night.events || []);
   }
 
@@ -51,7 +51,7 @@ export class Detail {
     put("state", word);
     $("state").className = `badge ${className}`;
     $("simulated").hidden = !head.simulated;
-    put("step", capital(sentence(head.step || head.reason || (head.working ? "beginning …" : ""))));
+    put("step", capital(sentence(head.step || ending(head))));
     put("note", noteOf(head));
     this.showClocks(head);
     const calibrations = `${head.self_calibrations_done} of ${head.self_calibrations_total} self-calibrations`;
@@ -64,6 +64,8 @@ export class Detail {
     $("pause").hidden = head.state === "paused";
     $("pause").disabled = Boolean(head.pausing);
     $("continue").hidden = head.state !== "paused";
+    for (const card of ["rates-card", "stream-card"]) $(card).hidden = !head.working;
+    put("results-title", head.working ? "Results so far" : "Results");
     this.showMissing(head);
     this.showStream(head);
   }
@@ -190,6 +192,13 @@ export class Detail {
     });
     $("events").replaceChildren(...(items.length ? items : [item("Nothing has happened yet.")]));
   }
+}
+
+// What stands where the step would: the reason, unless the line at the top says it already.
+function ending(head) {
+  if (head.working) return "beginning …";
+  if (head.killed) return "interrupted";
+  return head.state === "failed" ? "ended early" : head.reason;
 }
 
 function noteOf(head) {

@@ -1,6 +1,6 @@
 // The self-calibrations so far: one line for each sensor, with its parameters and their errors.
 
-import { degrees, withError } from "./words.js";
+import { degrees, sentence, withError } from "./words.js";
 
 function cell(tag, className, content) {
   const made = document.createElement(tag);
@@ -9,18 +9,36 @@ function cell(tag, className, content) {
   return made;
 }
 
-export function resultsTable(rows) {
-  if (!rows.length) return cell("p", "small", "No self-calibration has begun yet.");
+// Return what there is to show: the table, and below it in words what is not as it should be.
+export function results(rows) {
+  if (!rows.length) return [cell("p", "small", "No self-calibration has begun yet.")];
+  const list = cell("ul", "small reasons", "");
+  for (const row of rows) {
+    for (const each of row.collects) {
+      if (each.verdict && each.verdict !== "PASS") list.append(reason(row, `collect ${each.position}`, each));
+    }
+    for (const each of row.solutions) {
+      if (each.verdict !== "PASS") list.append(reason(row, `sensor ${each.sensor}`, each));
+    }
+  }
+  return [table(rows), list];
+}
+
+function reason(row, what, { verdict, reason }) {
+  return cell("li", "", `Run ${row.number}, ${what}: ${verdict}: ${sentence(reason)}`);
+}
+
+function table(rows) {
   const names = [...new Set(rows.flatMap((row) => row.solutions.flatMap((each) => Object.keys(each.parameters))))];
-  const table = document.createElement("table");
-  const head = table.createTHead().insertRow();
+  const made = document.createElement("table");
+  const head = made.createTHead().insertRow();
   const units = unitsOf(rows);
   head.append(heading("Run", "left"), heading("°C", ""), heading("Collects", "left"), heading("Sensor", ""));
   head.append(heading("Verdict", "left"));
   for (const name of names) head.append(heading(name, "", units.get(name)));
-  const body = table.createTBody();
+  const body = made.createTBody();
   for (const row of [...rows].reverse()) addRow(body, row, names);
-  return table;
+  return made;
 }
 
 function heading(text, className, unit = "") {
