@@ -45,6 +45,7 @@ from drivers.setpoint_checks import (
 from drivers.write_wear import WriteWear
 
 _ATTEMPTS = 3
+_OPERATION_S = 90.0  # of looking, one look more at most
 _SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever called must hear of it
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
 
@@ -95,6 +96,7 @@ class SupervisedChamber:
         self._wear = WriteWear(clock)
         self._latched: tuple[str, ...] = ()
         self._confirmed: float | None = None  # the setpoint last read back
+        self._give_up_s = math.inf
         self._switched = False  # to °F, seen by its setpoint
         self._identity: ChamberIdentity | None = None
 
@@ -140,6 +142,7 @@ class SupervisedChamber:
         alarm stands or a program is running: both are for a person to clear.
         """
         self._require_identity()
+        self._begin()
         self._watch.forget()
         state = self._believable()
         if state.alarms:
@@ -163,6 +166,7 @@ class SupervisedChamber:
 
         Raises `SensorFault` where the temperature cannot be true, and `WrongDevice` where the unit is no longer °C.
         """
+        self._begin()
         state = self._believable()
         self._latch(state.alarms)
         self._dead_man.renew()
@@ -184,6 +188,7 @@ class SupervisedChamber:
         """
         wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
         self._require_identity()
+        self._begin()
         self._dead_man.renew()
         mode = self._settle_on(wanted).mode
         if mode != "CONSTANT":
@@ -209,6 +214,7 @@ class SupervisedChamber:
         the state could not be confirmed.
         """
         self._dead_man.rest()
+        self._begin()
         give_up_s = self._clock.now() + _SAFE_STATE_S
         for attempt in range(1, _ATTEMPTS + 1):
             try:
@@ -240,8 +246,20 @@ class SupervisedChamber:
                     raise
         raise ValueError("a reading needs at least one attempt")
 
+    def _begin(self) -> None:
+        """Begin an operation: from its deadline on nothing more is asked."""
+        self._give_up_s = self._clock.now() + _OPERATION_S
+
+    def _look(self) -> ControllerState:
+        if self._clock.now() > self._give_up_s:
+            raise DeviceTimeout(
+                f"{self._device} answers so late that {_OPERATION_S:g} s were not enough; check the line, and who else "
+                "uses it"
+            )
+        return self._controller.state()
+
     def _state(self) -> ControllerState:
-        state = self._controller.state()
+        state = self._look()
         self._refuse_unit(self._unit_of(state))
         return state
 
@@ -307,7 +325,7 @@ class SupervisedChamber:
     def _confirm_mode(self, *modes: str, looks: int) -> None:
         """Look at most `looks` times whether the controller is in one of `modes`; raise `ProtocolError`."""
         for look in range(1, looks + 1):
-            mode = self._controller.state().mode
+            mode = self._look().mode
             if mode in modes:
                 return
             if look < looks:
@@ -388,7 +406,7 @@ class SupervisedChamber:
 
     def _state_or_none(self) -> ControllerState | None:
         try:
-            return self._controller.state()
+            return self._look()
         except TransportError:
             raise
         except DeviceError:

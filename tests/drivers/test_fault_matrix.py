@@ -7,6 +7,7 @@ of a `Chamber`: a new driver, fault or operation is in the matrix, or these test
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
@@ -168,3 +169,16 @@ def _history(name: str, fault: Fault | None) -> list[object]:
         bench.clock.sleep(600.0)
     bench.device._suffer(bench.clock.now())
     return [*history, bench.device.alarms, bench.device._air(bench.clock.now())]
+
+
+@pytest.mark.parametrize("operation", ["prepare", "set_temperature", "safe_state"])
+@pytest.mark.parametrize("name", CHAMBER_DRIVERS)
+def test_a_line_on_which_every_reply_is_late_ends_in_time(name: str, operation: str) -> None:
+    """Each answer comes with the next asking, and looks take half a minute: there is an end all the same."""
+    bench = _held(name)
+    bench.fault(Fault.ALARM)
+    bench.fault(Fault.LATE, times=None, delay_s=5.0)
+    began_s = bench.clock.now()
+    with suppress(DeviceError):
+        OPERATIONS[operation][0](bench)
+    assert bench.clock.now() - began_s < 180.0

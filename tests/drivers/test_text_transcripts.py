@@ -65,6 +65,23 @@ def test_ascii2_starts_and_keeps_what_is_not_its_own() -> None:
     device.finish()
 
 
+def test_ascii2_writes_its_error_bit_as_0() -> None:
+    """It is an input; what the chamber would do with a 1 there nobody knows."""
+    stopped = _ascii2("0023.0", "0000001000000000")
+    chamber, device = _chamber(
+        VoetschAscii,
+        [
+            *[_ascii2("0023.0", "0111001000000000"), ("$00F", "02 test spec.")] * 2,
+            ("$00P0000", "0"),
+            ("$00E 0023.0 0001.0 0000.0 0000.0 0000.0 0001001000000000", "0"),
+            stopped,
+        ],
+        limits=LIMITS,
+    )
+    chamber.safe_state()
+    device.finish()
+
+
 def test_ascii2_tells_its_error_and_does_not_acknowledge_it() -> None:
     """Bit 2, then $00F; $00Q is never sent."""
     chamber, device = _chamber(
