@@ -22,7 +22,7 @@ demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a rep
 	$(BIN)/hil demo
 
 test: $(VENV)/dev.stamp  ## the tests
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4
 
 lint: $(VENV)/dev.stamp  ## format and lint
 	$(BIN)/ruff format --check .
