@@ -2,11 +2,11 @@
 
 import { Asking } from "./ask.js";
 import { Detail } from "./detail.js";
-import { showCards } from "./overview.js";
+import { address, showCards } from "./overview.js";
 import { troubleOf } from "./state.js";
 import { Store } from "./store.js";
 import { Stream } from "./stream.js";
-import { duration, time } from "./words.js";
+import { age, time } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const store = new Store();
@@ -27,8 +27,7 @@ function take(frame) {
 
 // The night that is chosen: by the address, or because there is no other.
 function chosen() {
-  const asked = decodeURIComponent(location.hash.slice(1));
-  if (store.nights.has(asked)) return asked;
+  for (const id of store.nights.keys()) if (address(id) === location.hash) return id;
   return store.nights.size === 1 ? [...store.nights.keys()][0] : null;
 }
 
@@ -63,7 +62,7 @@ function banner(night) {
 function lost() {
   if (store.utc === null && silentMs < 3000) return null;
   const since = store.utc === null ? "" : ` What is below is from ${time(store.utc)}.`;
-  return { bad: true, text: `No connection to the dashboard for ${duration(silentMs / 1000)}; trying again.${since}` };
+  return { bad: true, text: `No connection to the dashboard for ${age(silentMs / 1000)}; trying again.${since}` };
 }
 
 function link(now, silent) {

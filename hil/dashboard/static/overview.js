@@ -16,7 +16,9 @@ export function address(id) {
 
 export function showCards(list, nights) {
   const cards = [...nights].map(([id, night]) => card(id, night.head));
+  const focused = list.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
   list.replaceChildren(...cards);
+  if (focused) [...list.querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
 }
 
 function card(id, head) {

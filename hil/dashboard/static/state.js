@@ -1,6 +1,6 @@
 // A night's state in one word, and its trouble in one sentence.
 
-import { duration } from "./words.js";
+import { age } from "./words.js";
 
 // Return [word, class] for the badge.
 export function stateOf(head) {
@@ -20,7 +20,7 @@ export function troubleOf(head) {
   if (head.working && head.old) {
     return {
       bad: head.age_s > 60,
-      text: `The controller has shown nothing for ${duration(head.age_s)}. What is below is that old.`,
+      text: `The controller has shown nothing for ${age(head.age_s)}. What is below is that old.`,
     };
   }
   if (head.state === "failed") return { bad: true, text: `Failed: ${head.reason}` };

@@ -9,6 +9,9 @@ export function duration(seconds) {
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
+// How long something has lasted that is read out when it changes: not every second.
+export const age = (seconds) => duration(seconds < 10 ? seconds : Math.floor(seconds / 10) * 10);
+
 // A countdown: 4:59 or 1:02:03.
 export function countdown(seconds) {
   const s = Math.max(0, Math.round(seconds));
