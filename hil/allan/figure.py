@@ -2,45 +2,24 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from hil.allan.document import TERMS, AllanResult
 from hil.allan.fit import SLOPES
-from hil.errors import InputError
-from hil.files import RealDisk, write_durably
+from hil.plot_file import SETTINGS, save_figure
 
 _LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
-_SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
-
-
-def check_name(path: Path) -> None:
-    """Refuse a plot whose name ends in neither .svg nor .png, or whose folder is not there."""
-    if path.suffix.lower() not in {".svg", ".png"}:
-        raise InputError(f"{path}: a plot is written as .svg or .png; give a name that ends so")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
 
 
 def write_figure(result: AllanResult, path: Path) -> None:
     """Draw deviations with intervals, the fit and its terms; raise `InputError` where the file cannot be written."""
     import matplotlib as mpl
 
-    check_name(path)
-    stream = io.BytesIO()
-    with mpl.rc_context(_SETTINGS):
-        figure = _draw(result)
-        kind = path.suffix.lower().removeprefix(".")
-        details: Any = {"metadata": {"Date": None, "Creator": None}} if kind == "svg" else {"dpi": 150}
-        figure.savefig(stream, format=kind, **details)
-    try:
-        write_durably(RealDisk(), path, stream.getvalue())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    with mpl.rc_context(SETTINGS):
+        save_figure(_draw(result), path)
 
 
 def _draw(result: AllanResult) -> Figure:

@@ -19,6 +19,7 @@ from hil.cli import (
     model,
     night,
     notify,
+    plot,
     rehearse,
     replay,
     report,
@@ -60,6 +61,9 @@ app.command(context_settings={"ignore_unknown_options": True})(with_status(chamb
 frames.frames_app.command()(with_status(frames.check))
 frames.frames_app.callback()(lambda: None)  # with one command only, the group would otherwise swallow its name
 app.add_typer(frames.frames_app)
+for picture in plot.COMMANDS:
+    plot.plot_app.command()(with_status(picture))
+app.add_typer(plot.plot_app)
 
 
 def main() -> None:

@@ -50,9 +50,10 @@ def allan(
 ) -> None:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     from hil.allan.document import analyse
-    from hil.allan.figure import check_name, write_figure
+    from hil.allan.figure import write_figure
     from hil.allan.sources import read_recording
     from hil.config.units import FREQUENCY, RATE, TIME, to_number
+    from hil.plot_file import check_name
 
     if out is not None:
         check_name(out)

@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from hil.plot_file import SETTINGS
 from hil.report.night import NightContent
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +37,6 @@ _TRACES: tuple[dict[str, Any], ...] = (
     {"color": "#009E73", "linestyle": "-.", "linewidth": 1.3},
     {"color": "#CC79A7", "linestyle": (0, (5, 1)), "linewidth": 1.3},
 )
-SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
 _NUMBERED = 40  # more events than this are marked without their numbers, which could not be read
 
 

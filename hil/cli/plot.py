@@ -1,0 +1,97 @@
+"""`hil plot`: pictures for analysis, SVG or PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil.cli.data import Source, read_source
+from hil.cli.output import results, warn
+
+plot_app = typer.Typer(
+    name="plot",
+    help="Draw a collect, a night, an Allan deviation or parameters against temperature, as SVG or PNG.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Out = Annotated[Path, typer.Option("--out", help="The file to write; .svg or .png says which.", show_default=False)]
+OfSensor = Annotated[
+    int | None, typer.Option("--sensor", help="Which sensor, where there are several.", show_default=False)
+]
+
+
+def series(
+    source: Source,
+    out: Out,
+    sensor: OfSensor = None,
+    collect: Annotated[
+        int | None, typer.Option("--collect", help="Its number, as in collects.csv.", show_default=False)
+    ] = None,
+    run: Annotated[
+        int | None, typer.Option("--run", help="Or its self-calibration, with --position.", show_default=False)
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option("--position", help="Its position: 1, 2, 3, …", show_default=False)
+    ] = None,
+) -> None:
+    """Draw the samples of one collect, their short means, and the average that was taken of them."""
+    from hil.plot import collect_series, draw_series
+    from hil.plot_file import check_name, save_figure
+
+    check_name(out)
+    found = collect_series(source, sensor=sensor, collect=collect, run=run, position=position)
+    save_figure(draw_series(found), out)
+    results().print(f"plot: {out}")
+
+
+def temperatures(
+    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
+    out: Out,
+) -> None:
+    """Draw chamber and unit temperature through a night, with soaks, collects and events."""
+    from hil.plot import draw_temperatures
+    from hil.plot_file import check_name, save_figure
+
+    check_name(out)
+    save_figure(draw_temperatures(folder), out)
+    results().print(f"plot: {out}")
+
+
+def parameters(source: Source, out: Out, sensor: OfSensor = None) -> None:
+    """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
+    from hil.plot import draw_parameters
+    from hil.plot_file import check_name, save_figure
+
+    check_name(out)
+    campaign = read_source(source)
+    warn(tuple(campaign.warnings))
+    save_figure(draw_parameters(source, campaign, sensor), out)
+    results().print(f"plot: {out}")
+
+
+def allan(
+    source: Annotated[Path, typer.Argument(help="A night, a campaign folder or a table.", show_default=False)],
+    out: Out,
+    sensor: OfSensor = None,
+    channel: Annotated[
+        str | None, typer.Option("--channel", help="Which channel, such as RA.", show_default=False)
+    ] = None,
+    collect: Annotated[
+        int | None, typer.Option("--collect", help="One collect; without it, all of them.", show_default=False)
+    ] = None,
+) -> None:
+    """Draw the Allan deviation of a recording; `hil allan` says in words what it means."""
+    from hil.allan.document import analyse
+    from hil.allan.figure import write_figure
+    from hil.allan.sources import read_recording
+    from hil.plot_file import check_name
+
+    check_name(out)
+    write_figure(analyse(read_recording(source, channel=channel, sensor=sensor, collect=collect)), out)
+    results().print(f"plot: {out}")
+
+
+COMMANDS = (series, temperatures, parameters, allan)

@@ -1,0 +1,242 @@
+"""Plots for analysis: the samples of a collect, the temperatures of a night, parameters against temperature.
+
+    figure = draw_series(collect_series(Path("night-014"), sensor=2, run=7, position="3"))
+
+Every axis has its unit, every line a colour and a style or marker of its own, and what is simulated says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hil.blocks import Block, read_samples
+from hil.campaign import Campaign, FloatArray
+from hil.campaign_reader import HEADER_FILE, read_campaign, read_series
+from hil.errors import InputError
+from hil.export import samples_by_collect
+from hil.journal_reader import JOURNAL_NAME
+from hil.report.figures import draw_night
+from hil.report.grid import ranges
+from hil.report.night import night_content
+from hil.solve import solve_campaign
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from hil.thermal.fit import ParameterFit, SensorFit
+
+_COLORS = ("#0072B2", "#D55E00", "#009E73")
+_MEANS = 60  # a collect is drawn with so many means, whatever its length
+
+
+@dataclass(frozen=True)
+class CollectSeries:
+    """One collect of one sensor: `t_s` (k,) from its start, rates by channel and temperature (k,), NaN where rejected.
+
+    `means` are the averages and standard errors that the campaign has of each channel, deg/hr.
+    """
+
+    title: str
+    simulated: bool
+    t_s: FloatArray
+    rates_deg_per_hr: Mapping[str, FloatArray]
+    temperature_degC: FloatArray | None
+    means: Mapping[str, tuple[float, float]]
+
+
+def collect_series(
+    folder: Path,
+    *,
+    sensor: int | None = None,
+    collect: int | None = None,
+    run: int | None = None,
+    position: str | None = None,
+) -> CollectSeries:
+    """Read the samples of one collect of a night, or the series of a campaign folder.
+
+    It is named by its number, or by run and position. Raises `InputError` saying what there is to choose from.
+    """
+    campaign, blocks = _open(folder)
+    number = _sensor(folder, campaign, sensor)
+    rows = campaign.sensors[number]
+    chosen = _collect(folder, campaign, number, collect, run, position)
+    row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
+    channels = list(rows.conditions.sensor.channels)
+    if chosen in blocks:
+        samples = read_samples(folder, blocks[chosen])
+        good, t_s = samples.good, samples.time_s - float(rows.conditions.start_s[row])
+        rates = {name: np.where(good, samples.of("rate", number)[name], np.nan) for name in channels}
+        temperature = next(iter(samples.of("temperature", number).values()), None)
+    else:
+        series = read_series(campaign, chosen)
+        if series is None:
+            raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
+        t_s, temperature = series.t_s, series.temperature_degC
+        rates = {name: series.rates_deg_per_hr[:, place] for place, name in enumerate(channels)}
+    conditions = rows.conditions
+    return CollectSeries(
+        f"collect {chosen}: sensor {number}, run {conditions.run[row]}, position {conditions.position[row]}",
+        campaign.simulated,
+        t_s,
+        rates,
+        temperature,
+        {
+            name: (float(rows.rates_deg_per_hr[row, place]), float(rows.rates_se_deg_per_hr[row, place]))
+            for place, name in enumerate(channels)
+        },
+    )
+
+
+def _open(folder: Path) -> tuple[Campaign, Mapping[int, Block]]:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder")
+    if (folder / JOURNAL_NAME).is_file():
+        return samples_by_collect(folder)
+    if (folder / HEADER_FILE).is_file():
+        return read_campaign(folder), {}
+    raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+
+
+def _sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:
+    numbers = ", ".join(map(str, campaign.sensors))
+    if sensor is None:
+        if len(campaign.sensors) > 1:
+            raise InputError(f"{folder}: choose a sensor with --sensor; there are {numbers}")
+        return next(iter(campaign.sensors))
+    if sensor not in campaign.sensors:
+        raise InputError(f"{folder}: there is no sensor {sensor}; there are {numbers}")
+    return sensor
+
+
+def _collect(
+    folder: Path, campaign: Campaign, sensor: int, collect: int | None, run: int | None, position: str | None
+) -> int:
+    """Return the number of the one collect that is meant."""
+    conditions = campaign.sensors[sensor].conditions
+    meant = np.ones(len(conditions), dtype=bool)
+    for wanted, column in ((collect, conditions.collect), (run, conditions.run), (position, conditions.position)):
+        if wanted is not None:
+            meant &= column == wanted
+    found = [int(each) for each in conditions.collect[meant]]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise InputError(f"{folder}: choose one collect with --collect, or --run and --position; {_known(conditions)}")
+    raise InputError(f"{folder}: sensor {sensor} has no such collect; {_known(conditions)}")
+
+
+def _known(conditions: object) -> str:
+    collect, run, position = (getattr(conditions, name).tolist() for name in ("collect", "run", "position"))
+    positions = ", ".join(dict.fromkeys(position))
+    return f"there are {len(collect)} from {min(collect)} to {max(collect)}, runs {ranges(run)}, positions {positions}"
+
+
+def draw_series(series: CollectSeries) -> Figure:
+    """Draw every sample, means over a sixtieth of the collect, and the average with its standard error as a band."""
+    from matplotlib.figure import Figure
+
+    panels = len(series.rates_deg_per_hr) + (series.temperature_degC is not None)
+    figure = Figure(figsize=(8.0, 1.2 + 2.0 * panels), layout="constrained")
+    every = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (name, rates), color in zip(every, series.rates_deg_per_hr.items(), _COLORS, strict=False):
+        axes.plot(series.t_s, rates, ".", color="0.7", markersize=2, label="sample", rasterized=len(rates) > 5000)
+        at_s, means = _block_means(series.t_s, rates)
+        axes.plot(at_s, means, "o-", color=color, markersize=3, linewidth=1.0, label="short means")
+        mean, se = series.means[name]
+        axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=f"average {mean:.2f} ±{se:.2f} deg/hr")
+        if np.isfinite(se):
+            axes.axhspan(mean - se, mean + se, color="0.85", zorder=0)
+        axes.set_ylabel(f"{name}, deg/hr")
+        axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper right")
+    if series.temperature_degC is not None:
+        every[-1].plot(series.t_s, series.temperature_degC, color="black", linewidth=1.0)
+        every[-1].set_ylabel("unit, °C")
+    every[-1].set_xlabel("time since the collect began, s")
+    every[0].set_title(_title(series.title, simulated=series.simulated), loc="left", fontsize=10)
+    for axes in every:
+        axes.grid(visible=True, color="0.92")
+    return figure
+
+
+def _block_means(t_s: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return middles and means of at most `_MEANS` stretches of equal length, without what was rejected."""
+    known = np.isfinite(rates)
+    t_s, rates = t_s[known], rates[known]
+    if len(t_s) < 2 * _MEANS:
+        return t_s, rates
+    where = np.minimum((_MEANS * (t_s - t_s[0]) / (t_s[-1] - t_s[0])).astype(int), _MEANS - 1)
+    counts = np.bincount(where, minlength=_MEANS)
+    there = counts > 0
+    sums = [np.bincount(where, weights=values, minlength=_MEANS) for values in (t_s, rates)]
+    return sums[0][there] / counts[there], sums[1][there] / counts[there]
+
+
+def draw_temperatures(folder: Path) -> Figure:
+    """Draw chamber, setpoint and unit temperature through a night, as the report does."""
+    if not (folder / JOURNAL_NAME).is_file():
+        raise InputError(f"{folder}: temperatures through the night are in a night's folder (no {JOURNAL_NAME} here)")
+    night = night_content(folder)
+    if len(night.hours) < 2:
+        raise InputError(f"{folder}: the night is {night.state}; no temperatures were recorded yet")
+    figure = draw_night(night)
+    simulated = any("simulated time" in value for _, value in night.provenance)
+    figure.subplots_adjust(top=0.84)
+    figure.suptitle(_title(folder.resolve().name, simulated=simulated), x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Figure:
+    """Draw every parameter of a sensor against temperature: each run, and the curve that `hil thermal` fits.
+
+    Raises `InputError` where there are too few temperatures for a curve.
+    """
+    from matplotlib.figure import Figure
+
+    from hil.thermal import fit_thermal
+
+    number = _sensor(folder, campaign, sensor)
+    fit = fit_thermal(Campaign(campaign.title, campaign.source, {number: campaign.sensors[number]})).sensors[number]
+    columns = 2 if len(fit.parameters) < 9 else 3
+    rows = -(-len(fit.parameters) // columns)
+    figure = Figure(figsize=(4.6 * columns, 2.4 * rows + 0.4), layout="constrained")
+    every = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    for axes, each in zip(every.flat, fit.parameters.values(), strict=False):
+        _draw_parameter(axes, each, fit, campaign)
+    for axes in list(every.flat)[len(fit.parameters) :]:
+        axes.set_visible(False)
+    for axes in every[-1]:
+        axes.set_xlabel("unit temperature, °C")
+    title = f"{campaign.title}, sensor {number}, {fit.layout.form.name}: runs ± standard error, and the fitted curve"
+    figure.suptitle(_title(title, simulated=campaign.simulated), x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def _draw_parameter(axes: Axes, each: ParameterFit, fit: SensorFit, campaign: Campaign) -> None:
+    conditions = campaign.sensors[fit.number].conditions
+    points = []
+    for solution in solve_campaign(Campaign("", "", {fit.number: campaign.sensors[fit.number]}), fit.layout.form.name):
+        found = solution.parameters[each.name]
+        if found.value is not None and solution.run is not None:
+            at = fit.layout.temperature_degC[conditions.run == solution.run].mean()
+            points.append((float(at), found.value, found.se if found.se is not None else np.nan))
+    if points:
+        at_degC, values, errors = np.array(points).T
+        axes.errorbar(
+            at_degC, values, yerr=np.nan_to_num(errors), fmt="o", color=_COLORS[0], markersize=3.5, capsize=2, lw=1.0
+        )
+    low, high = fit.range_degC
+    grid = np.linspace(low, high, 200)
+    axes.plot(grid, each.curve.at(grid), linestyle="--", color=_COLORS[1], linewidth=1.4, label=each.form)
+    axes.set_ylabel(f"{each.name}, {each.unit}")
+    axes.grid(visible=True, color="0.92")
+    axes.legend(frameon=False, fontsize=8)
+
+
+def _title(text: str, *, simulated: bool) -> str:
+    return f"SIMULATED  {text}" if simulated else text
