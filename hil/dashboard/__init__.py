@@ -8,6 +8,8 @@ one row that `hil.control` adds and the controller answers. It can be started, k
 | file | what it does |
 |---|---|
 | `curve.py` | a curve of bounded size, however long the night |
+| `curves.py` | a night's curves: its temperatures, and the running averages of its newest collect |
+| `results.py` | the self-calibrations so far, with the parameters that `hil solve` gives |
 | `facts.py` | what a night's journal and live files say, as the page shows it |
 | `watcher.py` | looks at the nights of a folder once a second and tells every page what changed |
 | `access.py` | who may read, who may ask: hosts, token, headers |

@@ -6,13 +6,20 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import uvicorn
 import yaml
 
 from hil.config.files import find_config
+from hil.dashboard.access import Access
+from hil.dashboard.server import create_app, listen
+from hil.dashboard.watcher import Watcher
 
 SWEEP: dict[str, Any] = {
     "title": "A short night",
@@ -108,3 +115,21 @@ class Dashboard:
         self.process.stdout.close()
         self.process = None
         return status
+
+
+@contextmanager
+def served(root: Path, access: Access) -> Iterator[int]:
+    """Serve the nights of `root` from a thread of this process by the rules of `access`; give the port."""
+    listener = listen("127.0.0.1", 0)
+    app = create_app(Watcher(root), access)
+    settings = uvicorn.Config(app, log_level="critical", timeout_graceful_shutdown=1, server_header=False)
+    serving = uvicorn.Server(settings)
+    thread = threading.Thread(target=serving.run, kwargs={"sockets": [listener]})
+    thread.start()
+    try:
+        yield listener.getsockname()[1]
+    finally:
+        serving.should_exit = True
+        thread.join(10.0)
+        listener.close()
+    assert not thread.is_alive()

@@ -19,6 +19,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SensorChannels
+from hil.dashboard.access import Access
 from hil.journal import SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.journal_records import Night
@@ -26,7 +27,7 @@ from hil.live import TRACE_NAME, LiveFiles, trace_columns
 from procedures.plan import Step, make_plan
 from procedures.progress import Snapshot
 from procedures.settings import SweepProcedure
-from tests.hil.live_page import TOKEN, Dashboard, begin_night, bench_file, sweep_file
+from tests.hil.live_page import TOKEN, Dashboard, begin_night, bench_file, served, sweep_file
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed, so no browser is driven")
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")
@@ -88,7 +89,7 @@ def open_page(browser: Any, nights: Nights) -> Iterator[Callable[..., Any]]:
     """Open the page at a night; whatever a page asks of the network or says in its console is judged at the end."""
     contexts, requested, complaints = [], [], []
 
-    def opened(night: str = "", *, size: dict[str, int] = DESKTOP, scheme: str = "light") -> Any:
+    def opened(night: str = "", *, url: str = "", size: dict[str, int] = DESKTOP, scheme: str = "light") -> Any:
         context = browser.new_context(viewport=size, color_scheme=scheme)
         contexts.append(context)
         page = context.new_page()
@@ -96,7 +97,7 @@ def open_page(browser: Any, nights: Nights) -> Iterator[Callable[..., Any]]:
         page.on("request", lambda request: requested.append(request.url))
         page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(f"{nights.dashboard.url}#{night}")
+        page.goto(f"{url or nights.dashboard.url}#{night}")
         return page
 
     yield opened
@@ -221,6 +222,23 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     nights.dashboard.begin()
     shown(page, "#link", "live")
     shown(page, "#banner", "The controller is dead")
+
+
+def test_beyond_this_machine_the_page_shows_nothing_until_it_is_given_the_token(
+    open_page: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A wrong token is refused and said to be wrong; the right one is kept for as long as the tab is open."""
+    with served(tmp_path, Access(TOKEN, "192.0.2.7")) as port:
+        page = open_page(url=f"http://127.0.0.1:{port}/")
+        shown(page, "#unlock", "takes a token")
+        for token in (TOKEN[::-1], TOKEN):
+            assert page.locator("#empty").is_hidden()
+            page.locator("#unlock-token").fill(token)
+            page.locator("#unlock button").click()
+            shown(page, *(("#empty", "No night") if token == TOKEN else ("#unlock-error", "not right")))
+        page.reload()
+        shown(page, "#empty", "No night")
+        assert TOKEN not in page.url
 
 
 def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_less_than_100_ms(

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import json
 import stat
-import threading
 from collections.abc import Iterator
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 
 from drivers.clock import VirtualClock
 from hil.cli.app import run
 from hil.dashboard.access import Access, is_loopback, new_token, token_from
-from hil.dashboard.server import create_app, listen
-from hil.dashboard.watcher import Watcher
+from hil.dashboard.server import listen
 from hil.errors import InputError
 from hil.journal import SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.journal_records import Night
 from procedures.plan import make_plan
 from procedures.settings import SweepProcedure
-from tests.hil.live_page import TOKEN
+from tests.hil.live_page import TOKEN, served
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +40,8 @@ def nights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def server(nights: Path, request: pytest.FixtureRequest) -> Iterator[tuple[int, Access]]:
     """A server in this process; with the rules of one that listens beyond this machine, too."""
     access = Access(TOKEN, request.param)
-    listener = listen("127.0.0.1", 0)
-    settings = uvicorn.Config(
-        create_app(Watcher(nights), access), log_level="critical", timeout_graceful_shutdown=1, server_header=False
-    )
-    serving = uvicorn.Server(settings)
-    thread = threading.Thread(target=serving.run, kwargs={"sockets": [listener]})
-    thread.start()
-    yield listener.getsockname()[1], access
-    serving.should_exit = True
-    thread.join(10.0)
-    listener.close()
-    assert not thread.is_alive()
+    with served(nights, access) as port:
+        yield port, access
 
 
 @pytest.fixture
