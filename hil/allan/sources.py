@@ -8,7 +8,7 @@ Rates become deg/hr. Tables that this project wrote say their unit and their tim
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from hil.allan.stretches import Recording, cut, recording, sampling_interval
-from hil.blocks import read_samples
+from hil.blocks import Block, read_samples
 from hil.campaign import Campaign, FloatArray
 from hil.campaign_reader import HEADER_FILE, read_campaign, read_series
 from hil.config.units import RATE, to_number
@@ -71,7 +71,6 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
     else:
         raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
     number, name = _choose_channel(folder, campaign, channel, sensor)
-    place = list(campaign.sensors[number].conditions.sensor.channels).index(name)
     own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in recorded]
     if not own:
         raise InputError(f"{folder}: no series of sensor {number} was kept")
@@ -79,23 +78,33 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
         raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {_listed(own)}")
     pieces: list[FloatArray] = []
     interval_s = 0.0
-    for each in own if collect is None else [collect]:
-        title = f"{folder}, collect {each}"
-        if blocks:
-            samples = read_samples(folder, blocks[each])
-            time_s, values = samples.time_s, np.where(samples.good, samples.of("rate", number)[name], np.nan)
-        else:
-            series = read_series(campaign, each)
-            if series is None:
-                continue
-            time_s, values = series.t_s, series.rates_deg_per_hr[:, place]
-            interval_s = interval_s or (series.block_s or 0.0)
-        interval_s = interval_s or sampling_interval(title, time_s)
+    for title, time_s, values, block_s in _each_series(folder, campaign, blocks, number, name, own, collect):
+        interval_s = interval_s or block_s or sampling_interval(title, time_s)
         pieces += cut(title, values, interval_s, time_s)
     which = "all collects" if collect is None else f"collect {collect}"
     notes = ("collects at different temperatures are taken together",) if collect is None and len(own) > 1 else ()
     title = f"{folder.name}, {which}, sensor {number}, {name}"
     return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
+
+
+def _each_series(
+    folder: Path,
+    campaign: Campaign,
+    blocks: Mapping[int, Block],
+    number: int,
+    name: str,
+    recorded: Sequence[int],
+    collect: int | None,
+) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
+    """Yield a title, times, rates and the averaging time of each row (0 for single samples), one collect at a time."""
+    place = _channels(campaign, number).index(name)
+    for each in recorded if collect is None else [collect]:
+        title = f"{folder}, collect {each}"
+        if each in blocks:
+            samples = read_samples(folder, blocks[each])
+            yield title, samples.time_s, np.where(samples.good, samples.of("rate", number)[name], np.nan), 0.0
+        elif (series := read_series(campaign, each)) is not None:
+            yield title, series.t_s, series.rates_deg_per_hr[:, place], series.block_s or 0.0
 
 
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
@@ -123,10 +132,9 @@ def _channels(campaign: Campaign, number: int) -> Sequence[str]:
 def _of_table(table: _Columns, channel: str | None, rate_hz: float | None, unit: str | None) -> Recording:
     times = next((name for name in _TIMES if name in table.values), None)
     names = [name for name in table.values if name != times]
-    if channel is None and len(names) == 1:
-        channel = names[0]
-    if channel is None and times is not None and [n for n in names if n.endswith("_deg_per_hr")] == names[:1]:
-        channel = names[0]
+    rates = [name for name in names if name.endswith("_deg_per_hr")] or names
+    if channel is None and len(rates) == 1:
+        channel = rates[0]
     if channel is None:
         raise InputError(f"{table.path}: choose a column with --channel; there are {', '.join(names)}")
     if channel not in names:
