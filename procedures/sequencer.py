@@ -60,7 +60,7 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
-_SAFE_STATE_SILENCE_S = 60.0  # a driver's own attempts at a chamber that does not answer
+_SAFE_STATE_SILENCE_S = 200.0  # longer than a driver tries at a chamber that answers late or not at all
 _NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 
 
