@@ -46,5 +46,9 @@ reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in an hou
 	$(BIN)/python -m benchmarks.reliability.long_night
 	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1
 
-clean:  ## remove the virtual environment and the demo
-	rm -rf $(VENV) demo
+pictures: $(VENV)/dev.stamp  ## pictures of report, reconciliation, plots and live page, in docs/pictures; needs Chromium
+	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/screenshots.py docs/pictures
+
+clean:  ## remove the virtual environment, the demo and the pictures
+	rm -rf $(VENV) demo docs/pictures

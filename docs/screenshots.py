@@ -1,6 +1,6 @@
 """Makes the pictures of the live page in docs/images from the product itself; needs Chromium and the dev extra.
 
-    .venv/bin/python docs/screenshots.py
+    .venv/bin/python docs/screenshots.py [FOLDER]
 
 A simulated night runs at speed beside one that waits for its operator; the pictures are what a browser then shows.
 """
@@ -33,9 +33,9 @@ SWEEP = {
 AVERAGING = "() => document.querySelectorAll('#results tr').length > 4 && document.querySelector('.se')?.textContent"
 
 
-def main() -> None:
-    """Run the nights and the page, and take the pictures."""
-    IMAGES.mkdir(exist_ok=True)
+def main(images: Path = IMAGES) -> None:
+    """Run the nights and the page, and take the pictures into the folder `images`."""
+    images.mkdir(exist_ok=True)
     processes: list[subprocess.Popen[str]] = []
     with tempfile.TemporaryDirectory() as made, sync_playwright() as driver:
         folder = Path(made)
@@ -49,9 +49,9 @@ def main() -> None:
                 executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
                 args=["--no-sandbox"] if os.geteuid() == 0 else [],
             )
-            _take(browser, f"{url}#bench-1", AVERAGING, "live-page.png", (1280, 800), "light")
+            _take(browser, f"{url}#bench-1", AVERAGING, images / "live-page.png", (1280, 800), "light")
             waiting = "() => !document.querySelector('#prompt').hidden"
-            _take(browser, f"{url}#bench-2", waiting, "live-page-phone.png", (390, 844), "dark")
+            _take(browser, f"{url}#bench-2", waiting, images / "live-page-phone.png", (390, 844), "dark")
             browser.close()
         finally:
             for process in processes:
@@ -74,18 +74,18 @@ def _hil(*arguments: object, stdout: int | None) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=stdout, text=True)  # noqa: S603 - our own
 
 
-def _take(browser: Browser, url: str, ready: str, name: str, size: tuple[int, int], scheme: str) -> None:
+def _take(browser: Browser, url: str, ready: str, path: Path, size: tuple[int, int], scheme: str) -> None:
     viewport = {"width": size[0], "height": size[1]}
     context = browser.new_context(viewport=viewport, color_scheme=scheme)
     page = context.new_page()
     page.goto(url)
     page.wait_for_function(ready, timeout=120_000)
     page.wait_for_timeout(1500)
-    page.screenshot(path=IMAGES / name)
+    page.screenshot(path=path)
     context.close()
-    with Image.open(IMAGES / name) as taken:
-        taken.convert("RGB").quantize(COLOURS).save(IMAGES / name, optimize=True)
+    with Image.open(path) as taken:
+        taken.convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(Path, sys.argv[1:2]))
