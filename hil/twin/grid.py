@@ -22,16 +22,18 @@ _SPIN_PER_DEGC = -2e-6
 _SPIN_SIGMA_US = 0.02
 _REFERENCE_DEGC = 25.0
 _SUPPLY_LAG_S = 3600.0
+_KEPT = 720  # grid points of what samples are made of
 
 AIR, CASE, ROTOR = 0, 1, 2
 
 
 class GrowingTable:
-    """Rows that are added at the end, in one array."""
+    """Rows that are added at the end, in one array. Old ones may be dropped; the others keep their numbers."""
 
     def __init__(self, columns: int) -> None:
         self._array = np.zeros((256, columns))
         self._count = 0
+        self._dropped = 0
 
     def append(self, rows: FloatArray) -> None:
         """Add rows, shape (m, columns)."""
@@ -43,9 +45,25 @@ class GrowingTable:
         self._array[self._count : needed] = rows
         self._count = needed
 
+    def drop_before(self, row: int) -> None:
+        """Let go of the rows before `row`, once that is worth it."""
+        old = row - self._dropped
+        if old > self._count // 2:
+            self._array[: self._count - old] = self._array[old : self._count].copy()
+            self._count -= old
+            self._dropped += old
+
+    def at(self, rows: NDArray[np.int64]) -> FloatArray:
+        """Return the rows of these numbers, shape (n, columns)."""
+        return np.asarray(self._array[rows - self._dropped])
+
+    def between(self, first: int, last: int) -> FloatArray:
+        """Return the rows from `first` to `last`, both included, a view."""
+        return self._array[first - self._dropped : last + 1 - self._dropped]
+
     @property
     def rows(self) -> FloatArray:
-        """All rows so far, a view, shape (m, columns)."""
+        """All rows, a view, shape (m, columns); for tables of which none is dropped."""
         return self._array[: self._count]
 
 
@@ -92,7 +110,11 @@ def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> Field
 
 
 class SlowGrid:
-    """The grid points up to now. Every table has one row per grid point; slopes are per second."""
+    """The grid points up to now. Every table has one row per grid point; slopes are per second.
+
+    Temperatures and slow noise are kept for as long as the unit lives, for `SimulatedUnit.truth`. What only samples are
+    made of is kept for an hour: time never goes backwards.
+    """
 
     def __init__(
         self,
@@ -109,7 +131,8 @@ class SlowGrid:
         self._begins_s = begins_s
         self._root_rate = float(np.sqrt(sample_rate_hz))
         fields = len(columns.names)
-        self._level, self._slope, self._sigma = (GrowingTable(fields) for _ in range(3))
+        # Every field but rates and accelerations, without noise; its slope; each field's white noise per sample.
+        self.level, self.slope, self.sigma = (GrowingTable(fields) for _ in range(3))
         self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
         self._coefficients = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
         self._coefficient_slopes = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
@@ -122,6 +145,15 @@ class SlowGrid:
         times_s, state, slopes = self._thermal.advance(to_s)
         if not len(times_s):
             return
+        oldest = len(self._state.rows) - _KEPT
+        for table in (
+            self.level,
+            self.slope,
+            self.sigma,
+            *self._coefficients.values(),
+            *self._coefficient_slopes.values(),
+        ):
+            table.drop_before(oldest)
         self._state.append(state)
         self._state_slope.append(slopes)
         for number, one in self._sensors.items():
@@ -141,21 +173,6 @@ class SlowGrid:
         return np.asarray(self._begins_s + GRID_S * nodes)
 
     @property
-    def level(self) -> FloatArray:
-        """Every field but the rates and accelerations, without noise, by column."""
-        return self._level.rows
-
-    @property
-    def slope(self) -> FloatArray:
-        """The slope of `level`."""
-        return self._slope.rows
-
-    @property
-    def sigma(self) -> FloatArray:
-        """The standard deviation of each field's white noise per sample, by column."""
-        return self._sigma.rows
-
-    @property
     def state(self) -> FloatArray:
         """Temperatures of air, case and rotor, °C."""
         return self._state.rows
@@ -165,9 +182,9 @@ class SlowGrid:
         """Slopes of case and rotor, °C/s."""
         return self._state_slope.rows
 
-    def coefficients(self, sensor: int) -> tuple[FloatArray, FloatArray]:
+    def coefficients(self, sensor: int) -> tuple[GrowingTable, GrowingTable]:
         """Return bias and K of a sensor at each grid point, and their slopes (see `SimulatedSensor.coefficients`)."""
-        return self._coefficients[sensor].rows, self._coefficient_slopes[sensor].rows
+        return self._coefficients[sensor], self._coefficient_slopes[sensor]
 
     def slow(self, sensor: int) -> FloatArray:
         """Return the slow noise of a sensor's channels, deg/hr."""
@@ -176,7 +193,7 @@ class SlowGrid:
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
         """Return supply and spin period at grid points, by campaign column name, as far as they are simulated."""
         places = {"supply_V": self._columns.supply, "spin_period_us": self._columns.spins.get(sensor)}
-        return {name: self.level[nodes, place] for name, place in places.items() if place is not None}
+        return {name: self.level.at(nodes)[:, place] for name, place in places.items() if place is not None}
 
     def _slow_rates(self, number: int, rotor_degC: FloatArray) -> FloatArray:
         one = self._sensors[number]
@@ -207,6 +224,6 @@ class SlowGrid:
         if columns.supply is not None:
             level[:, columns.supply] = self._settings.supply + self._supply.advance(len(state))
             sigma[:, columns.supply] = noise.supply
-        self._level.append(level)
-        self._slope.append(slope)
-        self._sigma.append(sigma)
+        self.level.append(level)
+        self.slope.append(slope)
+        self.sigma.append(sigma)

@@ -128,8 +128,8 @@ class SimulatedUnit:
             self._grid.advance(float(times[-1]))
             nodes = self._grid.nodes(times)
             since_s = times - self._grid.time_of(nodes)
-            readings *= self._grid.sigma[nodes]
-            readings += self._grid.level[nodes] + self._grid.slope[nodes] * since_s[:, None]
+            readings *= self._grid.sigma.at(nodes)
+            readings += self._grid.level.at(nodes) + self._grid.slope.at(nodes) * since_s[:, None]
             for leg, moving, part in self._timeline.parts(times):
                 here = _Part(leg, times[part], nodes[part], since_s[part], readings[part])
                 for number in self._sensors:
@@ -169,7 +169,7 @@ class SimulatedUnit:
             level = self._terms[number].rates(here.leg, f_g, w, first, last)
             slope = np.zeros_like(level)
         else:
-            now, then = (table[first : last + 1] for table in self._grid.coefficients(number))
+            now, then = (table.between(first, last) for table in self._grid.coefficients(number))
             level, slope = one.pull(now, f_g), one.pull(then, f_g)
             level += w[one.sensor.channel_axes]
         level += one.pull(one.scatter_coefficients(here.leg.run)[None], f_g) + self._grid.slow(number)[first : last + 1]
@@ -187,7 +187,7 @@ class SimulatedUnit:
         f_g, w = axes @ self._gravity, axes @ self._earth_rate
         rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
         now, then = self._grid.coefficients(number)
-        coefficients = now[here.nodes] + then[here.nodes] * here.since_s[:, None]
+        coefficients = now.at(here.nodes) + then.at(here.nodes) * here.since_s[:, None]
         rates = one.pull(coefficients + one.scatter_coefficients(here.leg.run), f_g)
         rates += (w + rotation)[:, one.sensor.channel_axes] + self._grid.slow(number)[here.nodes]
         here.readings[:, self._columns.rates[number]] += rates
