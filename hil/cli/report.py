@@ -62,14 +62,14 @@ def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path
     from hil.report.content import gather
     from hil.report.page import write_page
 
-    campaign = read_source(source)
+    night = _night(source)
+    campaign = _campaign(source, night)
     path = out or source / "report.html"
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
     warn(tuple(campaign.warnings))
-    night = _night(source)
     comparison = None if against is None else _comparison(campaign, night, against)
     content = gather(campaign, night, comparison)
     try:
@@ -77,6 +77,15 @@ def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return path, content
+
+
+def _campaign(source: Path, night: NightContent | None) -> Campaign:
+    """Read what was measured; a night that came to no collect has its report too, which says why."""
+    from hil.campaign import Campaign
+
+    if night is not None and not night.collects:
+        return Campaign(night.title, "recorded by hil; no collect was completed", {}, simulated=night.simulated)
+    return read_source(source)
 
 
 def _night(source: Path) -> NightContent | None:

@@ -46,7 +46,8 @@ class Soak:
     decided_by: str
     reason: str
     verdict: str
-    restarts: int
+    soak_restarts: int
+    window_restarts: int
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,8 @@ class NightContent:
     """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were."""
 
     state: str
+    title: str = ""
+    simulated: bool = False
     reason: str = ""
     asked: str = ""
     done: str = ""
@@ -110,6 +113,8 @@ def night_content(folder: Path) -> NightContent:
         hours, temperatures = _temperatures(beats)
         return NightContent(
             state=str(status["state"]),
+            title=journal.night.title,
+            simulated=journal.night.simulated,
             reason=str(status["reason"]),
             asked=_asked(journal.plan),
             done=_done(journal, status),
@@ -172,7 +177,8 @@ def _soak(step: Step, attempt: Attempt) -> Soak:
         str(data.get("decided_by") or "–"),
         attempt.reason,
         str(data.get("verdict") or ""),
-        int(data.get("soak_restarts") or 0) + int(data.get("window_restarts") or 0),
+        int(data.get("soak_restarts") or 0),
+        int(data.get("window_restarts") or 0),
     )
 
 

@@ -9,6 +9,7 @@ from hil.report.figures import draw_night, inline_svg
 from hil.report.grid import Cell, Grid, degrees, number, text, wrap
 from hil.report.night import CollectLine, NightContent
 from hil.step_words import hours_minutes
+from procedures.verdict import Verdict
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -75,8 +76,8 @@ def _picture(night: NightContent) -> str:
 
 
 def _soaks(night: NightContent) -> Grid:
-    heads = [Cell("run"), Cell("at"), Cell("began", "h"), Cell("waited"), Cell("starts over")]
-    heads += [Cell("decided by", kind="text"), Cell("verdict", kind="text"), Cell("how it ended", kind="text")]
+    heads = [Cell("run"), Cell("at"), Cell("began", "h"), Cell("waited"), Cell("started over", "soak, window")]
+    heads += [Cell("decided by", kind="text"), Cell("verdict", kind="text"), Cell("remark", kind="text")]
     return Grid(
         "soaks",
         "Restabilisation before each self-calibration: how long, and which criterion was the last to be met.",
@@ -87,10 +88,10 @@ def _soaks(night: NightContent) -> Grid:
                 Cell(degrees(each.temperature_degC)),
                 number(each.began_h, 2),
                 Cell(hours_minutes(each.waited_s)),
-                number(each.restarts),
+                Cell(f"{each.soak_restarts}, {each.window_restarts}"),
                 text(each.decided_by),
                 Cell(each.verdict, kind=each.verdict),
-                wrap(each.reason),
+                wrap("" if each.verdict == Verdict.PASS else each.reason),
             ]
             for each in night.soaks
         ],

@@ -295,3 +295,17 @@ def test_a_report_has_somewhere_to_go(night: Path, tmp_path: Path, capsys: pytes
     assert hil(["report", str(night), "--out", str(tmp_path)]) == 2
     assert hil(["report", str(tmp_path / "nowhere")]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_night_that_came_to_no_collect_has_a_report_that_says_why(tmp_path: Path) -> None:
+    """Stopped before the first collect: not good, nothing solved, everything missing; and no number anywhere."""
+    stop = StopRequest()
+    stop.request("a cable was pulled")
+    start_night(tmp_path / "night", TWO, load_bench("simulated"), who="rk", stop=stop)
+    assert hil(["report", str(tmp_path / "night")]) == 0
+    page = (tmp_path / "night" / "report.html").read_text()
+    assert "nothing solved. The night is aborted" in page
+    assert "a cable was pulled" in page
+    assert "self-calibration 4 at 30.0 °C: all of it" in page
+    assert "SIMULATED: no device was measured" in page
+    assert 'id="runs-sensor' not in page
