@@ -95,6 +95,10 @@ def _levels(values: FloatArray, apart: float) -> IntArray:
 
 def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
     """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
+    if 0 < columns.shape[1] <= columns.shape[0]:
+        left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
+        if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
+            return columns.astype(np.float64)
     kept: list[FloatArray] = []
     basis: list[FloatArray] = []
     for column in columns.T:

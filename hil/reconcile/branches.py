@@ -25,7 +25,7 @@ from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 
 _MOST_EFFECTS = 5
 _LEAST_FREEDOM = 3
-_FURTHER = 3.0  # an effect after the first must be as many times rarer by chance
+_FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
 _ROUNDS = 3
 _TEMPERATURE = "temperature_degC"
 CERTAIN = 4.0  # log evidence above the threshold from which a disagreement is called certain
@@ -40,7 +40,6 @@ class Branch:
     search: Search
     first: Scan | None
     threshold: float
-    stricter: float
     chance: float
     steps: Sequence[Step]
     log_evidence: float = 0.0
@@ -91,7 +90,7 @@ def pursue(problem: Problem, search: Search, alpha: float, draws: int, rng: np.r
     """Search beside one calibration."""
     first, threshold, stricter, chance = detect(search, alpha, draws, rng)
     steps = find(search, first, stricter) if first is not None and first.statistic > threshold else []
-    return Branch(ONE_SET, problem, search, first, threshold, stricter, chance, steps, _weight(search, steps))
+    return Branch(ONE_SET, problem, search, first, threshold, chance, steps, _weight(search, steps))
 
 
 def other_calibration(
@@ -141,7 +140,7 @@ def posed(
 def detect(
     search: Search, alpha: float, draws: int, rng: np.random.Generator
 ) -> tuple[Scan | None, float, float, float]:
-    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/3, and the p-value.
+    """Return the first scan, what noise alone exceeds with probability alpha and with alpha/10, and the p-value.
 
     Whatever noise does, what is less probable than nothing missing is not detected.
     """

@@ -42,6 +42,7 @@ _UNHEARD_OF = 20.0
 _CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
+_HOPELESS = 1e-9  # a share of the evidence that no plausibility of sizes makes up for
 _WITHHOLDS = 0.05  # a rival that reproduces all of the leader withholds the name from this probability on
 _SHOWS = 5.0  # norm in units of the noise from which an effect shows on a sensor
 
@@ -77,7 +78,7 @@ class Naming:
 def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60) -> Naming:
     """Name what a scan found: evidence times the plausibility of the fitted sizes, then look for the same columns."""
     names = list(scan.shares)
-    first_tier = [n for n in names if scan.best(n)[0].tier == 1][:limit]
+    first_tier = [n for n in names if scan.shares[n] > _HOPELESS and scan.best(n)[0].tier == 1][:limit]
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
     weighed = [_fitted(name, scan, blocks, noise) for name in considered]
     weights = np.array(

@@ -7,7 +7,7 @@ everything is refitted there, and the run that was not seen is predicted with an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,9 +22,9 @@ _ENOUGH_FOLDS = 6
 _MOSTLY = 0.6
 _KEPT_POINTS = 20
 _FEW = 6
-_MORE = 2  # a fold may need another effect or two where it sees one in pieces
 _LOOKED_AT = 30
 _MOST = 0.7
+_ALIKE = 1e-3  # of log evidence
 _LEAST_FREEDOM = 3
 
 
@@ -109,7 +109,6 @@ def held_out(
     noise: Sequence[BlockNoise],
     hypotheses: Sequence[Hypothesis],
     steps: int,
-    threshold: float,
     points: Sequence[IntArray],
     designs: Sequence[FloatArray],
 ) -> list[HeldOut]:
@@ -128,10 +127,10 @@ def held_out(
     rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
     for i, fold in enumerate(whole):
         keep = [~held for held in fold]
-        added = _select(keep, blocks, tables, hypotheses, steps, threshold, points)
+        added = _select(keep, blocks, tables, hypotheses, steps, points)
         plain = refit(blocks, noise, [], keep)
         for k in range(len(sums)):
-            some = added if k == len(sums) - 1 else added[: k + 1]
+            some = added[: k + 1]
             full = refit(blocks, noise, some, keep) if some else plain
             for b, held in enumerate(fold):
                 if np.any(held):
@@ -190,10 +189,9 @@ def _select(
     tables: Sequence[NoiseTable],
     hypotheses: Sequence[Hypothesis],
     steps: int,
-    threshold: float,
     points: Sequence[IntArray],
 ) -> list[Added]:
-    """Search again on the rows that are kept: as many effects as all rows show, more if they pass the threshold.
+    """Search again on the rows that are kept, for as many effects as all rows show.
 
     A row with a base column of its own says nothing of anything else, so that the tables made for all rows serve.
     """
@@ -201,20 +199,37 @@ def _select(
     few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
     many = [table.take(point) for table, point in zip(tables, points, strict=True)]
     added: list[Added] = []
-    for place in range(steps + _MORE if steps else 0):
+    for _ in range(steps):
         if min(len(b.y) - b.base.shape[1] for b in present) < _LEAST_FREEDOM:
             break
         likely = [h for h in _strongest(hypotheses, present, few) if _shows(h, keep)]
         if not likely:
             break
         posterior, units = _weighed(likely, present, many)
-        if place >= steps and float(np.logaddexp.reduce(posterior)) < threshold:
-            break
         best = _best(likely, posterior)
-        added.append(chosen_units(likely[best], units[best][:, 0]))
+        alike = [h for h, value in zip(likely, posterior, strict=True) if posterior[best] - value < _ALIKE]
+        added.append(chosen_units(_average(likely[best], alike), units[best][:, 0]))
         extra = added[-1].columns(len(present))
         present = [b if e is None else b.with_base(e) for b, e in zip(present, extra, strict=True)]
     return added
+
+
+def _average(best: Hypothesis, alike: Sequence[Hypothesis]) -> Hypothesis:
+    """The mean of the best shape and those that the kept rows cannot part from it: a step beside the run held out."""
+    blocks, form = [unit.blocks for unit in best.units], best.candidate.form
+    same = [
+        h for h in alike if (h.name, h.candidate.form) == (best.name, form) and [u.blocks for u in h.units] == blocks
+    ]
+    units = []
+    for unit, several in zip(best.units, zip(*(h.units for h in same), strict=True), strict=True):
+        parts = zip(*(one.columns for one in several), strict=True)
+        units.append(replace(unit, columns=tuple(np.mean(columns, axis=0) for columns in parts)))
+    return replace(best, units=tuple(units))
+
+
+def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
+    """What two shapes of one name and form have in common."""
+    return (hypothesis.name, hypothesis.candidate.form, *(unit.blocks for unit in hypothesis.units))
 
 
 def _strongest(

@@ -83,10 +83,10 @@ def reconcile(
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
     branch = _choose(pursue(problem, search, of_averages, draws, rng), clean, chosen, effects, of_averages, draws, rng)
     problem, search, steps = branch.problem, branch.search, branch.steps
-    first, threshold, stricter, chance = branch.first, branch.threshold, branch.stricter, branch.chance
+    first, threshold, chance = branch.first, branch.threshold, branch.chance
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
-    proofs = _prove(search, steps, noise, stricter, first) if prove else []
+    proofs = _prove(search, steps, noise, first) if prove else []
     steps, unpaid = _paid(steps, proofs)
     proof = proofs[max(len(steps), 1) - 1] if proofs else None
     unjudged = proof is not None and len(proof[0].rows) == 0
@@ -206,7 +206,7 @@ def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
 
 
 def _prove(
-    search: Search, steps: Sequence[Step], noise: Sequence[BlockNoise], threshold: float, first: Scan | None
+    search: Search, steps: Sequence[Step], noise: Sequence[BlockNoise], first: Scan | None
 ) -> list[tuple[HeldOut, HeldOut]]:
     """Held-out comparisons by run and by contiguous block, with one effect, two, … of `steps`; none without rows."""
     if first is None:
@@ -223,7 +223,6 @@ def _prove(
         noise,
         search.hypotheses,
         len(steps),
-        threshold,
         points,
         [block.base for block in full.blocks],
     )
