@@ -43,7 +43,9 @@ def wrap(value: object) -> Cell:
 
 def number(value: float | None, decimals: int = 0, below: str = "") -> Cell:
     """Return a cell with a number, or a dash where it is not known."""
-    return Cell(ABSENT if value is None or not math.isfinite(value) else f"{value:.{decimals}f}", below)
+    if value is None or not math.isfinite(value):
+        return Cell(ABSENT, below)
+    return Cell(f"{round(value, decimals) + 0.0:.{decimals}f}", below)  # + 0.0: no minus before nothing
 
 
 def estimate(value: float | None, uncertainty: float | None, decimals: int) -> Cell:

@@ -16,10 +16,8 @@ from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import sensor_view
 from hil.report.statements import assumed, cannot_tell, good, headline, summary
 
-_UNCERTAINTY = (
-    "Standard errors come from the samples within the collects, correlation allowed for; how runs scatter is in Table "
-    "1's layout above."
-)
+_RECORDED = "Standard errors come from the samples within the collects, correlation allowed for"
+_STATED = "Standard errors follow from those that the campaign states for its rates"
 
 
 def render(content: ReportContent) -> str:
@@ -55,7 +53,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
             sensor_view(content, each) for each in sorted(content.sensors, key=lambda each: not each.has_contractor)
         ],
         "both": list(content.both_sensors),
-        "uncertainty_note": _UNCERTAINTY,
+        "uncertainty_note": f"{_STATED if night is None else _RECORDED}; how runs scatter is in the table above.",
         "comparison": None if content.comparison is None else _comparison(content.comparison),
         "night": None if night is None else night_view(night),
         "warnings": list(dict.fromkeys([*campaign.warnings, *campaign.notes.splitlines()])),

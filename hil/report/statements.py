@@ -50,7 +50,8 @@ def good(content: ReportContent) -> tuple[str, str]:
     worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
     whole = content.night is None or content.night.state == "complete"
     if worst is None and counts and whole:
-        return str(Verdict.PASS), "Good: everything that was asked for is there and within its limits."
+        whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
+        return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
     if worst is None:
         return str(Verdict.INCONCLUSIVE), "Not whole: what is there is within its limits, but something is missing."
     words = {
