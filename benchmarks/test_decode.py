@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 import time
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -53,7 +54,7 @@ def stream(name: str, frames: int) -> bytes:
     return encode(description(name), frame, {field: values, **rates})
 
 
-class Loop:
+class Loop(ABC):
     """The obvious decoder, by hand for one unit: what a good programmer writes in an afternoon."""
 
     def __init__(self, description: StreamDescription, frame: str) -> None:
@@ -62,13 +63,13 @@ class Loop:
         self.last = -1
         self.scales = [field.scale for field in description.frames[frame].fields.values()]
 
+    @abstractmethod
     def tuples(self, data: bytes) -> list[Any]:
         """Return the frames in their units, as tuples of plain floats."""
-        raise NotImplementedError
 
+    @abstractmethod
     def raw(self, data: bytes) -> list[Any]:
         """Return the frames as they are on the wire."""
-        raise NotImplementedError
 
     def columns(self, data: bytes) -> Columns:
         """Return one array for each field, in its unit."""
