@@ -3,83 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign
 from hil.campaign_reader import read_campaign
 from hil.closed_forms import contractor_covariance, contractor_solution, matrix_covariance, matrix_solution
-from hil.earth import Site
 from hil.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.errors import InputError
-from hil.solve import RunSolution, judge, solution_document, solve_campaign
+from hil.solve import judge, solution_document, solve_campaign
 from procedures.verdict import Verdict
-
-TRUTH = np.array([22.08, -37.83, 46.8, -19.8, -37.23, -7.53])
-NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]
-SITE = Site.from_gravity(34.6, 30.0, 0.001, -0.016)
-THETA_DEG = {"1": -90.0, "2": 90.0, "3": 0.0, "4": 180.0}
-SIGMA = 0.9
-
-ROTOR_YAML = """\
-schema: hil.campaign/1
-title: by hand
-sensors:
-  2:
-    axes: [A, B, S]
-    channels: {RA: A, RB: B}
-"""
-TRIAD_YAML = (
-    ROTOR_YAML.replace("2:", "1:").replace("[A, B, S]", "[X, Y, Z]").replace("{RA: A, RB: B}", "{GX: X, GY: Y, GZ: Z}")
+from tests.hil.solved_campaigns import (
+    NAMES,
+    ROTOR_YAML,
+    SIGMA,
+    SITE,
+    TRUTH,
+    only,
+    rotor,
+    rotor_row,
+    values_of,
 )
-Row = tuple[int, str, np.ndarray, np.ndarray, np.ndarray]  # run, position, f, w, rates
-
-
-def rotor_row(run: int, position: str, noise: np.ndarray | float = 0.0, truth: np.ndarray = TRUTH) -> Row:
-    """One collect at the report's angle, made by the one equation."""
-    turned = Orientation.from_rotation_about_2(position, THETA_DEG[position])
-    f_g, w = turned.components(SITE.gravity_g()), turned.components(SITE.earth_rate_deg_per_hr())
-    return run, position, f_g, w, pickoff_rates(truth[:2], rotor_matrix(*truth[2:]), f_g, w[:2]) + noise
-
-
-def write(
-    folder: Path, yaml: str, axes: str, channels: Sequence[str], rows: Sequence[Row], se: float | None
-) -> Campaign:
-    """Write the folder as a person would, and read it."""
-    names = ["collect", "run", "sensor", "position", "start_s", "duration_s"]
-    names += [f"f_{axis}_g" for axis in axes] + [f"w_{axis}_deg_per_hr" for axis in axes]
-    names += [f"{channel}_deg_per_hr" for channel in channels]
-    names += [f"{channel}_se_deg_per_hr" for channel in channels] if se is not None else []
-    lines = [",".join(names)]
-    sensor = "1" if axes == "XYZ" else "2"
-    for i, (run, position, f_g, w, rates) in enumerate(rows):
-        cells = [str(i + 1), str(run), sensor, position, str(i * 100), "60", *map(repr, map(float, [*f_g, *w]))]
-        cells += ["" if np.isnan(rate) else repr(float(rate)) for rate in rates]
-        cells += [repr(se)] * len(channels) if se is not None else []
-        lines.append(",".join(cells))
-    (folder / "campaign.yaml").write_text(yaml)
-    (folder / "collects.csv").write_text("\n".join(lines) + "\n")
-    return read_campaign(folder)
-
-
-def rotor(folder: Path, rows: Sequence[Row], se: float | None = SIGMA) -> Campaign:
-    """Write and read a campaign of sensor 2."""
-    return write(folder, ROTOR_YAML, "ABS", ("RA", "RB"), rows, se)
-
-
-def only(campaign: Campaign, model: str | None = None) -> RunSolution:
-    """Solve a campaign of one run."""
-    (solution,) = solve_campaign(campaign, model)
-    return solution
-
-
-def values_of(solution: RunSolution) -> list[float | None]:
-    """Return the parameters' values in their order."""
-    return [estimate.value for estimate in solution.parameters.values()]
 
 
 def test_three_collects_give_the_six_parameters_and_no_residual(tmp_path: Path) -> None:
@@ -334,77 +280,6 @@ def test_the_thermal_model_takes_all_runs_together(tmp_path: Path) -> None:
     assert "about 20 degC" in solution.reason
 
 
-G_TRUTH = np.array([[1.0, 20.0, -3.0], [-7.0, 5.0, 40.0], [11.0, -13.0, 2.0]])
-
-
-def triad_row(i: int, f_g: np.ndarray, noise: np.ndarray | float = 0.0) -> Row:
-    """One pose of a triad with a matrix G that is not symmetric, and an earth rate of its own."""
-    w = np.array([5.0, -4.0, 3.0]) * np.cos(i)
-    return 1, f"pose-{i:02d}", f_g, w, np.array([100.0, -50.0, 25.0]) + G_TRUTH @ f_g + w + noise
-
-
-def triad(folder: Path, rows: Sequence[Row], se: float | None = 1.0) -> Campaign:
-    """Write and read a campaign of a triad."""
-    return write(folder, TRIAD_YAML, "XYZ", ("GX", "GY", "GZ"), rows, se)
-
-
-def test_a_triad_gets_its_whole_matrix_untransposed(tmp_path: Path) -> None:
-    """Twenty poses, non-symmetric truth: GXY is 20, not -7."""
-    poses = np.random.default_rng(4).normal(size=(20, 3))
-    poses /= np.linalg.norm(poses, axis=-1, keepdims=True)
-    solution = only(triad(tmp_path, [triad_row(i, f_g) for i, f_g in enumerate(poses)]))
-    assert solution.model == "triad-12"
-    np.testing.assert_allclose(values_of(solution)[:3], [100, -50, 25], rtol=1e-9)
-    np.testing.assert_allclose(np.reshape(values_of(solution)[3:], (3, 3)), G_TRUTH, rtol=1e-9)
-    assert solution.parameters["GXY"].value == pytest.approx(20.0)
-    assert solution.degrees_of_freedom == 48
-    assert solution.verdict is Verdict.PASS
-
-
-def test_a_triad_in_four_poses_has_no_residual(tmp_path: Path) -> None:
-    """Twelve equations, twelve unknowns."""
-    poses = [[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
-    solution = only(triad(tmp_path, [triad_row(i, np.array(f_g)) for i, f_g in enumerate(poses)]))
-    np.testing.assert_allclose(np.reshape(values_of(solution)[3:], (3, 3)), G_TRUTH, rtol=1e-9)
-    assert "twelve equations, twelve unknowns" in solution.reason
-
-
-def test_a_triad_in_three_poses_gets_the_bias_with_the_reason(tmp_path: Path) -> None:
-    """Too few to separate G from the bias: constant, and it says why."""
-    solution = only(triad(tmp_path, [triad_row(i, np.eye(3)[i]) for i in range(3)]))
-    assert solution.model == "constant"
-    assert list(solution.parameters) == ["BX", "BY", "BZ"]
-    assert "do not excite all three axes" in solution.reason
-
-
-def test_triad_12_by_name_on_poses_in_a_plane_refuses_the_columns_it_cannot_see(tmp_path: Path) -> None:
-    """Rotation about Y only, to a tenth of a milliradian: the Y column is named, the rest is right."""
-    angles = np.deg2rad([0, 60, 120, 180, 240, 300])
-    jitter = [1e-4, -1e-4, 0.0, 1e-4, 1e-4, -1e-4]
-    rows = [
-        triad_row(i, np.array([np.cos(a), y, np.sin(a)])) for i, (a, y) in enumerate(zip(angles, jitter, strict=True))
-    ]
-    solution = only(triad(tmp_path, rows), "triad-12")
-    assert solution.verdict is Verdict.INCONCLUSIVE
-    assert solution.unobservable == ("GXY is not seen", "GYY is not seen", "GZY is not seen")
-    assert solution.parameters["GYZ"].value == pytest.approx(40.0, abs=0.01)
-    assert solution.parameters["BX"].value == pytest.approx(100.0, abs=0.01)
-    assert solution.parameters["GXY"].value is None
-
-
-def test_one_missing_channel_of_a_triad_costs_only_its_row(tmp_path: Path) -> None:
-    """GY missing in all but two poses: GX and GZ are solved, the row of GY is not."""
-    poses = np.random.default_rng(5).normal(size=(8, 3))
-    poses /= np.linalg.norm(poses, axis=-1, keepdims=True)
-    rows = [triad_row(i, f_g) for i, f_g in enumerate(poses)]
-    for row in rows[2:]:
-        row[4][1] = np.nan
-    solution = only(triad(tmp_path, rows))
-    assert solution.parameters["GXZ"].value == pytest.approx(G_TRUTH[0, 2])
-    assert solution.parameters["GYZ"].value is None
-    assert all("GX" not in text and "GZ" not in text for text in solution.unobservable)
-
-
 def test_the_document_is_the_contract(tmp_path: Path) -> None:
     """Every key of the contract, strict JSON (no NaN, no infinity), warnings and the simulated mark repeated."""
     rows = [rotor_row(run, label) for run in (1, 2) for label in "123"][:5]
@@ -439,13 +314,3 @@ def test_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         solve_campaign(campaign, "matrix-12")
     with pytest.raises(InputError, match="three axes"):
         solve_campaign(campaign, "triad-12")
-
-
-def test_real_triads_are_solved(reference_data: Path) -> None:
-    """Campaigns measured by others give triad-12 with a usable condition number."""
-    for folder in sorted((reference_data / "campaigns").iterdir()):
-        solution = only(read_campaign(folder))
-        assert solution.model == "triad-12"
-        assert solution.condition_number is not None
-        assert solution.condition_number < 5
-        assert all(estimate.se is not None for estimate in solution.parameters.values())
