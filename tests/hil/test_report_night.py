@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet
 import pytest
 
@@ -234,6 +235,10 @@ def test_an_interrupted_night_is_not_good_and_says_what_was_done_again(night: Pa
     ways = {row[2][0].partition(":")[0] for row in tables["rejected"][1:]}
     assert ways == {"withdrawn", "failed"}
     assert "in 3 parts" in page  # began, withdrawn, carried on
+    content = night_content(folder)
+    gap = np.flatnonzero(np.isnan(content.temperatures["chamber"]))
+    assert len(gap) == 1  # while nobody measured, no line is drawn
+    assert content.hours[gap[0]] == pytest.approx(content.hours[gap[0] + 1])
 
 
 def test_collects_that_lost_frames_are_counted(night: Path) -> None:
