@@ -121,6 +121,8 @@ def _collects(collects: Sequence[CollectLine]) -> Grid:
 def _list(name: str, caption: str, columns: tuple[str, str], rows: Sequence[tuple[str, str, str]]) -> Grid | None:
     if not rows:
         return None
+    if len(rows) > MOST_EVENTS:
+        caption += f" {len(rows) - MOST_EVENTS} more are in the journal."
     heads = [Cell("when (UTC)", kind="text"), *(Cell(column, kind="text") for column in columns)]
     return Grid(name, caption, heads, [[text(when), text(what), wrap(why)] for when, what, why in rows[:MOST_EVENTS]])
 

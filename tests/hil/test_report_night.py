@@ -314,3 +314,18 @@ def test_a_night_that_came_to_no_collect_has_a_report_that_says_why(tmp_path: Pa
     assert "self-calibration 4 at 30.0 °C: all of it" in page
     assert "SIMULATED: no device was measured" in page
     assert 'id="runs-sensor' not in page
+
+
+def test_a_device_that_flaps_all_night_makes_no_report_that_cannot_be_opened(night: Path) -> None:
+    """Thousands of events and attempts: the first are listed, the page says how many are not."""
+    from dataclasses import replace
+
+    from hil.report.night_view import MOST_EVENTS, night_view
+
+    many = [("1985-10-01 17:00:00", "retry", "the chamber did not answer")] * (MOST_EVENTS + 700)
+    content = replace(night_content(night), events=many, event_hours=np.linspace(0, 1, len(many)), rejected=many)
+    view = night_view(content)
+    for name in ("events", "rejected"):
+        assert len(view[name].rows) == MOST_EVENTS
+        assert "700 more are in the journal" in view[name].caption
+    assert len(view["svg"]) < 1_000_000
