@@ -88,7 +88,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     ranked = sorted(
         (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
     )
-    leader, kind = _lead(ranked)
+    leader, kind = _lead(ranked, blocks, noise)
     leader = _more_plausible(leader, ranked, blocks, noise)
     rivals = [replace(w, overlap=_overlap(leader, w, blocks, noise)) for w in ranked if w.name != leader.name]
     if leader.tier == 1:
@@ -177,13 +177,21 @@ def _span(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) ->
     return _orthonormal(_stacked(added, blocks, noise), _SLIVER)
 
 
-def _lead(ranked: Sequence[Weighed]) -> tuple[Weighed, str]:
-    """The most probable name of the tier that holds more than half: split names do not lose to one odd one."""
+def _lead(ranked: Sequence[Weighed], blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> tuple[Weighed, str]:
+    """The most probable name of the most probable class, in the tier that holds more than half.
+
+    Names of one effect that share its evidence do not lose to an odd one that has none to share with.
+    """
     catalogue = [w for w in ranked if w.tier == 1]
-    total = sum(w.probability for w in catalogue)
-    if catalogue and total >= 0.5:
-        return catalogue[0], "named"
-    return next(w for w in ranked if w.tier == 2), "empirical"
+    if not catalogue or sum(w.probability for w in catalogue) < 0.5:
+        return next(w for w in ranked if w.tier == 2), "empirical"
+    likely = [w for w in catalogue if w.probability > _WITHHOLDS] or catalogue[:1]
+
+    def with_its_class(one: Weighed) -> float:
+        same = [w for w in likely if min(_overlap(one, w, blocks, noise), _overlap(w, one, blocks, noise)) > SAME]
+        return sum(w.probability for w in same)
+
+    return max(likely, key=with_its_class), "named"
 
 
 def _fitted(name: str, scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
