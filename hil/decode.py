@@ -50,6 +50,8 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
     """
     if out is not None and out.suffix.lower() not in _SUFFIXES:
         raise InputError(f"{out}: the table is written as .parquet or .csv; give a name that ends so")
+    if out is not None and out.exists() and path.exists() and out.samefile(path):
+        raise InputError(f"{out}: is the file of raw bytes itself, which the table would replace; name another file")
     summary = _Summary(description)
     for decoded in _decoded(path, description):
         summary.add(decoded)

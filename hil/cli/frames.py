@@ -16,7 +16,7 @@ Description = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", help="A parameter of the description, NAME=VALUE (range, rate …); may be repeated."),
+    typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated."),
 ]
 
 
@@ -65,7 +65,10 @@ def _parameters(settings: list[str] | None) -> dict[str, Any]:
         name, sign, value = setting.partition("=")
         if not sign or not name.strip():
             raise InputError(f"--set {setting}: write NAME=VALUE")
-        found[name.strip()] = yaml.safe_load(value)
+        try:
+            found[name.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise InputError(f"--set {setting}: {value!r} is neither a number nor a word") from None
     return found
 
 

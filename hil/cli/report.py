@@ -69,6 +69,8 @@ def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path
         raise InputError(f"{path}: the folder {path.parent} does not exist")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
+    if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
+        raise InputError(f"{path}: the report is written as .html; give a name that ends so")
     warn(tuple(campaign.warnings))
     comparison = None if against is None else _comparison(campaign, night, against)
     content = gather(campaign, night, comparison)

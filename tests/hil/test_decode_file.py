@@ -83,6 +83,17 @@ def test_a_file_that_cannot_be_read_or_written_is_bad_input(recording: Path, tmp
         load_frames_named("stim300", parameters={"acceleration_range": 7})
 
 
+def test_the_table_never_replaces_the_raw_bytes(recording: Path, tmp_path: Path) -> None:
+    """A recording that is called .csv, named again for the table, directly or through a link, stays what it is."""
+    raw, link = recording.rename(tmp_path / "raw.csv"), tmp_path / "link.csv"
+    link.symlink_to(raw)
+    before = raw.read_bytes()
+    for out in (raw, link):
+        with pytest.raises(InputError, match=rf"{out.name}: is the file of raw bytes itself"):
+            decode_file(raw, load_frames_named("mfs"), out=out)
+    assert raw.read_bytes() == before
+
+
 def test_an_empty_file_and_noise_have_no_first_frame(tmp_path: Path) -> None:
     """Nothing is made up."""
     path, out = tmp_path / "noise.bin", tmp_path / "noise.parquet"

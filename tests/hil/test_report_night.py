@@ -299,6 +299,9 @@ def test_a_report_has_somewhere_to_go(night: Path, tmp_path: Path, capsys: pytes
     assert hil(["report", str(night), "--out", str(tmp_path / "no" / "r.html")]) == 2
     assert hil(["report", str(night), "--out", str(tmp_path)]) == 2
     assert hil(["report", str(tmp_path / "nowhere")]) == 2
+    before = (night / "journal.sqlite").read_bytes()
+    assert hil(["report", str(night), "--out", str(night / "journal.sqlite")]) == 2
+    assert (night / "journal.sqlite").read_bytes() == before
     assert "Traceback" not in capsys.readouterr().err
 
 

@@ -56,6 +56,7 @@ def test_what_cannot_be_decoded_is_refused(hil: Any, raw: Path, tmp_path: Path) 
         ("decode", "--frames", "mfs", tmp_path / "nowhere.bin"),
         ("decode", "--frames", "mfs", raw, "--out", tmp_path / "x.xlsx"),
         ("decode", "--frames", "mfs", raw, "--set", "range"),
+        ("decode", "--frames", "mfs", raw, "--set", "range=["),
         ("frames", "check", "nonsense"),
     ):
         ended = hil(*arguments)
