@@ -19,11 +19,11 @@ from hil.campaign import Conditions, FloatArray
 from hil.errors import InputError
 
 _NUMBER = r"-?[0-9.]+(?:e-?[0-9]+)?"
-_POWER = re.compile(r"^(\w+)\^([0-9])$")
-_ABOVE = re.compile(rf"^(\w+)([<>])({_NUMBER})$")
-_INSIDE = re.compile(rf"^(\w+)\[({_NUMBER})\.\.({_NUMBER})\]$")
+# A campaign may call a condition anything ("oil [bar]"), so the operator is the last one in the part.
+_POWER = re.compile(r"^(.+)\^([0-9])$")
+_ABOVE = re.compile(rf"^(.+)([<>])({_NUMBER})$")
+_INSIDE = re.compile(rf"^(.+)\[({_NUMBER})\.\.({_NUMBER})\]$")
 _LABEL = re.compile(r"^position=(.+)$")
-_NAME = re.compile(r"^(\w+)$")
 
 
 def driver_values(expression: str, conditions: Conditions, reference: float | None = None) -> FloatArray:
@@ -40,18 +40,20 @@ def driver_values(expression: str, conditions: Conditions, reference: float | No
 
 def driver_reference(expression: str, conditions: Conditions) -> float:
     """Return the median that a plain condition or power is taken about; 0 for steps, zones and positions."""
-    match = _POWER.match(expression) or _NAME.match(expression)
-    return _median(_column(match.group(1), conditions)) if match else 0.0
+    if "&" in expression or any(form.match(expression) for form in (_LABEL, _ABOVE, _INSIDE)):
+        return 0.0
+    power = _POWER.match(expression)
+    return _median(_column(power.group(1) if power else expression, conditions))
 
 
 def driver_columns(expression: str) -> frozenset[str]:
     """Return the condition columns that an expression needs."""
     names = set()
     for part in expression.split("&"):
-        match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part) or _NAME.match(part)
-        if match and match.group(1) not in {"start_s", "run", "duration_s"}:
-            names.add(match.group(1))
-    return frozenset(names)
+        if not _LABEL.match(part):
+            match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part)
+            names.add(match.group(1) if match else part)
+    return frozenset(names - {"start_s", "run", "duration_s"})
 
 
 def _part(part: str, conditions: Conditions, reference: float | None) -> FloatArray:
@@ -65,8 +67,6 @@ def _part(part: str, conditions: Conditions, reference: float | None) -> FloatAr
         values = _column(inside.group(1), conditions)
         return ((values >= float(inside.group(2))) & (values <= float(inside.group(3)))).astype(np.float64)
     power = _POWER.match(part)
-    if power is None and not _NAME.match(part):
-        raise InputError(f"driver {part!r} is not a condition, a power, a step, a range or a position")
     values = _column(power.group(1) if power else part, conditions)
     middle = _median(values) if reference is None else reference
     return np.asarray((values - middle) ** (int(power.group(2)) if power else 1))

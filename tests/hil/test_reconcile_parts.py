@@ -63,6 +63,19 @@ def test_a_driver_keeps_the_reference_of_the_data_it_was_fitted_to() -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["oil pressure [bar]", "=cmd", "<b>x</b>", "B-field", "Öl", "I > 2 A"])
+def test_a_driver_may_be_a_condition_of_any_name(name: str) -> None:
+    """A campaign may call a condition anything; alone, as a power, a step and a range."""
+    rows = conditions()
+    supply = rows.columns["supply_V"]
+    named = replace(rows, columns={**rows.columns, name: supply})
+    edge = float(np.median(supply))
+    for ending in ("", "^2", f">{edge}", f"<{edge}", f"[{edge}..99.0]"):
+        assert np.array_equal(driver_values(name + ending, named), driver_values("supply_V" + ending, rows))
+        assert driver_reference(name + ending, named) == driver_reference("supply_V" + ending, rows)
+        assert driver_columns(f"position=3&{name}{ending}") == {name}
+
+
 @pytest.mark.parametrize("expression", ["no_such_column", "supply_V + 1", "supply_V**2", "position"])
 def test_a_driver_that_is_no_expression_is_refused(expression: str) -> None:
     """One sentence that names the driver."""
