@@ -6,6 +6,11 @@ interlock or device fault with the bench in its safe state, 4 something is incom
 
 from __future__ import annotations
 
+import os
+
+# Set before numpy is imported, which reads it. The matrices are small: threads would wait more than they compute.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from hil.cli.app import main
 
 __all__ = ["main"]
