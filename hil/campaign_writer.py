@@ -45,8 +45,8 @@ def write_campaign(
 ) -> Path:
     """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
 
-    Values are written so that they read back to the last bit. Raises InputError where `folder` already exists or a
-    series belongs to no collect.
+    Values are written so that they read back to the last bit. Raises InputError where `folder` already exists or cannot
+    be made, or a series belongs to no collect.
     """
     target = Path(folder)
     if target.exists():
@@ -54,7 +54,10 @@ def write_campaign(
     disk = RealDisk()
     partial = target.with_name(f"{PARTIAL}{target.name}")
     shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be made ({error.strerror})") from None
     try:
         disk.write(partial / HEADER_FILE, _header(campaign).encode())
         disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())

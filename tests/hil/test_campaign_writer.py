@@ -120,6 +120,13 @@ def test_a_missing_sample_is_a_null_in_parquet(campaign: Campaign, tmp_path: Pat
     assert pyarrow.parquet.read_table(folder / "series" / "0007.parquet")["RB_deg_per_hr"].null_count == 1
 
 
+def test_a_place_where_no_folder_can_be_made_is_bad_input(campaign: Campaign, tmp_path: Path) -> None:
+    """The message names the folder that was asked for, not the one it is written in first."""
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file/out: cannot be made \(Not a directory\)"):
+        write_campaign(campaign, tmp_path / "file" / "out")
+
+
 def test_an_existing_folder_is_never_overwritten(campaign: Campaign, tmp_path: Path) -> None:
     """The data that is there stays."""
     folder = write_campaign(campaign, tmp_path / "out")
