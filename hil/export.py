@@ -26,7 +26,7 @@ from hil.errors import InputError
 from hil.journal_reader import JournalReader, reading
 from hil.status import missing_in_words
 from procedures.plan import Step, StepKind
-from procedures.verdict import Verdict, self_calibration_verdict
+from procedures.verdict import Judgement, Verdict, self_calibration_verdict
 
 _MEANINGS = {
     "supply_V": "supply voltage at the unit's terminals, volt",
@@ -95,6 +95,15 @@ def campaign_of_night(folder: Path | str) -> Campaign:
     folder = Path(folder)
     with reading(folder) as journal:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
+
+
+def measured_verdicts(folder: Path | str) -> dict[int, Judgement]:
+    """Return how each self-calibration of a night was measured, by its number: the runs of `campaign_of_night`."""
+    with reading(Path(folder)) as journal:
+        done = journal.completed()
+        return {
+            number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()
+        }
 
 
 def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:

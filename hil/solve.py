@@ -12,7 +12,7 @@ exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +93,15 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+
+
+def judged_as_measured(solution: RunSolution, measured: Mapping[int, Judgement]) -> RunSolution:
+    """Return the solution with the worse of two verdicts: how it was solved, and how its run was `measured`."""
+    how = None if solution.run is None else measured.get(solution.run)
+    if how is None or how.verdict is Verdict.PASS:
+        return solution
+    worse = max(Judgement(solution.verdict, solution.reason), how, key=lambda each: each.severity)
+    return replace(solution, verdict=worse.verdict, reason="; ".join(dict.fromkeys([how.reason, solution.reason])))
 
 
 def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import InputError
-from hil.export import campaign_of_night
+from hil.export import campaign_of_night, measured_verdicts
 from hil.journal_reader import JournalReader
-from hil.solve import solve_campaign
+from hil.solve import judged_as_measured, solve_campaign
 from procedures.journal import StepResult
 from procedures.plan import Step, StepKind
 
@@ -48,7 +48,8 @@ class ResultsSoFar:
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
         try:
-            solutions = solve_campaign(campaign_of_night(self._folder))
+            measured = measured_verdicts(self._folder)
+            solutions = [judged_as_measured(each, measured) for each in solve_campaign(campaign_of_night(self._folder))]
         except InputError:
             return {}  # too little for a campaign, or a night that a later version recorded
         rows: dict[int, list[dict[str, Any]]] = {}

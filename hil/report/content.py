@@ -20,7 +20,7 @@ from hil.report.night import NightContent
 from hil.reproduction import Reproduction, reproduce
 from hil.scatter import ScatterSignature
 from hil.scatter_sources import campaign_signatures
-from hil.solve import RunSolution, solve_campaign
+from hil.solve import RunSolution, judged_as_measured, solve_campaign
 from procedures.verdict import Judgement, Verdict
 
 
@@ -77,14 +77,8 @@ class ReportContent:
 
     def judgement(self, solution: RunSolution) -> Judgement:
         """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
-        solved = Judgement(solution.verdict, solution.reason)
-        if self.night is None or solution.run is None or solution.run not in self.night.judgements:
-            return solved
-        measured = self.night.judgements[solution.run]
-        if measured.verdict is Verdict.PASS:
-            return solved
-        worse = max(solved, measured, key=lambda each: each.severity)
-        return Judgement(worse.verdict, "; ".join(dict.fromkeys([measured.reason, solved.reason])))
+        judged = judged_as_measured(solution, {} if self.night is None else self.night.judgements)
+        return Judgement(judged.verdict, judged.reason)
 
     def verdict_counts(self) -> Mapping[Verdict, int]:
         """How many solutions got which verdict."""
