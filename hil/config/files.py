@@ -124,6 +124,8 @@ def parse_yaml(text: str, source: str) -> dict[str, Any]:
         raise InputError(f"{source}{where}: not valid YAML: {error.problem or error.context}") from error
     except yaml.YAMLError as error:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise InputError(f"{source}: lists or mappings are nested too deeply") from error
     if not isinstance(document, dict):
         found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
         raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
