@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,15 +18,26 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on sta
 Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
 
 
+class Lasting(Console):
+    """A console that outlives its reader: a night is not over because nobody looks any more."""
+
+    def on_broken_pipe(self) -> None:
+        """Say nothing more where whoever read (head, a pager) has gone; the interpreter's last flush goes nowhere."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
 def results() -> Console:
     """Standard output, for people; wide enough for any table where it is not a terminal."""
     terminal = sys.stdout.isatty()
-    return Console(highlight=False, markup=False, soft_wrap=not terminal, width=None if terminal else _WIDE)
+    return Lasting(highlight=False, markup=False, soft_wrap=not terminal, width=None if terminal else _WIDE)
 
 
 def messages() -> Console:
     """Standard error; one line stays one line where it is not a terminal."""
-    return Console(stderr=True, highlight=False, markup=False, soft_wrap=not sys.stderr.isatty())
+    return Lasting(stderr=True, highlight=False, markup=False, soft_wrap=not sys.stderr.isatty())
 
 
 def print_json(document: Mapping[str, Any]) -> None:
