@@ -25,6 +25,7 @@ _FEWEST_TOGETHER = 8  # collects below which nothing is asked of all of them tog
 _FEWEST = 16  # samples (or blocks) below which nothing is asked
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
+_FEWEST_BESIDE = 6  # ordinates on a side below which nothing is asked: a tone has at least so many cycles in a collect
 _RATE = "deg/hr"
 
 
@@ -366,8 +367,18 @@ def _level_and_slope(times: FloatArray) -> FloatArray:
 
 
 def _surroundings(power: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of the neighbouring ordinates, itself and the next one on each side left out; and how many they are."""
-    window = np.ones(2 * _NEIGHBOURS + 3)
-    window[_NEIGHBOURS : _NEIGHBOURS + 3] = 0.0
-    count = np.convolve(np.ones_like(power), window, mode="same")
-    return np.convolve(power, window, mode="same") / count, count
+    """Mean of the louder side's neighbours of every ordinate, the next one left out, and how many they are.
+
+    On a slope (correlated noise, a settling) one side always lies above; only a line lies above both. An ordinate with
+    few neighbours on one side cannot show that: its background is infinite.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    place = np.arange(len(power))
+    sides = []
+    for first, last in ((place - 1 - _NEIGHBOURS, place - 1), (place + 2, place + 2 + _NEIGHBOURS)):
+        low, high = np.clip(first, 0, len(power)), np.clip(last, 0, len(power))
+        count = high - low
+        mean = (sums[high] - sums[low]) / np.maximum(count, 1)
+        sides.append((np.where(count >= _FEWEST_BESIDE, mean, np.inf), np.maximum(count, 1)))
+    (left, left_count), (right, right_count) = sides
+    return np.maximum(left, right), np.where(left >= right, left_count, right_count).astype(np.float64)

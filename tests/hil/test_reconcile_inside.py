@@ -77,3 +77,10 @@ def test_what_the_model_has_on_record_is_not_found_again(tmp_path: Path) -> None
     assert again.verdict == "none"
     assert again.effects == []
     assert again.within_collects  # it is still told
+
+
+@pytest.mark.parametrize(("name", "rho"), [("settle", 0.0), ("", 0.9), ("settle", 0.7)])
+def test_a_slope_of_the_spectrum_is_no_tone(name: str, rho: float, tmp_path: Path) -> None:
+    """Settling and correlated noise make the spectrum fall; all collects together must not call that a line."""
+    findings = within_collects(campaign_with(name, tmp_path, seed=11, rho=rho), SERIES_EFFECTS, 0.05)
+    assert "beat" not in [finding["id"] for finding in findings]
