@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PositiveInt, PrivateAttr
+from pydantic import BeforeValidator, Field, PrivateAttr
 
 from hil.config.bench import Bench
 from hil.config.files import Section, find_config, near, parse_yaml, read_text, validated
@@ -34,7 +34,7 @@ class Sweep(Section):
 
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
-    self_calibrations_per_temperature: PositiveInt = 3
+    self_calibrations_per_temperature: int = Field(default=3, ge=1, le=1000)
     positions: Annotated[tuple[str, ...], BeforeValidator(_as_labels)] = Field(default=("1", "2", "3"), min_length=1)
     restabilisation: Annotated[Restabilisation, _settings(Restabilisation)] = Restabilisation()
     collect: Annotated[CollectSettings, _settings(CollectSettings)] = CollectSettings()

@@ -22,6 +22,7 @@ from hil.reconcile.prove import HeldOut
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival
 from hil.reconcile.search import Scan
 
+_OFF = 1.5  # times the noise: from there on a model's values are said to be off
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
@@ -286,3 +287,14 @@ def as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
         squares, rows = squares + float(error @ error), rows + len(error)
         worst = max(worst, float(np.abs(error).max(initial=0.0)))
     return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
+
+
+def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
+    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
+    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
+        return []
+    off = (
+        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
+        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
+    )
+    return [off]

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
+from hil.reconcile.findings import values_off
 from hil.reconcile.result import FoundEffect, Reconciliation
 
 _TEMPLATE = "page.html.j2"
@@ -54,7 +55,8 @@ def summary(result: Reconciliation) -> list[str]:
     if not result.effects:
         if result.verdict == "none":
             how = per_temperature or " fitted to these collects"
-            return [f"The model {result.model_before},{how}, leaves nothing but noise."]
+            nothing = f"The model {result.model_before},{how}, leaves nothing but noise."
+            return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
     said = []
     for effect in result.effects:

@@ -88,6 +88,8 @@ def _report(
         values, errors = (inverse @ y) / scale, np.linalg.norm(inverse, axis=1) / scale
         for k, (i, score) in enumerate(here):
             place = base.shape[1] + k
+            if len(here) > 1 and abs(values[place]) < 2.0 * errors[place]:
+                continue  # what it showed is told by the other places
             q = -np.expm1(tests * np.log1p(-min(2.0 * float(stats.norm.sf(abs(score))), 0.999999)))
             out.append(
                 (
@@ -97,7 +99,7 @@ def _report(
                     ),
                 )
             )
-    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
+    return [d for _, d in sorted(out, key=lambda pair: -abs(pair[1].size_deg_per_hr))]
 
 
 def _largest_by_chance(

@@ -37,6 +37,7 @@ from hil.reconcile.findings import (
     outlier_found,
     picture,
     swap_findings,
+    values_off,
     verdict_of,
     with_inside,
 )
@@ -46,7 +47,7 @@ from hil.reconcile.improve import improved
 from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
-from hil.reconcile.result import Reconciliation
+from hil.reconcile.result import FoundEffect, Reconciliation
 from hil.reconcile.search import Scan, Search
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import named_within, within_collects
@@ -120,7 +121,9 @@ def reconcile(
     gap = gap_of(proof, noise, blocks, reverted=reverted, unjudged=unjudged, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
     results = [*swap_findings(faults["exchanges"]), *results, *named_inside]
-    experiment = _next(kept, problem, noise, blocks)
+    experiment = _next(kept, problem, noise, blocks) or _between(named_inside)
+    standing = as_it_stands(chosen, campaign)
+    notes += values_off(standing, gap)
     after = chosen
     if kept:
         record = [origin(campaign, step, gap) for step in kept]
@@ -142,7 +145,7 @@ def reconcile(
         input_model=chosen,
         outliers=[outlier_found(o, clean) for o in faults["outliers"]],
         within_collects=inside,
-        as_it_stands=as_it_stands(chosen, campaign),
+        as_it_stands=standing,
         notes=notes,
         simulated=campaign.simulated,
         calibration=branch.calibration,
@@ -262,6 +265,21 @@ def _next(
     for step in steps:
         if step.naming.kind == "ambiguous":
             return next_experiment(step.naming, problem.sensors, sigma)
+    return None
+
+
+def _between(inside: Sequence[FoundEffect]) -> dict[str, Any] | None:
+    """The experiment for what shows inside collects under a name that is not settled: no further collect parts it."""
+    for effect in inside:
+        if effect.kind == "ambiguous":
+            rivals = " or ".join(rival.id for rival in effect.confusable_with) or "chance"
+            return {
+                "why": f"separates {effect.id} from {rivals}: {effect.experiment}",
+                "collects": [],
+                "expected_difference_deg_per_hr": None,
+                "power": None,
+                "impossible": False,
+            }
     return None
 
 

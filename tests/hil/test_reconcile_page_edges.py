@@ -1,0 +1,49 @@
+"""The page and the notes where a result has less to say than usual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.jobs import EIGHT
+from hil.campaign_reader import read_campaign
+from hil.curve import Constant
+from hil.model import Model
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.page import page
+from hil.reconcile.result import write_result
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Reconciliation:
+    """A night in which nothing is missing, compared with a model whose values are somebody else's."""
+    folder = write_case(make_case(3, model="matrix-6", design=EIGHT), tmp_path_factory.mktemp("case") / "campaign")
+    units = {"BA": "deg/hr", "BB": "deg/hr", "GSA": "deg/hr/g", "GSB": "deg/hr/g", "MUA": "deg/hr/g", "MUB": "deg/hr/g"}
+    values = {name: Constant(unit=unit, value=1.0) for name, unit in units.items()}
+    model = Model(schema="hil.model/1", title="another unit", form="matrix-6", sensors={2: values})
+    return reconcile(read_campaign(folder), model, draws=100)
+
+
+def test_values_of_another_unit_are_said_to_be_off(plain: Reconciliation) -> None:
+    """The form describes the data, the values do not: the verdict is none, and notes and page say what is off."""
+    assert plain.verdict == "none"
+    assert any("not this unit's" in note for note in plain.notes)
+    assert "not this unit" in page(plain)
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    [
+        {"why": "no stationary collect", "collects": [], "expected_difference_deg_per_hr": 0.1, "power": 0.02},
+        {"why": "look inside", "collects": [], "expected_difference_deg_per_hr": None, "power": None},
+    ],
+)
+def test_an_experiment_without_collects_has_a_page(
+    plain: Reconciliation, experiment: dict[str, object], tmp_path: Path
+) -> None:
+    """What cannot be settled by a further collect, or is not known in numbers, is still written."""
+    write_result(replace(plain, next_experiment=experiment), tmp_path)
+    assert str(experiment["why"]) in (tmp_path / "reconciliation.html").read_text()
