@@ -69,7 +69,11 @@ def visible(design: Design, model: str) -> list[str]:
 
 def nulls(cases: int) -> list[Job]:
     """Nothing is missing, by kind of noise."""
-    jobs = [Job(f"nothing, {k}", 10_000 + i, noise=Noise(kind=k)) for k in KINDS for i in range(cases)]
+    jobs = [
+        Job(f"nothing, {kind}", 100_000 + 5_000 * k + i, noise=Noise(kind=kind))
+        for k, kind in enumerate(KINDS)
+        for i in range(cases)
+    ]
     jobs += [Job("nothing, three collects", 11_000 + i, design=THREE) for i in range(cases)]
     jobs += [Job("nothing, 8 runs", 12_000 + i, model="matrix-6", design=EIGHT) for i in range(cases)]
     return jobs + [Job("nothing, 30 % missing", 13_000 + i, design=HOLES) for i in range(cases)]
