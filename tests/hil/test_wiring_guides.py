@@ -12,7 +12,7 @@ import yaml
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription
 from hil.bench import build_bench, load_frames
-from hil.config import Bench, load_bench, parse_bench
+from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.config.files import config_folders
 
 _ROOT = Path(__file__).parents[2]
@@ -101,3 +101,12 @@ def test_the_table_of_imus_is_that_of_the_descriptions() -> None:
                 assert all(str(one) in row for one in chosen), path.stem
             else:
                 assert f"{rate} Hz" in row, path.stem
+
+
+def test_every_bench_to_start_from_has_a_sweep_that_fits() -> None:
+    """Its positions are the bench's, so that check and plan are about the bench and not about names."""
+    sweeps = [load_sweep(path) for folder in config_folders("sweeps") for path in sorted(folder.glob("*.yaml"))]
+    for folder in config_folders("benches"):
+        for path in folder.glob("*.yaml"):
+            known = set(load_bench(path).positions)
+            assert any(set(sweep.positions) <= known for sweep in sweeps), path.stem
