@@ -29,7 +29,7 @@ _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
 """Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
 _INCIDENTAL = frozenset(
-    {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "mag"}
+    {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "T_lag", "mag"}
 )
 """Names that imitate another only because of the order, the timing or the one heading of these collects.
 
