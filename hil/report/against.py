@@ -57,6 +57,7 @@ class Comparison:
 
     earlier: str
     simulated: bool
+    source: str  # who recorded the earlier one, and when
     differences: Sequence[Difference]
     remarks: Sequence[str]
 
@@ -69,11 +70,12 @@ class Comparison:
     def sentence(self) -> str:
         """What was found, in one sentence."""
         if not self.differences:
-            return f"nothing can be compared with {self.earlier}"
+            return f"nothing can be compared with “{self.earlier}”"
         found, all_of = len(self.flagged), len(self.differences)
         chance = all_of * 2.0 * _BY_CHANCE
         return (
-            f"{found} of {all_of} differences from {self.earlier} are beyond 3 sigma; chance alone gives {chance:.1g}"
+            f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
+            f"chance alone gives {chance:.1g}"
         )
 
 
@@ -100,7 +102,7 @@ def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit:
             differences += _differences(sensor, temperature, solutions, match)
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
-    return Comparison(earlier.title, earlier.simulated, differences, remarks)
+    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks)
 
 
 def _units(unit: str, earlier_unit: str) -> Iterator[str]:

@@ -84,6 +84,7 @@ class NightContent:
     asked: str = ""
     done: str = ""
     unit: str = ""
+    self_calibrations: tuple[int, int] = (0, 0)  # done, asked for
     missing: Sequence[str] = ()
     judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
     events: Sequence[tuple[str, str, str]] = ()
@@ -119,6 +120,7 @@ def night_content(folder: Path) -> NightContent:
             asked=_asked(journal.plan),
             done=_done(journal, status),
             unit=" ".join(str(identity.get("imu", {}).get(name) or "") for name in ("model", "serial")).strip(),
+            self_calibrations=(status["self_calibrations_done"], status["self_calibrations_total"]),
             missing=list(status["missing"]),
             judgements={
                 number: self_calibration_verdict(own, completed)
@@ -142,14 +144,19 @@ def _asked(plan: Plan) -> str:
     soaks = plan.of_kind(StepKind.RESTABILISE)
     temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))
     first = next(iter(runs.values()), ())
-    positions = "-".join(str(step.position) for step in first if step.kind is StepKind.COLLECT)
+    positions = ", ".join(str(step.position) for step in first if step.kind is StepKind.COLLECT)
     each = len(runs) / len(temperatures) if temperatures else 0.0
     at_least = {hours_minutes(step.parameters["at_least_s"]) for step in soaks if "at_least_s" in step.parameters}
-    soak = f", each after at least {' or '.join(sorted(at_least))} of restabilisation" if at_least else ""
+    soak = f"; each after at least {' or '.join(sorted(at_least))} of restabilisation" if at_least else ""
     where = ", ".join(f"{temperature:.1f}" for temperature in temperatures)
+    at = (
+        f"{each:g} at each of {len(temperatures)} temperatures ({where} °C)"
+        if len(temperatures) > 1
+        else f"at {where} °C"
+    )
     return (
-        f"{len(runs)} self-calibrations, {each:g} at each of {len(temperatures)} temperatures ({where} °C), collects "
-        f"at positions {positions}{soak}; {hours_minutes(plan.total_s)} planned"
+        f"{len(runs)} self-calibration{'s' * (len(runs) != 1)}, {at}; collects at positions {positions}{soak}; "
+        f"{hours_minutes(plan.total_s)} planned"
     )
 
 

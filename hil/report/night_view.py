@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,12 +16,12 @@ MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
 
 _COUNTS = (
-    ("frames ok", "", "ok"),
-    ("bad", "checksum or end", "bad"),
-    ("lost", "by their counter", "lost"),
-    ("twice", "", "duplicate"),
-    ("late", "", "timed_out"),
-    ("unknown", "", "unknown_id"),
+    ("ok", "frames", "ok"),
+    ("bad", "frames", "bad"),
+    ("lost", "frames", "lost"),
+    ("twice", "frames", "duplicate"),
+    ("late", "frames", "timed_out"),
+    ("unknown", "frames", "unknown_id"),
     ("resyncs", "", "resyncs"),
     ("skipped", "bytes", "skipped_bytes"),
 )
@@ -48,12 +49,13 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
     used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
     troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
-    share = f" ({used / expected:.2%})" if expected else ""
+    resyncs = f"{total['resyncs']} resync{'s' * (total['resyncs'] != 1)}"
+    share = f" ({math.floor(10_000 * used / expected) / 100:.2f} %)" if expected else ""  # 100 % is all of them
     return (
         f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "
-        f"{total['duplicate']} twice, {total['timed_out']} late, {total['resyncs']} resyncs, {total['skipped_bytes']} "
-        f"bytes skipped; {used} of {expected} expected samples are in the averages{share}. "
-        + (f"{troubled} collects saw any of that." if troubled else "No collect saw anything but good frames.")
+        f"{total['duplicate']} twice, {total['timed_out']} late, {resyncs}, "
+        f"{total['skipped_bytes']} bytes skipped; {used} of {expected} expected samples are in the averages{share}. "
+        + (f"Trouble in {troubled} of them." if troubled else "No collect saw anything but good frames.")
     )
 
 
@@ -99,23 +101,28 @@ def _soaks(night: NightContent) -> Grid:
 
 
 def _collects(collects: Sequence[CollectLine]) -> Grid:
-    heads = [Cell("run"), Cell("position"), Cell("at"), Cell("began", "UTC"), Cell("lasts", "s"), Cell("samples")]
-    heads += [Cell(name, below) for name, below, _ in _COUNTS]
-    heads.append(Cell("verdict", kind="text"))
+    heads = [Cell("run"), Cell("position"), Cell("at"), Cell("verdict", kind="text"), Cell("began", "UTC")]
+    heads += [Cell("lasts", "s"), Cell("samples"), *(Cell(name, below) for name, below, _ in _COUNTS)]
     rows = [
         [
             number(each.run),
             Cell(each.position),
             Cell(degrees(each.temperature_degC)),
+            Cell(each.verdict, kind=each.verdict),
             Cell(each.utc),
             Cell(f"{each.duration_s:g}"),
             Cell(str(each.n_samples), f"of {each.n_expected}"),
-            *(number(_count(each, name)) for _, _, name in _COUNTS),
-            Cell(each.verdict, kind=each.verdict),
+            *(_counted(_count(each, name)) for _, _, name in _COUNTS),
         ]
         for each in collects
     ]
-    return Grid("collects", "The stream of every collect that counts.", heads, rows)
+    caption = "The stream of every collect that counts. Bad: a wrong checksum or end; lost: missing by their counter."
+    return Grid("collects", caption, heads, rows)
+
+
+def _counted(count: int) -> Cell:
+    """Return a cell that stays in the background where there is nothing to see."""
+    return number(count) if count else Cell("0", kind="nil")
 
 
 def _list(name: str, caption: str, columns: tuple[str, str], rows: Sequence[tuple[str, str, str]]) -> Grid | None:

@@ -49,7 +49,7 @@ def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]
     return {
         "number": sensor.number,
         "note": _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else "",
-        "table": _table_1(sensor),
+        "table": _table_1(content, sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
         "runs": _runs(content, sensor),
         "reasons": list(_reasons(content, sensor)),
@@ -61,7 +61,7 @@ def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]
     }
 
 
-def _table_1(sensor: SensorContent) -> Grid:
+def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
     if sensor.is_rotor:
         rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
     else:
@@ -71,29 +71,41 @@ def _table_1(sensor: SensorContent) -> Grid:
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
         heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F"))
+    doubtful = [_doubtful(content, sensor, repeat) for repeat in sensor.repeats]
     return Grid(
         f"table-1-sensor-{sensor.number}",
         "Table 1's layout: mean over the self-calibrations at each temperature and, below it, their one-sigma scatter "
-        "(n − 1).",
+        "(n − 1)." + (" The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else ""),
         heads,
         [
-            [Cell("runs", kind="text"), *(number(len(repeat.runs)) for repeat in sensor.repeats)],
+            [
+                Cell("runs", kind="text"),
+                *(number(len(each.runs), 0, told) for each, told in zip(sensor.repeats, doubtful, strict=True)),
+            ],
             *(
-                [Cell(label, unit, "text"), *(_mean(_of(repeat, model).get(name)) for repeat in sensor.repeats)]
+                [Cell(label, unit, "text"), *_means([_of(repeat, model).get(name) for repeat in sensor.repeats])]
                 for label, name, model, unit in rows
             ),
         ],
     )
 
 
-def _mean(values: FloatArray | None) -> Cell:
-    known = np.empty(0) if values is None else values[np.isfinite(values)]
-    if len(known) == 0:
-        return number(None)
-    if len(known) == 1:
-        return number(float(known[0]), 2, "single")
-    sigma = float(np.std(known, ddof=1))
-    return estimate(float(np.mean(known)), sigma, decimals_for([sigma]))
+def _doubtful(content: ReportContent, sensor: SensorContent, repeat: Repeat) -> str:
+    """Say how many runs of a mean must not be relied upon, a line for each verdict."""
+    found = [content.judgement(each).verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
+    return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
+
+
+def _means(at_each: Sequence[FloatArray | None]) -> Iterator[Cell]:
+    """Yield the means of one row, all with as many decimals as its usual scatter asks for."""
+    known = [np.empty(0) if values is None else values[np.isfinite(values)] for values in at_each]
+    sigmas = [float(np.std(values, ddof=1)) for values in known if len(values) > 1]
+    decimals = decimals_for([float(np.median(sigmas))] if sigmas else [])
+    for values in known:
+        if len(values) > 1:
+            yield estimate(float(np.mean(values)), float(np.std(values, ddof=1)), decimals)
+        else:
+            yield number(float(values[0]), decimals, "single") if len(values) else number(None)
 
 
 def _of(repeat: Repeat, model: str) -> Mapping[str, FloatArray]:
@@ -144,7 +156,7 @@ def _runs(content: ReportContent, sensor: SensorContent) -> Grid:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
     temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
     own = [("", each) for each in _units(sensor.solutions).items()]
-    beside = [("contractor, ", each) for each in _units(list(sensor.contractor.values())).items()]
+    beside = [("contractor\n", each) for each in _units(list(sensor.contractor.values())).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)
         for name in _units(sensor.solutions)

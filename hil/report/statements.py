@@ -39,9 +39,13 @@ def headline(content: ReportContent) -> str:
     )
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
-    state = "" if night is None or night.state == "complete" else f" The night is {night.state}: {night.reason}."
+    state = "" if night is None or night.state == "complete" else f" The night {_ended(night.state)}: {night.reason}."
     sensors = f"{len(content.sensors)} sensor{'s' * (len(content.sensors) != 1)}"
     return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
+
+
+def _ended(state: str) -> str:
+    return {"failed": "failed", "aborted": "was aborted"}.get(state, f"is {state}")
 
 
 def good(content: ReportContent) -> tuple[str, str]:
@@ -52,8 +56,13 @@ def good(content: ReportContent) -> tuple[str, str]:
     if worst is None and counts and whole:
         whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
         return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
+    if not whole:
+        there = "some of what is there" if worst else "what is there"
+        limits = f"{there} is {worst or 'within its limits'}" if counts else "nothing was solved"
+        verdict = Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE
+        return str(verdict), f"Not whole: {_missing(content)}; {limits}."
     if worst is None:
-        return str(Verdict.INCONCLUSIVE), "Not whole: what is there is within its limits, but something is missing."
+        return str(Verdict.INCONCLUSIVE), "Nothing was solved."
     words = {
         Verdict.MARGINAL: "Usable, but something deserves a look; the reasons are below.",
         Verdict.INCONCLUSIVE: "Not conclusive: for some of it the evidence does not suffice; the reasons are below.",
@@ -62,8 +71,19 @@ def good(content: ReportContent) -> tuple[str, str]:
     return str(worst), words[worst]
 
 
+def _missing(content: ReportContent) -> str:
+    """Say how much of a night is missing: self-calibrations, or else why it is not called complete."""
+    if content.night is None:
+        return ""
+    done, asked = content.night.self_calibrations
+    return f"{asked - done} of {asked} self-calibrations are missing" if done < asked else content.night.reason
+
+
 def summary(content: ReportContent) -> Iterator[str]:
     """Yield what an engineer must know first."""
+    if content.campaign.warnings:
+        number = len(content.campaign.warnings)
+        yield f"{number} warning{'s' * (number != 1)} about the data: see Notes and warnings."
     if not any(each.degrees_of_freedom for sensor in content.sensors for each in sensor.solutions):
         yield "No residual is left: this speaks for the measurements, and not for the model."
     for sensor in content.sensors:
@@ -80,18 +100,19 @@ def summary(content: ReportContent) -> Iterator[str]:
 
 def _largest_mu(sensor: SensorContent) -> Iterator[str]:
     sizes = [
-        (abs(float(np.mean(repeat.matrix[name]))), name, float(np.mean(repeat.matrix[name])), repeat)
+        (float(np.mean(repeat.matrix[name])), name, repeat)
         for repeat in sensor.repeats
         for name in ("MUA", "MUB")
         if name in repeat.matrix and np.isfinite(repeat.matrix[name]).all()
     ]
     if sizes:
-        _, name, value, repeat = max(sizes, key=lambda each: each[0])
-        bias = "BB" if name == "MUA" else "BA"
+        value, name, repeat = max(sizes, key=lambda each: abs(each[0]))
+        runs, bias = repeat.matrix[name], "BB" if name == "MUA" else "BA"
+        scatter = f" ±{np.std(runs, ddof=1):.1f}" if len(runs) > 1 else ""
         yield (
             f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-            f"{value:+.1f} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero moves {bias} by as much, "
-            "in deg/hr."
+            f"{value:.1f}{scatter} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero moves {bias} by "
+            "as much, in deg/hr."
         )
 
 
@@ -99,8 +120,14 @@ def assumed(content: ReportContent) -> list[str]:
     """Return what every number rests upon."""
     found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
     site = content.campaign.site
-    told = [f"site: {', '.join(f'{name} {value:g}' for name, value in site.items())}"] if site else []
+    told = [f"site: {', '.join(_with_unit(name, value) for name, value in site.items())}"] if site else []
     return list(dict.fromkeys([*told, *found, _WANDER]))
+
+
+def _with_unit(name: str, value: float) -> str:
+    """Write `latitude_deg` as people do: latitude 34.6 deg."""
+    words, _, unit = name.rpartition("_")
+    return f"{words.replace('_', ' ')} {value:.4g} {unit}" if words else f"{name} {value:g}"
 
 
 def cannot_tell(content: ReportContent) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,6 +119,9 @@ def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign)
     page = render(gather(changed(first, add=50.0), comparison=comparison))
     assert "16 of 48 differences from" in page[: page.index("<table")]
     assert page.count(">BEYOND<") == 16
+    listed = page[page.index('id="against"') : page.index('id="differences"')]
+    assert len(re.findall(r"<li>sensor 2, [^<]* now and was [^<]* a difference of 50\.\d+ ±", listed)) == 16
+    assert first.source in listed
     assert isinstance(comparison, Comparison)
 
 

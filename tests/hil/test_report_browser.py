@@ -97,7 +97,13 @@ def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: P
 def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None:
     """A phone scrolls tables, not the page; on A4 every table and picture stands within the margins."""
     page.goto(report.as_uri())
+    hidden = "() => [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).map(e => e.id)"
+    assert page.evaluate(hidden) == []  # on a desk every column is in sight
     page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    captions = "() => Math.max(...[...document.querySelectorAll('caption')].map(e => e.getBoundingClientRect().right))"
+    assert page.evaluate(captions) <= 390
+    page.evaluate("() => { document.querySelector('h1').textContent = 'x'.repeat(300); }")
     assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
     page.set_viewport_size({"width": A4_WITHIN_MARGINS_PX, "height": 1000})
     page.emulate_media(media="print")

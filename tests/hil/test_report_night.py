@@ -23,6 +23,7 @@ from hil.night import resume_night, start_night
 from hil.report.grid import ranges
 from hil.report.night import night_content
 from procedures.stop import StopRequest
+from procedures.verdict import Judgement, Verdict
 
 SWEEP = """
 title: Two temperatures
@@ -66,7 +67,7 @@ class Tables(HTMLParser):
     def handle_data(self, data: str) -> None:
         """Take a line of a cell."""
         if self._in_cell and data.strip():
-            self.found[self._name][-1][-1].append(data.strip())
+            self.found[self._name][-1][-1].append(data.strip().replace("−", "-"))
 
 
 @pytest.fixture(scope="module")
@@ -100,14 +101,14 @@ def test_every_number_of_the_self_calibrations_is_that_of_hil_solve(
     tables, compared = Tables(page).found, 0
     for whose, solutions in (
         ("", solved(capsys, str(night))),
-        ("contractor, ", [s for s in solved(capsys, str(night), "--model", "collins-4") if s["sensor"] == 2]),
+        ("contractor", [s for s in solved(capsys, str(night), "--model", "collins-4") if s["sensor"] == 2]),
     ):
         for solution in solutions:
             head, *rows = tables[f"runs-sensor-{solution['sensor']}"]
             row = next(row for row in rows if row[0] == [str(solution["run"])])
             assert whose or row[2] == [solution["verdict"]]
             for name, each in solution["parameters"].items():  # type: ignore[attr-defined]
-                value, se = row[head.index([name, f"{whose}{each['unit']}"])]
+                value, se = row[head.index([name, *([whose] if whose else []), each["unit"]])]
                 digits = len(value.partition(".")[2])
                 assert value == f"{each['value']:.{digits}f}"
                 assert se == f"±{each['se']:.{digits}f}"
@@ -241,6 +242,51 @@ def test_an_interrupted_night_is_not_good_and_says_what_was_done_again(night: Pa
     assert content.hours[gap[0]] == pytest.approx(content.hours[gap[0] + 1])
 
 
+def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, page: str) -> None:
+    """However good what is there: how much is missing is the first thing that is said."""
+    from dataclasses import replace
+
+    from hil.export import campaign_of_night
+    from hil.report.content import gather
+    from hil.report.statements import good
+
+    content = gather(campaign_of_night(night), night_content(night))
+    worst = max(content.verdict_counts(), key=lambda verdict: Judgement(verdict, "").severity)
+    verdict, said = good(replace(content, night=replace(content.night, state="failed", self_calibrations=(2, 4))))
+    assert said.startswith("Not whole: 2 of 4 self-calibrations are missing")
+    assert verdict == (Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE)
+    lost = replace(content.night, state="incomplete", self_calibrations=(4, 4), reason="the samples of 2 are lost")
+    assert good(replace(content, night=lost))[1].startswith("Not whole: the samples of 2 are lost;")
+
+
+def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> None:
+    """Under the number of runs, for each temperature; and nothing where all of them are good."""
+    from dataclasses import replace
+
+    from hil.export import campaign_of_night
+    from hil.report.content import gather
+    from hil.report.sensor_view import sensor_view
+
+    campaign = campaign_of_night(night)
+    passed = Judgement(Verdict.PASS, "")
+    for judged, told in ((passed, ""), (Judgement(Verdict.FAIL, "moved"), "1 FAIL")):
+        content = gather(replace(campaign, verdicts={1: judged, 2: passed, 3: passed, 4: passed}))
+        table = sensor_view(content, content.sensors[0])["table"]
+        assert [(cell.text, cell.below) for cell in table.rows[0][1:]] == [("2", told), ("2", "")]
+        assert ("INCONCLUSIVE or FAIL" in table.caption) == bool(told)
+
+
+def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:
+    """One sample of a million that is missing is not rounded away."""
+    from dataclasses import replace
+
+    from hil.report.night_view import stream_in_words
+
+    one = replace(night_content(night).collects[0], n_samples=999_999, n_expected=1_000_000)
+    assert "(99.99 %)" in stream_in_words([one])
+    assert "(100.00 %)" in stream_in_words([replace(one, n_samples=1_000_000)])
+
+
 def test_collects_that_lost_frames_are_counted(night: Path) -> None:
     """Counts are those of the decoder, collect by collect; the sentence adds them up."""
     from dataclasses import replace
@@ -253,9 +299,9 @@ def test_collects_that_lost_frames_are_counted(night: Path) -> None:
     )
     words = stream_in_words([*collects[:3], hurt, *collects[4:]])
     assert "2 bad, 5 lost" in words
-    assert "1 resyncs" in words
+    assert "1 resync," in words
     assert "4793 of 4800 expected samples" in words
-    assert "1 collects saw any of that" in words
+    assert "Trouble in 1 of them." in words
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
@@ -312,7 +358,7 @@ def test_a_night_that_came_to_no_collect_has_a_report_that_says_why(tmp_path: Pa
     start_night(tmp_path / "night", TWO, load_bench("simulated"), who="rk", stop=stop)
     assert hil(["report", str(tmp_path / "night")]) == 0
     page = (tmp_path / "night" / "report.html").read_text()
-    assert "nothing solved. The night is aborted" in page
+    assert "nothing solved. The night was aborted" in page
     assert "a cable was pulled" in page
     assert "self-calibration 4 at 30.0 °C: all of it" in page
     assert "SIMULATED: no device was measured" in page

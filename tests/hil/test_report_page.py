@@ -79,6 +79,31 @@ def test_a_title_cannot_inject_markup(folder: Path) -> None:
     assert "&lt;script&gt;" in page
 
 
+def test_on_paper_every_page_has_title_and_mark_and_the_title_is_no_style(folder: Path) -> None:
+    """In the heads of printed pages the title stands in CSS: whatever it has is escaped there."""
+    title = '"; } body { display: none } </style><script>\\'
+    header = folder / "campaign.yaml"
+    header.write_text(safe_dump({**safe_load(header.read_text()), "title": title}))
+    page = render(gather(read_campaign(folder)))
+    assert page[: page.index("</head>")].count("</style>") == 1
+    style = page[page.index("<style>") : page.index("</style>")]
+    heads = re.findall(r'@top-left \{ content: "([^"]*)"; \}', style)
+    back = re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), heads[0])
+    assert back == title
+    assert re.fullmatch(r"(?:[0-9A-Za-z]|\\[0-9a-f]+ )*", heads[0])
+    assert '@top-right { content: "SIMULATED: no device was measured";' in style
+    assert "counter(page)" in style
+
+
+def test_numbers_below_zero_have_a_minus(folder: Path) -> None:
+    """A screen reader passes over a hyphen, and a line may end after one; ranges and dates keep theirs."""
+    page = re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", render(gather(read_campaign(folder))), flags=re.DOTALL)
+    words = re.sub(r"<[^>]*>", " ", page)
+    assert re.findall(r"(?<=[\s(±])-\d", words) == []
+    assert len(re.findall(r"(?<=\s)−\d", words)) > 50
+    assert "matrix-6" in words
+
+
 def test_a_missing_collect_is_inconclusive_in_the_headline(case: Case, folder: Path) -> None:
     """A run without its third collect has no MU: the first line of the report says that something is not conclusive."""
     table = folder / "collects.csv"
