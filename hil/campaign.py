@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.verdict import Judgement
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]
@@ -124,7 +126,7 @@ class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 
     `series_files` says where the series of a collect stands, by collect number; `hil.campaign_reader.read_series` reads
-    one when it is needed.
+    one when it is needed. `verdicts` says how each run was measured, where whoever recorded the campaign said so.
     """
 
     title: str
@@ -139,3 +141,4 @@ class Campaign:
     notes: str = ""
     series_files: Mapping[int, Path] = field(default_factory=dict)
     series_block_s: float | None = None
+    verdicts: Mapping[int, Judgement] = field(default_factory=dict)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ import yaml
 
 from hil.campaign import SCHEMA, Sensor
 from hil.errors import InputError
+from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
+    | {"verdicts"}
 )
 
 
@@ -31,6 +33,7 @@ class Header:
     simulated: bool
     centrifuge: bool
     series_block_s: float | None
+    verdicts: Mapping[int, Judgement]
     extra: tuple[str, ...] = field(default=())
 
 
@@ -52,6 +55,7 @@ def read_header(path: Path) -> Header:
         simulated=_flag(path, keys, "simulated"),
         centrifuge=_flag(path, keys, "centrifuge"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
+        verdicts=dict(_verdicts(path, keys)),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
 
@@ -111,6 +115,19 @@ def _sensor(where: str, number: int, layout: Mapping[Any, Any]) -> Sensor:
     # In the order of their axes: the six parameters of a rotor sensor do not depend on how the file lists its channels.
     ordered = dict(sorted(channels.items(), key=lambda item: axes.index(item[1])))
     return Sensor(number, (axes[0], axes[1], axes[2]), ordered)
+
+
+def _verdicts(path: Path, keys: Mapping[Any, Any]) -> Iterator[tuple[int, Judgement]]:
+    """Yield how each run was measured, by its number."""
+    for run, said in _mapping(path, keys, "verdicts").items():
+        where = f"{path}, key verdicts.{run}"
+        if isinstance(run, bool) or not isinstance(run, int):
+            raise InputError(f"{where}: a run is called by its whole number, as in the column run")
+        if not isinstance(said, dict) or said.keys() - {"verdict", "reason"}:
+            raise InputError(f"{where}: it must hold verdict and reason, and nothing else")
+        if said.get("verdict") not in list(Verdict):
+            raise InputError(f"{where}.verdict: {said.get('verdict')!r} is none of {', '.join(Verdict)}")
+        yield run, Judgement(Verdict(said["verdict"]), str(said.get("reason") or "no reason is given"))
 
 
 def _mapping(path: Path, keys: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:

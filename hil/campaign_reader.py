@@ -103,6 +103,7 @@ def read_campaign(folder: Path | str) -> Campaign:
         notes=header.notes,
         series_files=series,
         series_block_s=header.series_block_s,
+        verdicts=header.verdicts,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
         read_series(campaign, collect)

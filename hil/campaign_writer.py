@@ -87,6 +87,12 @@ def _header(campaign: Campaign) -> str:
         keys["conditions"] = dict(campaign.condition_units)
     if campaign.series_block_s is not None:
         keys["series"] = {"block_s": campaign.series_block_s}
+    rows = [each for collects in campaign.sensors.values() for each in collects.conditions.run.tolist()]
+    verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
+    if verdicts:
+        keys["verdicts"] = {
+            run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()
+        }
     if campaign.notes:
         keys["notes"] = campaign.notes
     return str(yaml.safe_dump(keys, sort_keys=False, allow_unicode=True, width=120))

@@ -4,15 +4,57 @@ The average of a collect is in the journal, but without its samples nobody can s
 to take that one collect again: the equations take the collects of a self-calibration as simultaneous, under one soak.
 So the whole self-calibration is done again, soak and all; the others stand. Lost raw bytes alone are no reason: the
 samples prove the average, and `hil verify` names what is lost.
+
+`lost_blocks` only looks whether the files are there, for those who ask often.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
 from hil.blocks import SAMPLES, DamagedBlock, checked_bytes
 from hil.journal_reader import JournalReader
+from hil.journal_records import BlockRow
 from procedures.plan import StepKind
+
+
+@dataclass(frozen=True)
+class LostBlock:
+    """A block of a DONE attempt whose file is not there as it was written, and what that asks for."""
+
+    row: BlockRow
+    what: str  # missing, or how long it is
+
+    @property
+    def samples(self) -> bool:
+        """Whether the average rests on it: then its self-calibration is to be done again."""
+        return self.row.block.kind == SAMPLES
+
+    def __str__(self) -> str:
+        advice = "hil resume does its self-calibration again" if self.samples else "hil replay needs them, nothing else"
+        kind = "samples" if self.samples else "raw bytes"
+        return f"{self.row.block.path}: {self.what}: the {kind} of {self.row.step_key}; {advice}"
+
+
+def lost_blocks(folder: Path, rows: Iterable[BlockRow], done: Collection[tuple[str, int]]) -> list[LostBlock]:
+    """Return the blocks of the `done` attempts (step key, number) that are missing or of another length.
+
+    Nothing is read: whether the bytes are right is for `hil verify` and `damaged_self_calibrations`.
+    """
+    lost = []
+    for row in rows:
+        if (row.step_key, row.attempt) not in done:
+            continue
+        try:
+            size = (folder / row.block.path).stat().st_size
+        except OSError as error:
+            lost.append(LostBlock(row, "missing" if isinstance(error, FileNotFoundError) else str(error.strerror)))
+            continue
+        if size != row.block.size:
+            lost.append(LostBlock(row, f"{size} bytes instead of {row.block.size}"))
+    return lost
 
 
 def damaged_self_calibrations(journal: JournalReader) -> Mapping[int, str]:

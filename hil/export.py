@@ -22,6 +22,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Ser
 from hil.campaign_writer import SeriesFormat, write_campaign
 from hil.config import Bench
 from hil.configuration import bench_of_record
+from hil.damage import LostBlock, lost_blocks
 from hil.errors import InputError
 from hil.journal_reader import JournalReader, reading
 from hil.status import missing_in_words
@@ -100,10 +101,18 @@ def campaign_of_night(folder: Path | str) -> Campaign:
 def measured_verdicts(folder: Path | str) -> dict[int, Judgement]:
     """Return how each self-calibration of a night was measured, by its number: the runs of `campaign_of_night`."""
     with reading(Path(folder)) as journal:
-        done = journal.completed()
-        return {
-            number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()
-        }
+        return _verdicts(journal)
+
+
+def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
+    done = journal.completed()
+    return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
+
+
+def _lost(journal: JournalReader) -> list[LostBlock]:
+    """Return the blocks of samples that are not there: nobody can show that their averages are right."""
+    done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
+    return [each for each in lost_blocks(journal.folder, journal.blocks(), done) if each.samples]
 
 
 def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
@@ -152,6 +161,8 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         },
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
+        warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
+        verdicts=_verdicts(journal),
     )
     return campaign, rows
 
@@ -228,10 +239,9 @@ def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterat
         verdict = row.collect.data.get("verdict", "PASS")
         if verdict != "PASS":
             yield f"Collect {row.number} was judged {verdict}: {row.collect.data.get('reason', '')}."
-    done = journal.completed()
-    for number, steps in journal.plan.self_calibrations.items():
-        judged = self_calibration_verdict(steps, done)
-        if judged.verdict is not Verdict.PASS and any(step.key in done for step in steps):
+    done, runs = journal.completed(), journal.plan.self_calibrations
+    for number, judged in _verdicts(journal).items():
+        if judged.verdict is not Verdict.PASS and any(step.key in done for step in runs[number]):
             yield f"Self-calibration {number} was judged {judged.verdict}: {judged.reason}."
     yield "Acceleration and earth rate are computed from site and orientation table; 1 g is the local gravity."
     for number, section in bench.sensors.items():

@@ -10,11 +10,14 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
 
 HEARTBEAT_NAME = "heartbeat.json"
+SILENCE_BORNE_S = 60.0
+"""A living controller that has not beaten for so long, beyond what it asked for, hangs."""
 _EVERY_S = 1.0
 _SIZE = 160  # bytes, always: a shorter text must leave no rest of a longer one
 
@@ -27,6 +30,11 @@ class Heartbeat:
     count: int
     utc: str
     silent_s: float
+
+    @property
+    def at(self) -> datetime:
+        """When it was, by the wall clock."""
+        return datetime.fromisoformat(self.utc)
 
 
 class HeartbeatFile:
@@ -58,6 +66,7 @@ class HeartbeatFile:
 def read_heartbeat(folder: Path) -> Heartbeat | None:
     """Return the newest heartbeat in `folder`, None where there is none (or it is just being written)."""
     try:
-        return Heartbeat(**json.loads((folder / HEARTBEAT_NAME).read_bytes()))
+        beat = Heartbeat(**json.loads((folder / HEARTBEAT_NAME).read_bytes()))
+        return beat if beat.at.tzinfo is not None else None
     except (OSError, ValueError, TypeError):
         return None

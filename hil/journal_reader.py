@@ -75,8 +75,9 @@ class JournalReader:
         if row is None:
             raise InputError(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
         title, who, began_utc, simulated, configuration, seed, versions = row
-        began = datetime.fromisoformat(began_utc)
-        return Night(title, who, began, bool(simulated), configuration, seed, json.loads(versions))
+        with self._understood("the row that describes the night"):
+            began = datetime.fromisoformat(began_utc)
+            return Night(title, who, began, bool(simulated), configuration, seed, json.loads(versions))
 
     @cached_property
     def plan(self) -> Plan:
@@ -85,7 +86,15 @@ class JournalReader:
             "SELECT number, key, kind, starts_s, duration_s, temperature_degC, self_calibration, position, parameters "
             "FROM steps ORDER BY number"
         )
-        return Plan(self.night.title, tuple(step_of(row) for row in rows))
+        with self._understood("the plan"):
+            return Plan(self.night.title, tuple(step_of(row) for row in rows))
+
+    @contextmanager
+    def _understood(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (ValueError, TypeError, KeyError) as error:  # somebody has edited it
+            raise InputError(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
 
     @cached_property
     def _withdrawn(self) -> str:
@@ -230,13 +239,18 @@ class JournalReader:
                 found.append(f"{JOURNAL_NAME}: {ever - count} of {ever} rows of the table {table} were deleted")
         return found
 
-    def _changed_rows(self) -> list[str]:
-        found = []
+    def changed_plan(self) -> str:
+        """Return in words how the plan and the configuration differ from what the night began with; empty if not."""
         total, digest = self._connection.execute("SELECT steps_total, digest FROM night").fetchone() or (0, "")
         if len(self.plan.steps) != total:
-            found.append(f"{JOURNAL_NAME}: the plan has {len(self.plan.steps)} steps, {total} were planned")
-        elif self.night.digest(self.plan) != digest:
-            found.append(f"{JOURNAL_NAME}: the plan or the configuration was changed after the night had begun")
+            return f"{JOURNAL_NAME}: the plan has {len(self.plan.steps)} steps, {total} were planned"
+        if self.night.digest(self.plan) != digest:
+            return f"{JOURNAL_NAME}: the plan or the configuration was changed after the night had begun"
+        return ""
+
+    def _changed_rows(self) -> list[str]:
+        changed = self.changed_plan()
+        found = [changed] if changed else []
         blocks: dict[tuple[str, int], list[Block]] = {}
         for row in self.blocks():
             blocks.setdefault((row.step_key, row.attempt), []).append(row.block)

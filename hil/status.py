@@ -2,8 +2,9 @@
 
     night_status(folder)["state"]  # running, paused, complete, incomplete, aborted, failed
 
-A night is complete if every planned step is DONE. It is running if the process that owns its lock lives and has
-written lately; a controller that was killed leaves a night that is incomplete, whatever was going on.
+A night is complete if every planned step is DONE and the samples of its collects are there. It is running if the
+process that owns its lock lives and has shown a sign of life lately; a controller that was killed leaves a night that
+is incomplete, whatever was going on.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
+from hil.damage import LostBlock, lost_blocks
+from hil.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.journal_reader import JournalReader, reading
 from hil.journal_records import Attempt, Controller
 from hil.lock import Owner, living_owner
+from procedures.journal import Outcome
 from procedures.plan import Plan, Step, StepKind
 
 STALE_AFTER_S = 180.0
-"""A living controller that has written nothing for so long (three heartbeats) is not called running."""
+"""A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
@@ -42,19 +46,34 @@ class _Facts:
     attempts: Sequence[Attempt]
     done: Mapping[str, Attempt]
     controller: Controller | None
+    changed: str  # how the plan is not the one that the night began with; empty where it is
+    lost: Sequence[LostBlock]
+    beat: Heartbeat | None  # of the living owner
 
     @classmethod
     def of(cls, journal: JournalReader, owner: Owner | None) -> _Facts:
         controllers = journal.controllers()
         newest = controllers[-1] if controllers else None
-        return cls(journal, owner, journal.plan, journal.attempts(), journal.done_attempts(), newest)
+        attempts = journal.attempts()
+        done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
+        lost = lost_blocks(journal.folder, journal.blocks(), {(key, each.attempt) for key, each in done.items()})
+        beat = read_heartbeat(journal.folder)
+        beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
+        return cls(journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat)
 
     @property
-    def silent_s(self) -> float:
-        """How long ago the newest controller wrote, by the wall clock."""
-        if self.controller is None:
-            return 0.0
-        return (SystemClock().utc() - self.controller.seen_utc).total_seconds()
+    def silence(self) -> str:
+        """For how long the living controller has shown no sign of life, in words; empty where it is not too long."""
+        now = SystemClock().utc()
+        if self.beat is not None:
+            silent_s = (now - self.beat.at).total_seconds()
+            return f"has shown no sign of life for {silent_s:.0f} s" if silent_s > self._borne_s else ""
+        silent_s = (now - self.controller.seen_utc).total_seconds() if self.controller else 0.0
+        return f"has written nothing for {silent_s / 60.0:.0f} min" if silent_s > STALE_AFTER_S else ""
+
+    @property
+    def _borne_s(self) -> float:
+        return SILENCE_BORNE_S + (self.beat.silent_s if self.beat else 0.0)
 
     @property
     def last_s(self) -> float:
@@ -85,6 +104,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "readings": dict(heartbeat.readings) if heartbeat else {},
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
+        "problems": [*([facts.changed] if facts.changed else []), *map(str, facts.lost)],
     }
 
 
@@ -112,15 +132,16 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
 
 
 def _state(facts: _Facts) -> tuple[str, str]:
+    if facts.changed:
+        return "incomplete", f"{facts.changed}, so what is done and what is not cannot be told"
     if len(facts.done) == len(facts.plan.steps):
+        lost = sum(each.samples for each in facts.lost)
+        if lost:
+            return "incomplete", f"every planned step was done, but the samples of {lost} collects are lost"
         return "complete", "every planned step is done"
     if facts.owner is not None:
-        if facts.silent_s > STALE_AFTER_S:
-            minutes = facts.silent_s / 60.0
-            return (
-                "incomplete",
-                f"the controller ({facts.owner}) is there, but has written nothing for {minutes:.0f} min",
-            )
+        if facts.silence:
+            return "incomplete", f"the controller ({facts.owner}) is there, but {facts.silence}"
         paused = facts.journal.standing("pause", "continue")
         return ("paused", paused.message) if paused else ("running", "")
     if facts.controller is None:

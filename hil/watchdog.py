@@ -32,7 +32,7 @@ from hil.bench_lock import bench_lock
 from hil.config import Bench
 from hil.control import who_asks
 from hil.errors import InputError
-from hil.heartbeat import read_heartbeat
+from hil.heartbeat import SILENCE_BORNE_S, read_heartbeat
 from hil.journal import SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.lock import FolderLock, Owner, living_owner
@@ -46,7 +46,7 @@ _LOOK_S = 0.05
 class Patience:
     """How long the watchdog waits, in seconds of real time."""
 
-    timeout_s: float = 60.0  # without a sign of life, beyond what the controller asked for
+    timeout_s: float = SILENCE_BORNE_S  # without a sign of life, beyond what the controller asked for
     look_s: float = 1.0  # between looks
     term_s: float = 10.0  # between asking a silent controller to end and killing it
     safe_state_s: float = 300.0  # how long the safe state is tried for

@@ -211,7 +211,7 @@ class Watch:
 
     def poll(self) -> tuple[Look, SampleBlock]:
         """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`."""
-        self.alive()
+        self.alive(self._polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
         block, span_s, stream_error = self._drain()

@@ -43,8 +43,6 @@ def solve(
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
     from hil.both_sensors import common_and_differential
-    from hil.export import measured_verdicts
-    from hil.journal_reader import JOURNAL_NAME
     from hil.linear_forms import MODEL_NAMES
     from hil.scatter_sources import campaign_signatures, overall
     from hil.solve import judged_as_measured, solution_document, solve_campaign
@@ -60,8 +58,7 @@ def solve(
         from hil.model_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
-    measured = measured_verdicts(source) if (source / JOURNAL_NAME).is_file() else {}
-    solutions = [judged_as_measured(each, measured) for each in solutions]
+    solutions = [judged_as_measured(each, campaign.verdicts) for each in solutions]
     scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
     if as_json:
         print_json(

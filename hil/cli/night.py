@@ -255,7 +255,10 @@ def status(
             console.print(f"expected end {datetime.fromisoformat(document['eta_utc']):%Y-%m-%d %H:%M} UTC")
         for line in document["missing"]:
             console.print(f"{'to do' if working else 'missing'}: {line}")
-    return Exit.DONE if document["state"] in {"complete", "running", "paused"} else Exit.INCOMPLETE
+        for line in document["problems"]:
+            console.print(f"problem: {line}")
+    well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
+    return Exit.DONE if well else Exit.INCOMPLETE
 
 
 def verify(folder: Folder, as_json: JsonFlag = False) -> int:

@@ -77,7 +77,7 @@ class ReportContent:
 
     def judgement(self, solution: RunSolution) -> Judgement:
         """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
-        judged = judged_as_measured(solution, {} if self.night is None else self.night.judgements)
+        judged = judged_as_measured(solution, self.campaign.verdicts)
         return Judgement(judged.verdict, judged.reason)
 
     def verdict_counts(self) -> Mapping[Verdict, int]:

@@ -237,10 +237,9 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
 
 def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(night: Watched, tmp_path: Path) -> None:
     """One bad file hides no other night; nights appear and vanish by themselves."""
-    for name in ("a", "bench-2/b", "damaged"):
-        (tmp_path / name).mkdir(parents=True)
     for name in ("a", "bench-2/b"):
-        (tmp_path / name / JOURNAL_NAME).write_bytes((night[0] / JOURNAL_NAME).read_bytes())
+        shutil.copytree(night[0], tmp_path / name)
+    (tmp_path / "damaged").mkdir()
     (tmp_path / "damaged" / JOURNAL_NAME).write_bytes(b"no database" * 100)
     watcher = Watcher(tmp_path)
     changed = watcher.look()

@@ -18,12 +18,12 @@ class Heard:
         self.signs.append((self._clock.now(), silent_s))
 
 
-def test_no_two_signs_are_further_apart_than_a_poll_and_the_silence_that_was_asked_for(bench):
-    """Over a whole night: soaks, collects, moves."""
+def test_no_two_signs_are_further_apart_than_the_silence_that_was_asked_for(bench):
+    """Over a whole night: soaks, collects, moves; the interval between two polls is asked for as well."""
     heard = Heard(bench.clock)
     assert bench.run(vital=heard).state is SweepState.COMPLETE
     for (before_s, silent_s), (after_s, _) in zip(heard.signs, heard.signs[1:], strict=False):
-        assert after_s - before_s <= bench.polling.read_interval_s + silent_s
+        assert after_s - before_s <= silent_s + 1e-6
     assert {silent_s for _, silent_s in heard.signs} >= {60.0}  # an index move may take its time-out
 
 

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+import pytest
+import yaml
+
+from hil.campaign_header import read_header
+from hil.campaign_reader import read_campaign
+from hil.errors import InputError
 from tests.hil.cli.conftest import Run
 
 
@@ -18,3 +25,29 @@ def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_
     printed = hil("solve", night).stdout
     assert "INCONCLUSIVE" in printed
     assert "PASS" not in printed
+    campaign = tmp_path / "campaign"
+    assert hil("export", night, campaign).returncode == 0
+    assert json.loads(hil("solve", campaign, "--json").stdout)["solutions"] == solutions
+    assert read_campaign(campaign).warnings == ()
+    next((night / "blocks").glob("*.parquet")).unlink()
+    solved = hil("solve", night, "--json")
+    assert "missing: the samples of" in json.loads(solved.stdout)["warnings"][0]
+    assert "missing: the samples of" in solved.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "words"),
+    [
+        ({1: {"verdict": "GOOD"}}, "verdicts.1.verdict: 'GOOD' is none of PASS"),
+        ({1: {"verdict": ["PASS"]}}, "verdicts.1.verdict"),
+        ({1: "PASS"}, "verdicts.1: it must hold verdict and reason"),
+        ({"one": {"verdict": "PASS"}}, "verdicts.one: a run is called by its whole number"),
+        (["PASS"], "verdicts: it must hold names and values"),
+    ],
+)
+def test_a_verdict_that_cannot_be_understood_is_refused(tmp_path: Path, verdicts: object, words: str) -> None:
+    """The key may be written by hand; it is read as strictly as the rest."""
+    header = {"schema": "hil.campaign/1", "sensors": {2: {"axes": ["A", "B", "S"], "channels": {"RA": "A"}}}}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump({**header, "verdicts": verdicts}))
+    with pytest.raises(InputError, match=re.escape(words)):
+        read_header(tmp_path / "campaign.yaml")
