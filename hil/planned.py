@@ -76,8 +76,9 @@ def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatA
         knots_degC += [knots_degC[-1], float(step.temperature_degC or 0.0)]
     air = np.interp(times, knots_s, knots_degC)
     case = _lagged(air, CASE_LAG_S)
-    heated = SELF_HEATING_DEGC * -np.expm1(-times / SELF_HEATING_LAG_S)
-    return times, air, case, _lagged(case, ROTOR_LAG_S) + heated
+    # As the twin has it: warmed through, the unit reads the setpoint, at which its parameters are known.
+    lacking = SELF_HEATING_DEGC * np.exp(-times / SELF_HEATING_LAG_S)
+    return times, air, case, _lagged(case, ROTOR_LAG_S) - lacking
 
 
 def _first_temperature(setpoints: list[Step]) -> float:
