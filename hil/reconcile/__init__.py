@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil.reconcile.fleet import Screen, UnitFinding
+from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival, write_result
 from hil.reconcile.workflow import reconcile
 
@@ -13,6 +13,7 @@ __all__ = [
     "Reconciliation",
     "Rival",
     "Screen",
+    "SharedFinding",
     "UnitFinding",
     "reconcile",
     "write_result",

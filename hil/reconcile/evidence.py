@@ -228,13 +228,13 @@ class BlockEvidence:
         weight = np.exp(log_null[:, 0] - _log_sum(log_null)[0])
         chosen = rng.choice(len(weight), size=draws, p=weight / weight.sum())
         out = np.empty((len(self.block.y), draws))
-        covariance = covariances(self.block, self.noise.grid)
-        for point in np.unique(chosen):
+        points = np.unique(chosen)
+        for point, covariance in zip(points, covariances(self.block, self.noise.grid.take(points)), strict=True):
             where = np.flatnonzero(chosen == point)
             power, offset = self.prior.a + 0.5 * self.projection.freedom, self.prior.b + 0.5 * rss[point, 0]
             scale = offset / rng.gamma(max(power, 0.5), size=len(where))
             scale = self.prior.b / self.prior.a if self.block.sigma_trusted and self.block.sigma_stated else scale
-            factor = np.linalg.cholesky(covariance[point])
+            factor = np.linalg.cholesky(covariance)
             out[:, where] = np.sqrt(scale) * (factor @ rng.standard_normal((out.shape[0], len(where))))
         return out
 

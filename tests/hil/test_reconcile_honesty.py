@@ -168,21 +168,51 @@ def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str) -> No
         assert all(effect.probability < 0.8 for effect in result.effects)
 
 
-def test_a_screen_finds_the_unit_with_the_fault_and_refuses_another_layout() -> None:
-    """Twenty units measured in the same way, one with a supply effect: that one, by name, at a false discovery rate."""
+def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaign]:
+    """Units that were measured in the same way, a supply effect in each `every`-th of them."""
+    rows = lay_out(np.random.default_rng(0))
+    effect = both(rows.supply - 28.0, size, -size)
+    noises = [noise(rows, np.random.default_rng(seed + i)) for i in range(count)]
+    return [campaign_of(rows, base_rates(rows) + n + (i % every == 0) * effect) for i, n in enumerate(noises)]
 
-    def unit(seed: int, faulty: bool) -> Campaign:
-        rows = lay_out(np.random.default_rng(0))
-        rates = base_rates(rows) + noise(rows, np.random.default_rng(seed))
-        return campaign_of(rows, rates + faulty * both(rows.supply - 28.0, 12.0, -11.0))
 
-    units = [unit(seed, seed == 4) for seed in range(20)]
-    screen = Screen.of(units[0], "matrix-6-thermal", draws=500)
-    findings = screen.units(units)
-    assert [i for i, f in enumerate(findings) if f.q_value < 0.05] == [4]
-    assert findings[4].leader == "supply"
-    with pytest.raises(InputError, match="laid out otherwise"):
-        screen.units([hidden_campaign(1, temperatures=(20.0,))])
+def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
+    """Sixty units, six with a supply effect: those six, by name, at a false discovery rate."""
+    units = fleet(60, 14.0, 10)
+    findings = Screen.of(units, "matrix-6-thermal", draws=500).units(units)
+    assert [i for i, f in enumerate(findings) if f.q_value < 0.05] == [0, 10, 20, 30, 40, 50]
+    assert {findings[i].leader for i in range(0, 60, 10)} == {"supply"}
+
+
+def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
+    """A fleet with nothing missing: p-values as they should be, nothing discovered, nothing shared."""
+    units = fleet(150, 0.0, 1, seed=900)
+    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    p_values = np.array([finding.p_value for finding in screen.units(units)])
+    assert 0.0 < np.mean(p_values < 0.2) < 0.32
+    assert min(finding.q_value for finding in screen.units(units)) > 0.05
+    assert screen.shared(units).p_value > 0.05
+
+
+def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
+    """A supply effect in all of forty units, too small to be found in most of them: shared, by name."""
+    units = fleet(40, 5.0, 1)
+    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    assert sum(finding.q_value < 0.05 for finding in screen.units(units)) < 10
+    shared = screen.shared(units)
+    assert shared.name == "supply"
+    assert shared.p_value < 0.001
+
+
+def test_a_screen_refuses_another_layout() -> None:
+    """Fewer temperatures, or as many collects in another order: the columns would be the wrong ones."""
+    units = fleet(2, 0.0, 1)
+    screen = Screen.of(units[0], "matrix-6-thermal", draws=50)
+    for other in (hidden_campaign(1, temperatures=(20.0,)), hidden_campaign(1, positions=("2", "1", "3", "4"))):
+        with pytest.raises(InputError, match="laid out otherwise"):
+            screen.units([other])
+    with pytest.raises(InputError, match="at least one unit"):
+        Screen.of([], "matrix-6-thermal")
 
 
 def test_a_level_outside_its_range_is_refused() -> None:
