@@ -20,8 +20,8 @@ from drivers.chamber import ChamberLimits
 from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
 
 # Nothing that a test chamber can reach lies outside; broken sensors read -3276.8, 850, 999.9 or 9999.
-_COLDEST_POSSIBLE_DEGC = -110.0
-_HOTTEST_POSSIBLE_DEGC = 350.0
+COLDEST_POSSIBLE_DEGC = -110.0
+HOTTEST_POSSIBLE_DEGC = 350.0
 # A laboratory at 10 to 35 °C, read by a controller that speaks °F.
 _ROOM_IN_DEGF = (50.0, 95.0)
 # Climatic chambers end at 150 to 200 °C, which is 302 to 392 °F.
@@ -84,7 +84,7 @@ def limits_around(native: ChamberLimits, air_degC: float, margin_degC: float) ->
     A limit that the air is still beyond (a chamber found hot, a bench warmer than the room) would raise an alarm at
     once: it is kept `margin_degC` beyond the air, and tightened with a later setpoint. A broken sensor widens nothing.
     """
-    if not math.isfinite(air_degC) or not _COLDEST_POSSIBLE_DEGC <= air_degC <= _HOTTEST_POSSIBLE_DEGC:
+    if not math.isfinite(air_degC) or not COLDEST_POSSIBLE_DEGC <= air_degC <= HOTTEST_POSSIBLE_DEGC:
         return native
     return ChamberLimits(
         native.low_degC if air_degC >= native.low_degC else round(air_degC - margin_degC, 1),
@@ -143,7 +143,7 @@ def plausible_temperature(reading_degC: float, device: str) -> float:
 
     Whether a reading is frozen or jumps shows only over time: that is for the procedure that watches it.
     """
-    if not math.isfinite(reading_degC) or not _COLDEST_POSSIBLE_DEGC <= reading_degC <= _HOTTEST_POSSIBLE_DEGC:
+    if not math.isfinite(reading_degC) or not COLDEST_POSSIBLE_DEGC <= reading_degC <= HOTTEST_POSSIBLE_DEGC:
         raise SensorFault(f"{device} reads {reading_degC:g} °C, as a broken sensor does; check its temperature sensor")
     return reading_degC
 

@@ -35,7 +35,8 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.stream_imu import IndexingPositioner, StreamImu
 from drivers.transport import Transport
 from hil.closed_port import ClosedPort
-from hil.config.bench import SIMULATED_SCHEME, Bench
+from hil.config.bench import Bench
+from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.faults import FaultInjector
 from hil.twin.devices import SimulatedBench, simulate_devices

@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from hil.config import Bench
-from hil.config.bench import SIMULATED_SCHEME
+from hil.config.ports import SIMULATED_SCHEME
 from hil.lock import LockFile, Owner
 
 _RUNTIME = Path("/run/lock")

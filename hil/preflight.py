@@ -24,7 +24,7 @@ from hil.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench import LiveBench, build_bench, port_is_missing
 from hil.clock_check import EARLIEST, synchronised
 from hil.config import Bench, Sweep
-from hil.config.bench import SIMULATED_SCHEME
+from hil.config.ports import SIMULATED_SCHEME
 from procedures.plan import Plan, StepKind, make_plan
 
 _LISTEN_S = 2.0

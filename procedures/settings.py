@@ -18,12 +18,34 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Self
+from typing import Any, Self
+
+_LARGEST = {
+    "_deg_per_hr_per_min": (1e6, "a million deg/hr/min"),
+    "_degC_per_min": (100.0, "100 °C/min"),
+    "_degC": (350.0, "350 °C"),
+    "_s": (7 * 86400.0, "7 days"),
+    "_mb": (1e9, "10⁹ MB"),
+    "_g": (100.0, "100 g"),
+    "": (1000.0, "1000"),
+}
+"""The largest that any setting can sensibly be, by the unit in its name: beyond it stands a slip of the pen."""
 
 
 def _require(condition: bool, sentence: str) -> None:
     if not condition:
         raise ValueError(sentence)
+
+
+def _require_possible(settings: Any, section: str) -> None:
+    """Raise `ValueError` for a setting that is no finite number, or larger than any can be."""
+    for item in fields(settings):
+        value = getattr(settings, item.name)
+        largest, words = next(limit for suffix, limit in _LARGEST.items() if item.name.endswith(suffix))
+        _require(
+            math.isfinite(value) and abs(value) <= largest,
+            f"{section}: {item.name} must be a finite number of at most {words}, not {value:g}",
+        )
 
 
 class _Parameters:
@@ -63,6 +85,7 @@ class Restabilisation(_Parameters):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "collect_at_ceiling", bool(self.collect_at_ceiling))
+        _require_possible(self, "restabilisation")
         for name in ("band_degC", "slope_degC_per_min", "window_s", "unit_band_degC", "unit_slope_degC_per_min"):
             _require(getattr(self, name) > 0.0, f"restabilisation: {name} must be positive, not {getattr(self, name)}")
         _require(self.at_least_s >= 0.0, f"restabilisation: at_least_s must not be negative, not {self.at_least_s}")
@@ -91,6 +114,7 @@ class CollectSettings(_Parameters):
     attempts: int = 2  # a collect that is not good is taken again, the last one is kept as it is
 
     def __post_init__(self) -> None:
+        _require_possible(self, "collect")
         object.__setattr__(self, "attempts", int(self.attempts))
         for name in (
             "duration_s",
@@ -151,6 +175,7 @@ class Polling:
     safe_state_s: float = 300.0  # how long the safe state is tried for, where the chamber does not answer
 
     def __post_init__(self) -> None:
+        _require_possible(self, "polling")
         for name in ("interval_s", "read_interval_s", "heartbeat_s"):
             _require(getattr(self, name) > 0.0, f"polling: {name} must be positive, not {getattr(self, name)}")
         _require(self.device_attempts >= 1, "polling: device_attempts must be at least 1")
@@ -189,9 +214,9 @@ class InterlockSettings:
     pause_s: float = 12 * 3600.0  # the longest pause; then nobody comes back
 
     def __post_init__(self) -> None:
+        _require_possible(self, "interlocks")
         for item in fields(self):
             value = getattr(self, item.name)
-            _require(math.isfinite(value), f"interlocks: {item.name} must be a finite number, not {value}")
             if not item.name.startswith("unit_") or item.name.endswith("_s"):
                 _require(value >= 0.0, f"interlocks: {item.name} must not be negative, not {value}")
         _require(self.unit_low_degC < self.unit_high_degC, "interlocks: unit_low_degC must be below unit_high_degC")

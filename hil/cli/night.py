@@ -207,7 +207,7 @@ def _end(ended: NightOutcome) -> int:
 @contextmanager
 def _watching(folder: Path, bench: Bench, *, quiet: bool, watchdog: bool) -> Iterator[Progress]:
     """Give the onlookers of a night: the terminal, and a watchdog beside the controller of a real chamber."""
-    from hil.config.bench import SIMULATED_SCHEME
+    from hil.config.ports import SIMULATED_SCHEME
 
     progress = onlooker(messages(), quiet=quiet, simulated=bench.simulated)
     beside = [WatchdogBeside(folder)] if watchdog and not bench.chamber.port.startswith(SIMULATED_SCHEME) else []

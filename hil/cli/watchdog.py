@@ -53,7 +53,7 @@ def watchdog(
 
 
 def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
-    from hil.config.bench import SIMULATED_SCHEME
+    from hil.config.ports import SIMULATED_SCHEME
     from hil.notify import Notifier
     from hil.watchdog import Patience, Watchdog
 

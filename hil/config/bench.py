@@ -16,74 +16,29 @@ from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
-from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
 
-from drivers.chamber import SafeState
-from drivers.chambers import CHAMBER_DRIVERS, SerialLine
-from drivers.voetsch_ascii import AsciiLayout
 from hil.campaign import Sensor
+from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
 from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
+from hil.config.ports import SIMULATED_SCHEME, ImuPort
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
-from hil.config.units import Celsius, CelsiusDifference, CelsiusPerMinute, Degrees, Gravities, Hertz, Seconds
+from hil.config.units import Degrees, Gravities, Hertz, Seconds
 from hil.earth import Site
 from hil.equation import Orientation
 from hil.errors import InputError
 from procedures.settings import InterlockSettings, Polling
 
-SIMULATED_SCHEME = "sim://"
-_SCHEMES = ("sim", "socket", "rfc2217")
-
-
-def _port(value: object, name: str) -> str:
-    text = str(value)
-    if not isinstance(value, str) or not text.strip():
-        raise ValueError(
-            f"{value!r} is not a port; write /dev/ttyUSB0, socket://host:port, rfc2217://host:port, sim://{name}"
-        )
-    scheme = text.split("://", 1)[0] if "://" in text else ""
-    if scheme and scheme not in _SCHEMES:
-        raise ValueError(f"{text!r}: ports begin with {', '.join(f'{known}://' for known in _SCHEMES)} or are a path")
-    if scheme == "sim" and text != f"sim://{name}":
-        raise ValueError(f"there is no simulated port {text!r}; the simulated {name} is sim://{name}")
-    if scheme in {"socket", "rfc2217"}:
-        parts = urlsplit(text)
-        try:
-            complete = bool(parts.hostname) and parts.port is not None
-        except ValueError:
-            complete = False
-        if not complete:
-            raise ValueError(f"{text!r} lacks its host or port number; write {scheme}://host:10001")
-    return text
-
 
 def _labels(value: object) -> object:
     # YAML reads an unquoted 1 as a number; a position's label is text.
     return {str(label): entry for label, entry in value.items()} if isinstance(value, dict) else value
-
-
-def _off_is_a_word(value: object) -> object:
-    return "off" if value is False else value  # YAML 1.1 reads an unquoted off as false
-
-
-ImuPort = Annotated[str, BeforeValidator(lambda value: _port(value, "imu"))]
-ChamberPort = Annotated[str, BeforeValidator(lambda value: _port(value, "chamber"))]
-RampPort = Annotated[str, BeforeValidator(lambda value: _port(value, "ramp"))]
-
-
-_PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
-
-
-def _chamber_driver(value: str) -> str:
-    if value not in CHAMBER_DRIVERS:
-        raise ValueError(f"{value!r} is not a chamber driver; there are {', '.join(sorted(CHAMBER_DRIVERS))}")
-    return value
 
 
 def _settings(kind: type) -> BeforeValidator:
@@ -170,134 +125,18 @@ class ImuSection(Section):
     description: str
     port: ImuPort
     baud: PositiveInt | None = None
-    rate: Annotated[Hertz, Field(gt=0.0)] | None = None
+    rate: Annotated[Hertz, Field(gt=0.0, le=100_000.0)] | None = None
     parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)
     positioner: Literal["indexing", "operator"]
     codes: Annotated[dict[str, int], BeforeValidator(_labels)] = Field(default_factory=dict)
     instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
 
 
-class LimitsSection(Section):
-    """The range in which the bench may set the chamber."""
-
-    low: Celsius
-    high: Celsius
-
-    @model_validator(mode="after")
-    def _ordered(self) -> LimitsSection:
-        if self.low >= self.high:
-            raise ValueError(f"low ({self.low:g} °C) must be below high ({self.high:g} °C)")
-        return self
-
-
-class SafeStateSection(Section):
-    """How the chamber may be left alone: it holds a temperature, or stands by, or is switched off."""
-
-    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(_off_is_a_word)]
-    temperature: Celsius | None = None
-
-
-def _safe_state(given: object) -> SafeState:
-    section = validated_inside(SafeStateSection, given)
-    return SafeState(section.action, section.temperature)
-
-
-class AsciiLayoutSection(Section):
-    """What the values and bits of an ASCII-2 chamber are, for one that is no VT 4002. Bits count from 0 on the left."""
-
-    pairs: PositiveInt = 5
-    nominal_first: bool = True
-    written: PositiveInt = 5
-    bits: PositiveInt = 16
-    start_bit: NonNegativeInt = 1
-    channel_bit: NonNegativeInt | None = 3
-    error_bit: NonNegativeInt = 2
-
-
-def _layout(given: object) -> AsciiLayout | None:
-    return None if given is None else AsciiLayout(**validated_inside(AsciiLayoutSection, given).model_dump())
-
-
-class ChamberSection(Section):
-    """The chamber's port, its controller, its limits and its safe state.
-
-    `model` is how the controller's answer to who it is must begin. The controller's own limits are set `native_margin`
-    beyond the bench's. `celsius_confirmed` says that a person has seen °C on its panel, which the protocol cannot tell.
-    Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
-    given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
-    `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
-    timer; at least 10 min, because it is renewed only now and then. `description` is the file of a `box`: a chamber
-    without a driver of its own. `layout` says what the values and bits of an ASCII-2 chamber are.
-    """
-
-    driver: Annotated[str, AfterValidator(_chamber_driver)]
-    port: ChamberPort
-    baud: PositiveInt | None = None
-    data_bits: Literal[7, 8] | None = None
-    parity: Literal["none", "even", "odd"] | None = None
-    address: NonNegativeInt | None = None
-    terminator: Literal["CR", "LF", "CR LF"] | None = None
-    framing: Literal["rtu", "tcp"] | None = None
-    ramp_port: RampPort | None = None
-    ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] | None = None
-    dead_man: Annotated[Seconds, Field(ge=600.0)] | None = None
-    description: str | None = None
-    layout: Annotated[AsciiLayout | None, BeforeValidator(_layout)] = None
-    model: str = ""
-    celsius_confirmed: bool = False
-    limits: LimitsSection
-    native_margin: CelsiusDifference = 5.0
-    safe_state: Annotated[SafeState, BeforeValidator(_safe_state)]
-
-    @property
-    def line(self) -> SerialLine:
-        """The serial line: the maker's settings, and what the file says instead."""
-        shipped = CHAMBER_DRIVERS[self.driver].line
-        parity = shipped.parity if self.parity is None else _PARITIES[self.parity]
-        return SerialLine(self.baud or shipped.baud, self.data_bits or shipped.data_bits, parity)
-
-    @property
-    def terminator_bytes(self) -> bytes | None:
-        """What ends a line, None for the driver's own."""
-        return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
-
-    @model_validator(mode="after")
-    def _only_a_box_is_described(self) -> ChamberSection:
-        if (self.driver == "box") != (self.description is not None):
-            raise ValueError("description: a box needs the file that describes it, other drivers have none")
-        if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
-            having = " and ".join(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
-            raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
-        if self.layout is not None and self.driver != "voetsch-ascii2":
-            raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
-        return self
-
-    @model_validator(mode="after")
-    def _a_ramp_port_goes_with_its_chamber(self) -> ChamberSection:
-        if self.ramp_port is None:
-            return self
-        if self.driver != "watlow-f4t":
-            raise ValueError("ramp_port: only watlow-f4t sets its ramp on a port of its own; leave it out")
-        if self.ramp_port.startswith(SIMULATED_SCHEME) != self.port.startswith(SIMULATED_SCHEME):
-            raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
-        return self
-
-    @model_validator(mode="after")
-    def _safe_is_within_limits(self) -> ChamberSection:
-        held = self.safe_state.temperature_degC
-        if held is not None and not self.limits.low <= held <= self.limits.high:
-            raise ValueError(
-                f"safe_state.temperature: {held:.4g} °C lies outside the chamber's limits "
-                f"{self.limits.low:.4g} … {self.limits.high:.4g} °C"
-            )
-        return self
-
-
 class RecordSection(Section):
     """What is kept of a night besides the averages."""
 
     raw: bool = True
-    series_block: Seconds = Field(default=1.0, gt=0.0)
+    series_block: Seconds = Field(default=1.0, gt=0.0, le=86400.0)
 
 
 class Bench(Section):

@@ -19,6 +19,9 @@ from hil.errors import InputError
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 
+_MOST_COLLECTS = 100_000
+_LONGEST_DAYS = 60
+
 
 def _settings(kind: type) -> BeforeValidator:
     return BeforeValidator(lambda given: to_settings(given, kind))
@@ -38,7 +41,7 @@ class Sweep(Section):
     positions: Annotated[tuple[str, ...], BeforeValidator(_as_labels)] = Field(default=("1", "2", "3"), min_length=1)
     restabilisation: Annotated[Restabilisation, _settings(Restabilisation)] = Restabilisation()
     collect: Annotated[CollectSettings, _settings(CollectSettings)] = CollectSettings()
-    ramp: Annotated[CelsiusPerMinute, Field(gt=0.0)] = 3.0
+    ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] = 3.0
     start: Celsius = 23.0
     final: Celsius | None = None
 
@@ -85,7 +88,9 @@ def parse_sweep(text: str, source: str) -> Sweep:
 
 
 def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
-    """Raise `InputError` where the sweep asks for what the bench cannot do: a temperature, or a position."""
+    """Raise `InputError` where the sweep asks for what cannot be: of the bench, of the equations, or in one life."""
+    _refuse_endless(sweep)
+    _refuse_one_position_repeated(sweep, bench)
     limits = bench.chamber.limits
     wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]
     wanted += [("final", sweep.final)] if sweep.final is not None else []
@@ -108,6 +113,32 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
                     f"{sweep.source}: positions: bench {bench.name} gives no orientation of sensor {number} at "
                     f"position {label}; it knows {', '.join(section.built)}"
                 )
+
+
+def _refuse_endless(sweep: Sweep) -> None:
+    runs = len(sweep.temperatures) * sweep.self_calibrations_per_temperature
+    if runs * len(sweep.positions) > _MOST_COLLECTS:
+        raise InputError(
+            f"{sweep.source}: {len(sweep.temperatures)} temperatures, {sweep.self_calibrations_per_temperature} "
+            f"self_calibrations_per_temperature and {len(sweep.positions)} positions make more than {_MOST_COLLECTS} "
+            "collects"
+        )
+    total_s = make_plan(sweep.procedure()).total_s
+    if total_s > _LONGEST_DAYS * 86400.0:
+        raise InputError(
+            f"{sweep.source}: it would take {total_s / 86400.0:.0f} days, more than {_LONGEST_DAYS}; look at "
+            "temperatures, self_calibrations_per_temperature, restabilisation.at_least and collect.duration"
+        )
+
+
+def _refuse_one_position_repeated(sweep: Sweep, bench: Bench) -> None:
+    count, rotors = len(sweep.positions), [n for n in bench.sensors if bench.sensor(n).is_rotor]
+    if rotors and count > 1 and len(set(sweep.positions)) == 1:
+        raise InputError(
+            f"{sweep.source}: positions: {', '.join(sweep.positions)} is one position {count} times; one equation "
+            f"written {count} times solves nothing for sensor {rotors[0]}; name other positions too, or this one once "
+            "and a longer collect"
+        )
 
 
 def cautions(sweep: Sweep, bench: Bench) -> list[str]:

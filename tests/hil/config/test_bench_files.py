@@ -30,6 +30,14 @@ def _changed(text: str, old: str, new: str) -> str:
         ("low: -45 degC", "low: -45 kg", "chamber.limits.low: '-45 kg' is not a temperature"),
         ("low: -45 degC", "low: -45", "chamber.limits.low: -45 has no unit"),
         ("low: -45 degC", "low: 145 degC", "chamber.limits: low (145 °C) must be below high (75 °C)"),
+        (
+            "high: 75 degC",
+            "high: 1000 degC",
+            "chamber.limits: high: no chamber that these drivers know reaches 1000 °C",
+        ),
+        ("low: -45 degC", "low: -200 degC", "chamber.limits: low: no chamber that these drivers know reaches -200 °C"),
+        ("{interval: 30 s,", "{interval: 8 d,", "polling: interval_s must be a finite number of at most 7 days"),
+        ("clock: virtual", "clock: virtual\ninterlocks: {chamber_loss: 1e300 s}", "interlocks: chamber_loss_s must be"),
         ("case_lag: 12 min", "case_lag: 12 degC", "simulation.thermal.case_lag: '12 degC' is not a time"),
         ("interval: 30 s,", "interval: 30 kg,", "polling.interval: '30 kg' is not a time"),
         ("action: standby", "action: sleep", "chamber.safe_state.action: 'sleep' is not allowed"),
@@ -217,6 +225,49 @@ def test_a_sweep_that_the_bench_cannot_do_is_refused(old: str, new: str, message
     with pytest.raises(InputError) as refusal:
         check_sweep_against_bench(sweep, load_bench("simulated"))
     assert str(refusal.value).startswith(f"my-sweep.yaml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("collect: {duration: 1e300 s}", "collect: duration_s must be a finite number of at most 7 days, not 1e+300"),
+        ("collect: {duration: 8 d}", "collect: duration_s must be a finite number of at most 7 days, not 691200"),
+        ("collect: {attempts: 100000}", "collect: attempts must be a finite number of at most 1000"),
+        ("collect: {motion_limit: 1e6 g}", "collect: motion_limit_g must be a finite number of at most 100 g"),
+        ("restabilisation: {band: 1e9 degC}", "restabilisation: band_degC must be a finite number of at most 350 °C"),
+        ("restabilisation: {ceiling: 1 year}", "restabilisation: ceiling_s must be a finite number of at most 7 days"),
+        ("ramp: 1e300 degC/min", "ramp: must be at most 100"),
+    ],
+)
+def test_what_cannot_be_is_refused(section: str, message: str) -> None:
+    """A slip of the pen, or a unit too large: with it the night would never end, or believe everything."""
+    with pytest.raises(InputError) as refusal:
+        parse_sweep(f"title: t\ntemperatures: [20 degC]\n{section}\n", "s.yaml")
+    assert str(refusal.value).startswith(f"s.yaml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("positions: [1, 1, 1]", "positions: 1, 1, 1 is one position 3 times"),
+        ("collect: {duration: 7 d}\nself_calibrations_per_temperature: 100", "it would take 2"),
+        ("ramp: 1e-9 degC/min", "it would take"),
+        (f"positions: [{'1, 2, ' * 500}3]\nself_calibrations_per_temperature: 1000", "1 temperatures, 1000 self_"),
+    ],
+)
+def test_a_sweep_that_solves_nothing_or_never_ends_is_refused(section: str, message: str) -> None:
+    """Before anything moves."""
+    sweep = parse_sweep(f"title: t\ntemperatures: [20 degC]\n{section}\n", "s.yaml")
+    with pytest.raises(InputError) as refusal:
+        check_sweep_against_bench(sweep, load_bench("simulated"))
+    assert str(refusal.value).startswith(f"s.yaml: {message}")
+
+
+@pytest.mark.parametrize("positions", ["[1]", "[1, 2, 3, 2, 1]", "[1, 1, 3, 3]", "[3, 1]"])
+def test_repeated_positions_are_legal_where_they_say_something(positions: str) -> None:
+    """There and back again keeps a drift out; two of a kind show the noise; one alone shows a drift."""
+    sweep = parse_sweep(f"title: t\ntemperatures: [20 degC]\npositions: {positions}\n", "s.yaml")
+    check_sweep_against_bench(sweep, load_bench("simulated"))
 
 
 def test_settings_that_are_not_given_keep_the_procedures_defaults() -> None:
