@@ -50,14 +50,25 @@ def trace_columns(sensors: Mapping[int, SensorChannels]) -> list[str]:
 
 
 class LiveFiles(Silent):
-    """An onlooker that writes both files into a night's folder. A full disk ends the writing, never the night."""
+    """An onlooker that writes both files into a night's folder. A full disk ends the writing, never the night.
+
+    `every_s` is the real time from one poll to the next, `announced_s` the silence that the heartbeat of a poll asks
+    for: a longer one is a wait for a device.
+    """
 
     def __init__(
-        self, folder: Path, sensors: Mapping[int, SensorChannels], *, every_s: float, clock: Clock | None = None
+        self,
+        folder: Path,
+        sensors: Mapping[int, SensorChannels],
+        *,
+        every_s: float,
+        announced_s: float = 0.0,
+        clock: Clock | None = None,
     ) -> None:
         self._path = folder / LIVE_NAME
         self._clock = clock or SystemClock()  # real time also where the night's is simulated
         self._every_s = max(every_s, _EVERY_S)
+        self._announced_s = announced_s
         self._columns = trace_columns(sensors)
         self._written_s, self._traced_s = -math.inf, -math.inf
         self._last: Snapshot | None = None
@@ -100,7 +111,7 @@ class LiveFiles(Silent):
     def _document(self, snapshot: Snapshot) -> dict[str, Any]:
         state = {**asdict(snapshot), "step": snapshot.step.key, "finishing_utc": snapshot.finishing_utc.isoformat()}
         head = {"schema": SCHEMA, "pid": os.getpid(), "written_utc": self._clock.utc().isoformat()}
-        return {**head, "every_s": self._every_s, **state}
+        return {**head, "every_s": self._every_s, "announced_s": self._announced_s, **state}
 
     def _give_up(self) -> None:
         trace, self._trace = self._trace, None
@@ -144,8 +155,9 @@ def _row(now: Snapshot, columns: Sequence[str]) -> Rows:
 def read_live(folder: Path) -> dict[str, Any] | None:
     """Return the newest state that a controller has shown, or None where there is none that can be read."""
     try:
-        document = json.loads((folder / LIVE_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        text = (folder / LIVE_NAME).read_text(encoding="utf-8")
+        document = json.loads(text, parse_constant=lambda _: None)  # NaN is no number to show
+    except (OSError, ValueError, RecursionError):
         return None
     return document if isinstance(document, dict) and document.get("schema") == SCHEMA else None
 

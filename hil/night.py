@@ -214,7 +214,8 @@ def _carry_out(
     heartbeat = HeartbeatFile(journal.folder)
     notifier = notifier_of(live.bench, journal)
     polling = _polling(live)
-    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=_looked_at_every_s(live, polling))
+    every_s, announced_s = _looked_at_every_s(live, polling), polling.read_interval_s
+    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=every_s, announced_s=announced_s)
     try:
         journal.listen(both(log.say, notifier.hear))
         notifier.tell("started", in_words_at_the_beginning(journal, who))

@@ -146,7 +146,8 @@ class NightFacts:
         beat = read_heartbeat(self.folder)
         beat = beat if beat and beat.pid == self._owner.pid else None
         limit_s = max(OLD_AFTER_S, _LATE_POLLS * float(now["every_s"]) if now else 0.0)
-        limit_s += beat.silent_s if beat else 0.0  # it has said that it waits for a device
+        if beat and not (now and beat.silent_s <= now.get("announced_s", 0.0)):
+            limit_s += beat.silent_s  # it has said that it waits for a device, and not for its next poll only
         shown = [now["written_utc"]] if now else [self._status["seen_utc"], beat and beat.utc]
         newest = max((datetime.fromisoformat(text) for text in shown if text), default=SystemClock().utc())
         return max((SystemClock().utc() - newest).total_seconds(), 0.0), limit_s

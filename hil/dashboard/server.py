@@ -116,7 +116,7 @@ async def _body(request: Request) -> dict[str, Any]:
             raise InputError("what was sent is too long")
     try:
         document = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
         raise InputError("what was sent is no JSON object")
@@ -144,9 +144,11 @@ def _asked(document: dict[str, Any]) -> Asked:
     if not who:
         raise InputError("who: a name is needed, for the journal")
     prompt = document.get("prompt")
-    if kind in (RequestKind.CONFIRM, RequestKind.REFUSE) and not isinstance(prompt, int):
+    answers = kind in (RequestKind.CONFIRM, RequestKind.REFUSE)
+    if answers and not (type(prompt) is int and 0 <= prompt < 2**63):  # what the journal can hold
         raise InputError("prompt: the number of the question that is answered")
-    return Asked(_line(document, "night", 1000), kind, who, _line(document, "why", _LONGEST_WHY), prompt)
+    why = _line(document, "why", _LONGEST_WHY)
+    return Asked(str(document.get("night", "")), kind, who, why, prompt if answers else None)
 
 
 def _line(document: dict[str, Any], name: str, longest: int) -> str:

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import threading
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ class Watcher:
         self._root = root
         self._every_s = every_s
         self._nights: dict[str, NightFacts] = {}
+        self._found: list[str] = []  # newest first
         self._not_shown = 0
         self._broken: dict[str, Part] = {}
         self._pages: dict[asyncio.Queue[bytes], bool] = {}  # whether it needs everything
@@ -80,9 +82,12 @@ class Watcher:
 
     def _run(self) -> None:
         while not self._ended:
-            changed = self.look()
             wanted, self._everything_wanted = self._everything_wanted, False
-            self._hand_over(self._frame(changed), self._frame(self._whole()) if wanted else b"")
+            try:
+                changed = self.look()
+                self._hand_over(self._send, self._frame(changed), self._frame(self._whole()) if wanted else b"")
+            except Exception as error:  # no file can be opened any more, say: pages are told, and the next look may do
+                self._hand_over(self._send_problem, self._frame({}, problem=f"{type(error).__name__}: {error}"))
             self._wake.wait(self._every_s)
             self._wake.clear()
 
@@ -106,6 +111,7 @@ class Watcher:
     def _discover(self) -> None:
         """Find the nights that are there, and keep those that are shown."""
         found = {self._name(path.parent): path.parent for path in self._journals()}
+        self._found = list(found)
         for identity in set(self._nights) - set(found):
             del self._nights[identity]
         for identity, folder in found.items():
@@ -132,26 +138,33 @@ class Watcher:
         return known is not None and known.working, newest
 
     def _name(self, folder: Path) -> str:
-        return folder.resolve().name if folder == self._root else str(folder.relative_to(self._root))
+        """Return the name of a night: its folder's, with bytes that are no text written as such."""
+        name = folder.resolve().name if folder == self._root else str(folder.relative_to(self._root))
+        return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+    def _shown(self) -> list[str]:
+        """Return the nights in the order of their cards: those at work by name, so that none moves, then the newest."""
+        return sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
 
     def _whole(self) -> Mapping[str, Part]:
         return {identity: self._broken.get(identity) or night.whole() for identity, night in self._nights.items()}
 
-    def _frame(self, nights: Mapping[str, Part]) -> bytes:
+    def _frame(self, nights: Mapping[str, Part], problem: str = "") -> bytes:
         document: dict[str, Any] = {
             "utc": SystemClock().utc().isoformat(timespec="milliseconds"),
             "folder": self._root.resolve().name,
-            "shown": list(self._nights),
+            "shown": self._shown() if not problem else [],
             "not_shown": self._not_shown,
+            "problem": problem,
             "nights": nights,
         }
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
 
-    def _hand_over(self, frame: bytes, everything: bytes) -> None:
+    def _hand_over(self, send: Callable[..., None], *frames: bytes) -> None:
         loop = self._loop
         if loop is not None and not self._ended:
             try:
-                loop.call_soon_threadsafe(self._send, frame, everything)
+                loop.call_soon_threadsafe(send, *frames)
             except RuntimeError:  # the loop was closed while we looked
                 self._ended = True
 
@@ -169,6 +182,14 @@ class Watcher:
                 continue
             queue.put_nowait(everything if needs_everything else frame)
             self._pages[queue] = False
+
+    def _send_problem(self, frame: bytes) -> None:
+        """Tell every page that the folder cannot be looked at; each needs everything when it can be again."""
+        for queue in self._pages:
+            if not queue.full():
+                queue.put_nowait(frame)
+            self._pages[queue] = True
+        self._everything_wanted = True
 
     def _want_everything(self) -> None:
         self._everything_wanted = True

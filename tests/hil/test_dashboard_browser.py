@@ -172,6 +172,10 @@ def test_a_question_is_answered_and_a_night_paused_continued_and_aborted(
     shown(page, "#ask-error", "not right")
     assert asked(nights, "attended") == []
     page.locator("#ask-no").click()
+    # A double click on a button must not press the one that appears below it.
+    pressed = "() => { document.querySelector('#abort').click(); return document.querySelector('#ask-yes').disabled; }"
+    assert page.evaluate(pressed)
+    page.locator("#ask-no").click()
     ask(page, "confirm", "ann")
     shown(page, "#toast", "confirmed")
     shown(page, "#question", "position 2")
@@ -267,6 +271,45 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_less_than_100_ms(
         shown(page, "#tiles", "19.9")
     assert max(taken) < 100.0
     assert len(set(taken)) > 2
+
+
+def ended(nights: Nights, name: str, temperature_degC: float) -> None:
+    """Make a night that was begun and never went on, with as many things missing as any other of these."""
+    folder = nights.dashboard.root / name
+    folder.mkdir()
+    procedure = SweepProcedure(title=f"At {temperature_degC:.0f}", temperatures_degC=(temperature_degC,))
+    SqliteJournal.create(folder, make_plan(procedure), Night(procedure.title, "rk", VirtualClock().utc(), True, ""))
+
+
+def test_another_night_is_never_shown_in_place_of_the_one_that_was_chosen(
+    nights: Nights, open_page: Callable[..., Any]
+) -> None:
+    """Going from one to another writes everything anew; of one that is deleted only the others' cards are left."""
+    ended(nights, "first", 41.0)
+    ended(nights, "second", 43.0)
+    page = open_page("first")
+    shown(page, "#missing", "at 41.0 °C")
+    page.evaluate("() => { location.hash = 'second'; }")
+    shown(page, "#missing", "at 43.0 °C")
+    assert "41.0" not in page.locator("#missing").text_content()
+    page.locator("#results", has_text="No self-calibration").wait_for()
+    shutil.rmtree(nights.dashboard.root / "second")
+    page.locator("#night").wait_for(state="hidden")
+    shown(page, "#cards", "first")
+    assert page.locator("#cards a", has_text="second").count() == 0
+
+
+def test_a_page_that_fails_says_so_and_does_not_blame_the_connection(nights: Nights, browser: Any) -> None:
+    """What is then on the page may be old, and only loading it again helps."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.set_default_timeout(SOON_MS)
+    page.goto(nights.dashboard.url)
+    shown(page, "#link", "live")
+    page.evaluate("() => { Map.prototype.keys = () => { throw new Error('a slip'); }; }")
+    shown(page, "#banner", "This page has failed (Error: a slip)")
+    shown(page, "#link", "live")
+    context.close()
 
 
 SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}

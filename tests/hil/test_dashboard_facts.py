@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import os
 import shutil
 import sqlite3
@@ -162,12 +163,16 @@ def test_a_controller_that_said_it_waits_for_a_device_is_given_that_time(
     facts = NightFacts(killed, "night")
     seen = datetime.fromisoformat(json.loads((killed / LIVE_NAME).read_text())["written_utc"])
     beats = HeartbeatFile(killed)
+    live = json.loads((killed / LIVE_NAME).read_text())
     with FolderLock(killed).acquire():
-        beats.alive(silent_s=20.0)
-        for later_s, old in ((20.0, False), (24.5, True)):
-            monkeypatch.setattr(SystemClock, "utc", lambda _, later_s=later_s: seen + timedelta(seconds=later_s))
-            facts.look()
-            assert facts.whole()["head"]["old"] is old
+        # A poll announces the time to the next: that is waited for anyhow, however long it is on a clock that jumps.
+        for announced_s, times in ((19.0, ((20.0, False), (24.5, True))), (20.0, ((3.0, False), (4.5, True)))):
+            (killed / LIVE_NAME).write_text(json.dumps(live | {"announced_s": announced_s}))
+            beats.alive(silent_s=20.0)
+            for later_s, old in times:
+                monkeypatch.setattr(SystemClock, "utc", lambda _, later_s=later_s: seen + timedelta(seconds=later_s))
+                facts.look()
+                assert facts.whole()["head"]["old"] is old
     beats.close()
 
 
@@ -269,7 +274,62 @@ def test_of_many_nights_the_newest_are_shown_and_the_others_counted(night: Watch
         newest = tmp_path / "night-00" / JOURNAL_NAME
         os.utime(newest, ns=(0, 9000 * 10**9))
         watcher.look()
-        assert {"night-03", "night-00"} <= set(json.loads(watcher._frame({})[6:])["shown"])
+        shown_now = json.loads(watcher._frame({})[6:])["shown"]
+        assert shown_now[:2] == ["night-03", "night-00"]  # who works stands first, then the newest
+        assert shown_now[2:] == sorted(shown_now[2:], reverse=True)
+
+
+def test_a_folder_whose_name_is_no_text_hides_no_other_night(night: Watched, tmp_path: Path) -> None:
+    """Any bytes may be a folder's name on this file system, and not every text is one that a browser takes."""
+    for name in ("a", os.fsdecode(b"b\xff")):
+        shutil.copytree(night[0], tmp_path / name)
+    watcher = Watcher(tmp_path)
+    watcher.look()
+    shown = json.loads(watcher._frame({})[6:])["shown"]
+    assert {each.encode().decode() for each in shown} == {"a", "b\\xff"}
+    assert watcher.folder_of("b\\xff").is_dir()
+
+
+def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(night: Watched, tmp_path: Path) -> None:
+    """JSON has no NaN, and a page that was sent one would read nothing at all."""
+    shutil.copytree(night[0], tmp_path / "a")
+    live = tmp_path / "a" / LIVE_NAME
+    document = json.loads(live.read_text()) | {"chamber_degC": math.nan, "stream_hz": math.inf}
+    live.write_text(json.dumps(document | {"pid": os.getpid()}))
+    watcher = Watcher(tmp_path)
+    with FolderLock(tmp_path / "a").acquire():
+        frame = watcher._frame(watcher.look())
+    assert b"NaN" not in frame
+    assert b"Infinity" not in frame
+
+
+def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_it_can(
+    night: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No file can be opened any more, say: what the page shows is then old, and the watcher goes on trying."""
+    shutil.copytree(night[0], tmp_path / "a")
+    failing = [OSError(24, "Too many open files"), OSError(24, "Too many open files")]
+
+    def journals(watcher: Watcher) -> list[Path]:
+        if failing:
+            raise failing.pop()
+        return [tmp_path / "a" / JOURNAL_NAME]
+
+    async def watched() -> list[dict[str, Any]]:
+        watcher = Watcher(tmp_path, every_s=0.01)
+        watcher.start()
+        told: list[dict[str, Any]] = []
+        async with watcher.page() as updates:
+            while len(told) < 20 and not (told and told[-1]["nights"]):
+                told.append(json.loads((await updates.get())[6:]))
+        await asyncio.to_thread(watcher.stop)
+        return told
+
+    monkeypatch.setattr(Watcher, "_journals", journals)
+    told = asyncio.run(watched())
+    assert "Too many open files" in told[0]["problem"]
+    assert told[-1]["problem"] == ""
+    assert "results" in told[-1]["nights"]["a"]
 
 
 def test_a_night_that_can_be_read_again_is_told_from_its_beginning(night: Watched, tmp_path: Path) -> None:

@@ -99,6 +99,9 @@ def test_nobody_asks_without_the_token(ask: Any, nights: Path, given: str) -> No
         ({"who": "a\nb"}, "one line"),
         ({"why": 7}, "why"),
         ({"kind": "confirm"}, "number of the question"),
+        ({"kind": "confirm", "prompt": True}, "number of the question"),
+        ({"kind": "refuse", "prompt": 10**30}, "number of the question"),
+        ({"night": ["night"]}, "no such night"),
         ({"night": "../../etc"}, "no such night"),
     ],
 )
@@ -110,7 +113,7 @@ def test_what_is_no_request_is_refused_in_a_sentence(ask: Any, changes: dict[str
     assert complaint in json.loads(body)["error"]
 
 
-@pytest.mark.parametrize("body", [b"", b"[]", b"{", b"\xff", b"x" * 20_000])
+@pytest.mark.parametrize("body", [b"", b"[]", b"{", b"\xff", b"[" * 8000, b"x" * 20_000])
 def test_what_is_no_document_is_refused(ask: Any, body: bytes) -> None:
     """Neither does a long one fill the memory."""
     answer, said = ask("POST", "/api/ask", body, authorization=BEARER)

@@ -8,6 +8,8 @@ const TEXTS = {
   refuse: ["Refuse?", "", "Refuse"],
 };
 
+const DOUBLE_CLICK_MS = 500;
+
 const $ = (id) => document.getElementById(id);
 
 export class Asking {
@@ -29,7 +31,9 @@ export class Asking {
     $("ask-text").textContent = prompt ? prompt.question : text;
     $("ask-yes").textContent = yes;
     $("ask-yes").classList.toggle("danger", kind === "abort" || kind === "refuse");
-    $("ask-yes").disabled = false;
+    $("ask-yes").disabled = true; // for a moment: the second half of a double click must not answer
+    clearTimeout(this.ready);
+    this.ready = setTimeout(() => ($("ask-yes").disabled = false), DOUBLE_CLICK_MS);
     $("ask-why-label").hidden = kind === "continue" || kind === "confirm";
     $("ask-who").value = localStorage.getItem("hil-who") || "";
     $("ask-why").value = "";

@@ -35,6 +35,7 @@ export class Detail {
   // Show a night; `changed` names the parts to write anew, null all of them.
   show(id, night, changed) {
     const all = changed === null || id !== this.id;
+    if (id !== this.id) this.makeChannels([]); // the curves in them are another night's
     this.id = id;
     this.night = night;
     if (!night.head || night.head.state === "unreadable") return;
@@ -42,7 +43,10 @@ export class Detail {
     if (has("head")) this.showHead(night.head);
     if (has("temperatures") || has("plan")) this.showTemperatures(night);
     if (has("head") || has("collect")) this.showRates(night);
-    if (has("results")) $("results").replaceChildren(...results(night.results || []));
+    if (has("results") || this.working !== night.head.working) {
+      $("results").replaceChildren(...results(night.results || [], night.head.working));
+      this.working = night.head.working;
+    }
     if (has("events")) this.showEvents(night.events || []);
   }
 
@@ -93,9 +97,8 @@ export class Detail {
   showMissing(head) {
     const missing = head.missing || [];
     $("missing-card").hidden = !missing.length;
-    if ($("missing").childElementCount !== missing.length) {
-      $("missing").replaceChildren(...missing.map((line) => item(sentence(line))));
-    }
+    if (missing.join("\n") !== this.missing) $("missing").replaceChildren(...missing.map((line) => item(sentence(line))));
+    this.missing = missing.join("\n");
   }
 
   showStream(head) {
@@ -110,7 +113,7 @@ export class Detail {
     const slow = stream.hz !== null && stream.nominal_hz && stream.hz < 0.9 * stream.nominal_hz;
     $("stream").classList.toggle("bad", !good || slow);
     put("stream", slow ? "Samples are missing now" : good ? "Every frame arrived" : "Frames were lost or damaged");
-    const rate = stream.hz === null ? "" : `${stream.hz.toFixed(0)} of ${stream.nominal_hz.toFixed(0)} samples/s; `;
+    const rate = stream.hz === null || stream.nominal_hz === null ? "" : `${stream.hz.toFixed(0)} of ${stream.nominal_hz.toFixed(0)} samples/s; `;
     const unread = stream.unread_bytes ? `, ${stream.unread_bytes} bytes unread` : "";
     put("stream-counts", `${rate}${stream.ok.toLocaleString("en-GB")} good frames, ${stream.lost} lost, ${stream.damaged} damaged${unread}`);
   }

@@ -12,6 +12,7 @@ const $ = (id) => document.getElementById(id);
 const store = new Store();
 let connected = false;
 let silentMs = 0;
+let broken = "";
 
 const stream = new Stream({ onFrame: take, onLink: link, onRefused: unlock });
 const asking = new Asking(stream, say);
@@ -19,16 +20,22 @@ const detail = new Detail((night, kind, prompt) => asking.open(night, kind, prom
 
 function take(frame) {
   const began = performance.now();
-  const changed = store.take(frame);
-  show(changed);
+  try {
+    show(store.take(frame));
+    broken = "";
+  } catch (error) {
+    broken = String(error); // which is not the connection's fault, and must not look as if it were
+    banner(null);
+    console.error(error);
+  }
   performance.clearMeasures("hil-update");
   performance.measure("hil-update", { start: began, end: performance.now() });
 }
 
-// The night that is chosen: by the address, or because there is no other.
+// The night that is chosen: by the address, or where that names none, because there is no other.
 function chosen() {
   for (const id of store.nights.keys()) if (address(id) === location.hash) return id;
-  return store.nights.size === 1 ? [...store.nights.keys()][0] : null;
+  return store.nights.size === 1 && location.hash.length < 2 ? [...store.nights.keys()][0] : null;
 }
 
 function show(changed) {
@@ -51,12 +58,20 @@ function show(changed) {
   banner(night);
 }
 
+// What is wrong: with the connection, with this page, with the folder, with the night; the first of them is said.
+function trouble(night) {
+  if (!connected) return lost();
+  if (broken) return { bad: true, text: `This page has failed (${broken}). Load it again; what is below may be old.` };
+  if (store.problem) return { bad: true, text: `The folder of the nights cannot be looked at: ${store.problem}. What is below is old.` };
+  return night && troubleOf(night.head);
+}
+
 function banner(night) {
-  const trouble = connected ? night && troubleOf(night.head) : lost();
-  const text = trouble ? trouble.text : "";
+  const found = trouble(night);
+  const text = found ? found.text : "";
   if ($("banner").textContent !== text) $("banner").textContent = text;
-  $("banner").className = `banner ${trouble && trouble.bad ? "bad" : ""}`;
-  $("banner").hidden = !trouble;
+  $("banner").className = `banner ${found && found.bad ? "bad" : ""}`;
+  $("banner").hidden = !found;
 }
 
 function lost() {

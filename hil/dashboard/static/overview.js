@@ -30,8 +30,9 @@ function card(id, head) {
   badges.append(text("span", `badge ${className}`, word));
   if (head.simulated) badges.append(" ", text("span", "badge simulated", "SIMULATED"));
   link.append(text("span", "where", head.bench && head.bench !== id ? `${head.bench} · ${id}` : id), badges);
-  link.append(text("span", "what", capital(sentence(head.step || head.reason || head.title))));
   const trouble = troubleOf(head);
+  const what = capital(sentence(head.step || (trouble ? "" : head.reason || head.title)));
+  if (what) link.append(text("span", "what", what));
   if (trouble) link.append(text("span", "trouble", trouble.text));
   if (head.prompt) link.append(text("span", "asks", `Asks: ${head.prompt.question}`));
   link.append(text("span", "small", facts(head)));

@@ -10,7 +10,7 @@ function cell(tag, className, content) {
 }
 
 // Return what there is to show: the table, and below it in words what is not as it should be.
-export function results(rows) {
+export function results(rows, working) {
   if (!rows.length) return [cell("p", "small", "No self-calibration has begun yet.")];
   const list = cell("ul", "small reasons", "");
   for (const row of rows) {
@@ -21,14 +21,14 @@ export function results(rows) {
       if (each.verdict !== "PASS") list.append(reason(row, `sensor ${each.sensor}`, each));
     }
   }
-  return [table(rows), list];
+  return [table(rows, working), list];
 }
 
 function reason(row, what, { verdict, reason }) {
   return cell("li", "", `Run ${row.number}, ${what}: ${verdict}: ${sentence(reason)}`);
 }
 
-function table(rows) {
+function table(rows, working) {
   const names = [...new Set(rows.flatMap((row) => row.solutions.flatMap((each) => Object.keys(each.parameters))))];
   const made = document.createElement("table");
   const head = made.createTHead().insertRow();
@@ -37,7 +37,7 @@ function table(rows) {
   head.append(heading("Verdict", "left"));
   for (const name of names) head.append(heading(name, "", units.get(name)));
   const body = made.createTBody();
-  for (const row of [...rows].reverse()) addRow(body, row, names);
+  for (const row of [...rows].reverse()) addRow(body, row, names, working);
   return made;
 }
 
@@ -58,12 +58,12 @@ function unitsOf(rows) {
   return units;
 }
 
-function addRow(body, row, names) {
+function addRow(body, row, names, working) {
   const lines = row.solutions.length ? row.solutions : [null];
   lines.forEach((solution, i) => {
     const line = body.insertRow();
     if (i === 0) line.append(...firstCells(row, lines.length));
-    line.append(cell("td", "", solution ? String(solution.sensor) : ""), verdictCell(solution, row));
+    line.append(cell("td", "", solution ? String(solution.sensor) : ""), verdictCell(solution, row, working));
     for (const name of names) line.append(parameter(solution && solution.parameters[name]));
   });
 }
@@ -90,10 +90,10 @@ function parameter(estimate) {
   return made;
 }
 
-function verdictCell(solution, row) {
+function verdictCell(solution, row, working) {
   const made = cell("td", "left", "");
   if (!solution) {
-    made.textContent = row.done ? "not solved" : "going on";
+    made.textContent = row.done ? "not solved" : working ? "going on" : "not finished";
     return made;
   }
   const mark = cell("span", `verdict ${solution.verdict}`, solution.verdict);

@@ -6,14 +6,18 @@ export class Store {
     this.folder = "";
     this.utc = null;
     this.notShown = 0;
+    this.problem = "";
   }
 
-  // Take one frame in; return the names of the parts that changed, by night.
+  // Take one frame in; return the names of the parts that changed, by night, or null where other nights are shown, or
+  // in another order.
   take(frame) {
     this.folder = frame.folder;
     this.utc = frame.utc;
     this.notShown = frame.not_shown;
-    for (const id of this.nights.keys()) if (!frame.shown.includes(id)) this.nights.delete(id);
+    this.problem = frame.problem;
+    if (frame.problem) return new Map();
+    const before = [...this.nights.keys()].join("\n");
     const changed = new Map();
     for (const [id, parts] of Object.entries(frame.nights)) {
       const night = this.nights.get(id) || {};
@@ -21,7 +25,9 @@ export class Store {
       this.nights.set(id, night);
       changed.set(id, new Set(Object.keys(parts)));
     }
-    return changed;
+    const shown = frame.shown.filter((id) => this.nights.has(id));
+    this.nights = new Map(shown.map((id) => [id, this.nights.get(id)]));
+    return shown.join("\n") === before ? changed : null;
   }
 }
 

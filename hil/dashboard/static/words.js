@@ -21,7 +21,7 @@ export function countdown(seconds) {
 }
 
 const DAY_TIME = new Intl.DateTimeFormat("en-GB", { weekday: "short", hour: "2-digit", minute: "2-digit" });
-const DATE_TIME = new Intl.DateTimeFormat("en-GB", { dateStyle: "medium", timeStyle: "short" });
+const DATE_TIME = new Intl.DateTimeFormat("en-GB", { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
 const TIME = new Intl.DateTimeFormat("en-GB", { timeStyle: "medium" });
 
 export const dayTime = (utc) => DAY_TIME.format(new Date(utc)).replace(",", "");
