@@ -28,7 +28,9 @@ _COLLECT_F = {"1": (-1.0, 0.0, 0.0), "2": (1.0, 0.0, 0.0), "3": (0.0, 0.0, 1.0)}
 _REPEAT_S = 3 * 3600.0  # how far the temperatures lie apart is not printed; only their order matters
 _NOTE = (
     "Rebuilt from printed means: Collects 1 and 2 share the matrix bias, Collect 3 is the contractor's bias. GSA, GSB "
-    "and the earth rate are not printed and taken as zero; G = (1, 0, 0); when the collects were made is not known."
+    "and the earth rate are not printed and taken as zero; G = (1, 0, 0); when the collects were made is not known. "
+    "Each rate is a mean of the printed number of runs, with the standard error of that mean; the printed sigma of MU "
+    "is not used: standard errors of collects cannot say that the two biases scatter together."
 )
 
 

@@ -10,10 +10,11 @@ import typer
 from rich.table import Table
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.cli.output import JsonFlag, check_result_folder, messages, print_json, results, warn
 from hil.errors import InputError
 
 _READINGS_SHOWN = 4
+_ROUNDING = 1e-9
 
 
 def _quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
@@ -200,8 +201,8 @@ def thermal(
     apart_degC = _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; the result needs a folder")
+    if out is not None:
+        check_result_folder(out, "reconciliation.json", "reconcile")
     campaign = read_source(source)
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
@@ -226,12 +227,14 @@ def _print_thermal(sensor: dict[str, Any]) -> None:
         f"{low:.1f} to {high:.1f} °C"
     )
     table = Table(box=None, pad_edge=False, header_style="bold")
-    headings = ("", "unit", "form", "held-out error", "with a constant", "one run scatters", "from below - from above")
-    for heading in headings if sensor["both_directions_degC"] else headings[:-1]:
+    headings = ("", "unit", "form", "held-out error", "form chosen anew", "with a constant", "one run scatters")
+    for heading in (*headings, "from below - from above") if sensor["both_directions_degC"] else headings:
         table.add_column(heading, no_wrap=True)
     for name, each in sensor["parameters"].items():
         scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"
-        errors = (f"{each['leave_one_out_error']:.3g}", f"{each['leave_one_out_error_constant']:.3g}")
+        found = each["improvement"]
+        anew = _error(found["held_out_modelled"]) if found["form_chosen_anew"] else "–"
+        errors = (_error(each["leave_one_out_error"]), anew, _error(each["leave_one_out_error_constant"]))
         form = each["form"] + (" ?" if each["finding"] == "undescribed" else "")
         change = each["hysteresis"]
         last = [] if change is None else [f"{change['from_below_less_from_above']:+.2f} ±{change['se']:.2f}"]
@@ -242,6 +245,11 @@ def _print_thermal(sensor: dict[str, Any]) -> None:
     console.print(sensor["verdict"]["words"])
     for note in sensor["notes"]:
         messages().print(f"note: {note}")
+
+
+def _error(value: float) -> str:
+    """An error of the sixteenth digit is none."""
+    return f"{value:.3g}" if value > _ROUNDING else "0"
 
 
 COMMANDS = (allan, audit, thermal)

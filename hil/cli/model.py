@@ -10,8 +10,7 @@ import typer
 from rich.table import Table
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, print_json, results, warn
-from hil.errors import InputError
+from hil.cli.output import JsonFlag, check_result_folder, print_json, results, warn
 
 
 def reconcile(
@@ -26,8 +25,7 @@ def reconcile(
     from hil.reconcile import write_result
 
     data = read_source(campaign)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; the result needs a folder")
+    check_result_folder(out, "thermal.json", "thermal")
     result = search(data, model, alpha=alpha)
     write_result(result, out)
     document = result.document()

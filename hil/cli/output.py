@@ -12,6 +12,8 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from hil.errors import InputError
+
 _WIDE = 200
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
@@ -43,6 +45,14 @@ def messages() -> Console:
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document. NaN is no JSON: a number that is not known must already be null."""
     sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def check_result_folder(out: Path, another: str, command: str) -> None:
+    """Refuse an --out that is a file, or that holds `another`: what a `command` left that writes model.yaml too."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; the result needs a folder")
+    if (out / another).is_file():
+        raise InputError(f"{out}: holds the model.yaml of hil {command}, which would be lost; name another folder")
 
 
 def warn(warnings: list[str] | tuple[str, ...]) -> None:

@@ -112,6 +112,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         },
         "improvement": _improvement(each.improvement),
         "finding": each.finding,
+        "confirmed": each.is_confirmed,
         "verdict": parameter_in_words(each),
     }
 
@@ -123,6 +124,7 @@ def _improvement(found: Improvement) -> dict[str, Any]:
         "share_removed": found.share,
         "low": found.low,
         "high": found.high,
+        "form_chosen_anew": found.chosen_anew,
         "confidence_that_it_helps": found.confidence,
     }
 
@@ -140,10 +142,13 @@ def parameter_in_words(each: ParameterFit) -> str:
     if each.finding == "undescribed":
         cubic = f"; cubic {errors['cubic']:.3g} beside {errors['constant']:.3g}" if "cubic" in errors else ""
         return (
-            "depends on temperature beyond its noise, but no form predicts a temperature that was left out better than "
-            f"a constant by more than chance (p = {each.choice.chance_of_constant:.2g}{cubic})"
+            "differs between temperatures beyond its noise, but no form predicts one that was left out better than a "
+            f"constant by more than chance (p = {each.choice.chance_of_constant:.2g}{cubic})"
         )
     words = f"{each.form}: held-out error {errors['constant']:.3g} with a constant, {errors[each.form]:.3g} with it"
+    if each.improvement.chosen_anew:
+        confirms = "confirms it" if each.is_confirmed else "does not confirm it"
+        words += f"; choosing the form anew without that temperature {confirms} ({each.improvement.modelled:.3g})"
     if each.chance_form is not None and each.chance_form < DESCRIBES:
         words += "; it leaves a misfit beyond the noise, which its standard errors include"
     return words
@@ -154,8 +159,8 @@ def verdict_in_words(fit: SensorFit) -> str:
     found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves (95 % interval of the share removed: {found.low:.0%} to "
-        f"{found.high:.0%}); one collect scatters by {scatter:.3g} deg/hr"
+        f"{found.modelled:.3g} deg/hr with the curves (share removed {found.share:.0%}; drawing the temperatures again "
+        f"{found.low:.0%} to {found.high:.0%}); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         reason = (
@@ -170,3 +175,13 @@ def verdict_in_words(fit: SensorFit) -> str:
     if found.is_certain:
         return f"modelling against temperature improves this unit: {numbers}"
     return f"modelling against temperature does not demonstrably improve this unit: {numbers}"
+
+
+def _confirmed(fit: SensorFit) -> str:
+    """Say which of the chosen forms the temperatures that were left out confirm, one by one."""
+    modelled = [each for each in fit.parameters.values() if each.finding == "modelled"]
+    if not fit.improvement.chosen_anew:
+        return "; too few temperatures to choose the forms anew, so that choosing them flatters the curves"
+    held = ", ".join(each.name for each in modelled if each.is_confirmed) or "none"
+    doubtful = ", ".join(each.name for each in modelled if not each.is_confirmed)
+    return f"; confirmed one by one: {held}" + (f"; not confirmed: {doubtful}" if doubtful else "")

@@ -86,6 +86,11 @@ class ParameterFit:
         return self.choice.form.name
 
     @property
+    def is_confirmed(self) -> bool:
+        """Whether a form that depends on temperature also wins where it is chosen anew without what it predicts."""
+        return self.finding == "modelled" and self.improvement.chosen_anew and self.improvement.is_certain
+
+    @property
     def finding(self) -> str:
         """modelled, constant (no dependence found), or undescribed (it depends, and no form predicts it)."""
         if self.choice.form.order != 0:
@@ -190,6 +195,11 @@ def fit_sensor(
         notes.append(
             f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
             "are in the curves"
+        )
+    if noise.known and spare == 0:
+        notes.append(
+            f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
+            "standard errors, cannot be told from what depends on temperature"
         )
     rates = _rate_improvement(layout, choices, errors)
     size = float(np.sqrt(np.mean(np.diagonal(noise.covariance))))

@@ -51,4 +51,4 @@ def test_the_published_table_is_imported_by_its_name_and_fitted(hil: Run, tmp_pa
     assert "kept as printed" in imported.stderr
     ended = hil("thermal", tmp_path / "t1", "--highest-order", "3")
     assert ended.returncode == 0
-    assert "MUB: depends on temperature beyond its noise" in ended.stdout
+    assert "MUB: differs between temperatures beyond its noise" in ended.stdout

@@ -353,7 +353,7 @@ def test_the_command_prints_one_document_and_writes_its_files(
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"model.yaml", "thermal.json", "sensor-2.svg"}
     assert load_model(tmp_path / "out" / "model.yaml").sensors[2]["MUA"].valid_degC == (-29.72, 60.0)
     assert run(["thermal", str(tmp_path / "t1")]) == 0
-    assert "MUB: depends on temperature beyond its noise" in capsys.readouterr().out
+    assert "MUB: differs between temperatures beyond its noise" in capsys.readouterr().out
     assert run(["thermal", str(tmp_path / "nothing")]) == 2
     assert run(["thermal", str(tmp_path / "t1"), "--apart", "80 degC"]) == 2
     assert "at least three" in capsys.readouterr().err.replace("\n", " ")
