@@ -38,6 +38,7 @@ from hil.journal_reader import open_readonly
 from hil.lock import FolderLock, Owner, living_owner
 from procedures.stop import StopRequest
 
+_CHAMBER_S = 9.0  # to open the port and be sure of the safe state: what a slow chamber's pacing takes
 _KILLED_WITHIN_S = 10.0
 _LOOK_S = 0.05
 
@@ -51,6 +52,19 @@ class Patience:
     term_s: float = 10.0  # between asking a silent controller to end and killing it
     safe_state_s: float = 300.0  # how long the safe state is tried for
     retry_s: float = 2.0
+
+    @property
+    def after_death_s(self) -> float:
+        """How long after the death of its controller a chamber that answers is in its safe state, at most."""
+        return self.look_s + _CHAMBER_S
+
+    def after_silence_s(self, asked_for_s: float = 0.0) -> float:
+        """How long after the last heartbeat of a hung controller a chamber that answers is in its safe state, at most.
+
+        The silence that is borne and the one that the controller asked for, the time to end when asked, and then what
+        a death takes.
+        """
+        return self.timeout_s + asked_for_s + self.look_s + self.term_s + self.after_death_s
 
 
 @dataclass(frozen=True)
@@ -92,7 +106,11 @@ class Watchdog:
 
     def run(self) -> Watched:
         """Watch until the controller has ended, one way or the other."""
-        self._say(f"watching {self._folder}; the chamber is made safe {self._patience.timeout_s:g} s after silence")
+        patience = self._patience
+        self._say(
+            f"watching {self._folder}; the chamber is safe {patience.after_death_s:.0f} s after a death, "
+            f"{patience.after_silence_s():.0f} s after the last heartbeat, at most"
+        )
         while not self._stop.requested:
             owner = living_owner(self._folder)
             if owner is None:

@@ -41,7 +41,7 @@ positions: [1, 3]
 restabilisation: {at_least: 2 h}
 """
 TIMEOUT_S = 2.0
-STATED_S = 10.0  # docs/how-to/overnight.md: a second to see the death, and a chamber's own pacing
+STATED_S = Patience().after_death_s  # docs/how-to/overnight.md: a second to see the death, and a chamber's own pacing
 
 
 def wait_until(
@@ -207,6 +207,41 @@ def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
         "does not react",
         "safe state",
     ]
+
+
+def test_a_real_controller_that_hangs_is_replaced_within_the_stated_time(
+    simulation: Simulation, bench: Bench, processes: Processes
+) -> None:
+    """SIGSTOP in the middle of a soak, with the heartbeat, the polls and the port of a real night."""
+    controller = processes.controller(bench, "--no-watchdog")
+    watching = processes.start("watchdog", processes.night, "--timeout", TIMEOUT_S)
+    assert watching.stderr is not None
+    patience = Patience(TIMEOUT_S, look_s=TIMEOUT_S / 5.0, term_s=TIMEOUT_S)
+    said = watching.stderr.readline()
+    assert f"{patience.after_silence_s():.0f} s after the last heartbeat" in said
+    beat = read_heartbeat(processes.night)
+    assert beat is not None
+    clock = SystemClock()
+    os.kill(controller.pid, signal.SIGSTOP)
+    assert conditioning(simulation)
+    wait_until(lambda: not conditioning(simulation), within_s=60.0)
+    took_s = clock.now()
+    assert TIMEOUT_S < took_s < patience.after_silence_s(beat.silent_s)
+    assert watching.wait(10) == 3
+    assert controller.wait(5) == -signal.SIGKILL
+    assert (
+        "no sign of life" not in night_status(processes.night)["reason"]
+    )  # it is dead by now, and that is what counts
+    assert night_status(processes.night)["state"] == "failed"
+
+
+def test_the_stated_times_are_those_of_the_how_to() -> None:
+    """What docs/how-to/overnight.md promises is computed from what the watchdog waits for."""
+    usual = Patience()
+    assert (usual.after_death_s, usual.after_silence_s()) == (10.0, 81.0)
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "overnight.md").read_text()
+    for stated in ("| 10 s |", "| 81 s"):
+        assert stated in page
 
 
 def test_a_controller_that_is_well_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
