@@ -1,0 +1,75 @@
+"""Screen a fleet of simulated units whole: how long it takes, and whether its error rates are what they are said to be.
+
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.reconcile_fleet --units 10000
+
+24 runs of four collects each, every unit with a noise of its own (collects 0.9 deg/hr, give or take a third; runs 1.3
+deg/hr, give or take a half; correlated .2 to .9 from run to run). A tenth of the units lacks a supply effect where
+`--faulty` is asked for; nothing is missing from the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from hil.campaign import Campaign
+from hil.reconcile import Screen
+from tests.hil.hidden_effects import base_rates, both, campaign_of, lay_out, noise
+
+ROWS = lay_out(np.random.default_rng(0), runs_each=3)
+EVERY = 10
+LEVEL = 0.05
+
+
+def unit(seed: int, size_deg_per_hr_per_v: float = 0.0) -> Campaign:
+    """One unit with its own noise, and a supply effect of this size on both channels."""
+    rng = np.random.default_rng(seed)
+    own = {"sigma": 0.9 * np.exp(0.3 * rng.normal()), "run_bias": 1.3 * np.exp(0.5 * rng.normal())}
+    errors = noise(ROWS, rng, rho=float(rng.uniform(0.2, 0.9)), **own)
+    effect = both(ROWS.supply - 28.0, size_deg_per_hr_per_v, -size_deg_per_hr_per_v)
+    return campaign_of(ROWS, base_rates(ROWS) + errors + effect)
+
+
+def fleet_rates(screen: Screen, seed: int, size: float, fleets: int, units: int) -> str:
+    """False discoveries, power and the pooled test over fleets of which a tenth lacks a supply effect of this size."""
+    false, right, shared = [], [], []
+    for k in range(fleets):
+        campaigns = [unit(seed + k * units + i, size * (i % EVERY == 0)) for i in range(units)]
+        found = [i for i, finding in enumerate(screen.units(campaigns)) if finding.q_value < LEVEL]
+        wrong = sum(size == 0.0 or i % EVERY != 0 for i in found)
+        false.append(wrong / max(len(found), 1))
+        right.append((len(found) - wrong) / (units // EVERY))
+        together = screen.shared(campaigns)
+        shared.append(together.p_value < LEVEL and (size == 0.0 or together.name == "supply"))
+    power = "" if size == 0.0 else f", faulty units found {np.mean(right):.3f}"
+    return f"false discoveries {np.mean(false):.3f}{power}, shared effect found {np.mean(shared):.3f}"
+
+
+def main() -> None:
+    """Time a fleet, then count what is found in fleets with and without a fault."""
+    parser = argparse.ArgumentParser(description="Screen a fleet of simulated units.")
+    parser.add_argument("--units", type=int, default=10_000, help="units of the fleet that is timed")
+    parser.add_argument("--fleets", type=int, default=40, help="fleets of fifty units whose discoveries are counted")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    campaigns = [unit(chosen.seed + i) for i in range(chosen.units)]
+    start = time.perf_counter()
+    screen = Screen.of(campaigns, "matrix-6-thermal")
+    tables = time.perf_counter() - start
+    findings = screen.units(campaigns)
+    whole = time.perf_counter() - start
+    each = 1e3 * (whole - tables) / chosen.units
+    print(f"tables {tables:.1f} s; {chosen.units} units {whole - tables:.1f} s, {each:.2f} ms each; all {whole:.1f} s")
+    p_values = np.array([finding.p_value for finding in findings])
+    shares = ", ".join(f"below {p:g}: {np.mean(p_values < p):.4f}" for p in (0.05, 0.01, 0.001))
+    print(f"p-values of these units, from which nothing is missing: {shares}")
+    print(f"discovered among them at q < {LEVEL}: {sum(f.q_value < LEVEL for f in findings)}")
+    for size in (0.0, 4.0, 6.0, 8.0, 12.0):
+        said = fleet_rates(screen, chosen.seed + 1_000_000, size, chosen.fleets, 50)
+        print(f"{chosen.fleets} fleets of 50, {size:g} deg/hr/V in a tenth: {said}")
+
+
+if __name__ == "__main__":
+    main()
