@@ -26,13 +26,18 @@ from numpy.typing import NDArray
 from drivers.clock import Clock, SystemClock
 from drivers.imu import SensorChannels, StreamCounts, rate_fields
 from hil.files import PARTIAL
+from hil.heartbeat import Heartbeat
 from hil.journal_records import to_json
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
 
 LIVE_NAME, TRACE_NAME = "live.json", "live.trace"
 SCHEMA = "hil.live/1"
+OLD_AFTER_S = 4.0
+"""A state of a living controller that is older is called old: with a look a second, people know within 5 s."""
+
 _EVERY_S = 1.0
+_LATE_POLLS = 3.0
 _TOO_CLOSE_S = 0.95  # of the campaign: polls are a little less than a second apart now and then
 
 Rows = NDArray[np.float32]
@@ -160,6 +165,19 @@ def read_live(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError):
         return None
     return document if isinstance(document, dict) and document.get("schema") == SCHEMA else None
+
+
+def age_s(live: Mapping[str, Any], beat: Heartbeat | None, now: datetime) -> tuple[float, bool]:
+    """Return how old by the wall clock a state is that the controller at work has shown, and whether that is too old.
+
+    Each poll shows a new one. A heartbeat that announces a longer silence than a poll does says that a device is being
+    waited for; `beat` is None where there is none of this controller.
+    """
+    age = max((now - datetime.fromisoformat(live["written_utc"])).total_seconds(), 0.0)
+    borne_s = max(OLD_AFTER_S, _LATE_POLLS * float(live["every_s"]))
+    if beat is not None and beat.silent_s > live.get("announced_s", 0.0):
+        borne_s += beat.silent_s
+    return age, age > borne_s
 
 
 def snapshot_of(live: Mapping[str, Any], steps: Mapping[str, Step]) -> Snapshot | None:

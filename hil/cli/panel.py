@@ -53,12 +53,12 @@ def _rows(now: Snapshot) -> Iterator[tuple[str, str]]:
     yield "now", f"{step_in_words(now.step)}{again}{', ' + now.note if now.note else ''}"
     left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
     yield "step", f"{hours_minutes(now.step_elapsed_s)} gone, {left}"
+    yield "end", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}"
     yield "°C", _temperatures(now)
     rates = now.rates_deg_per_hr or now.rates_now_deg_per_hr
     if rates:
         yield "deg/hr", ", ".join(_rate(label, mean, now) for label, mean in rates.items())
     yield "stream", _stream(now)
-    yield "end", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}"
 
 
 def _temperatures(now: Snapshot) -> str:

@@ -13,11 +13,12 @@ from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel
+from hil.heartbeat import read_heartbeat
 from hil.journal_reader import reading
-from hil.live import read_live, snapshot_of
+from hil.live import age_s, read_live, snapshot_of
 from hil.lock import living_owner
 from hil.status import night_status
-from hil.step_words import step_in_words
+from hil.step_words import hours_minutes, step_in_words
 from procedures.plan import Step
 from procedures.progress import Snapshot
 
@@ -36,16 +37,25 @@ def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
             status = night_status(folder)
             step = steps.get(status["step"] or "")
             status["step"] = step_in_words(step) if step else ""
-            show(folder, status, _snapshot(folder, steps))
+            now, status["old"] = _snapshot(folder, steps)
+            show(folder, status, now)
             if status["state"] not in _WORKING:
                 return
             clock.sleep(EVERY_S)
 
 
-def _snapshot(folder: Path, steps: Mapping[str, Step]) -> Snapshot | None:
-    """Return what the controller at work shows, or None where none is, or it has shown nothing yet."""
+def _snapshot(folder: Path, steps: Mapping[str, Step]) -> tuple[Snapshot | None, str]:
+    """Return what the controller at work shows, or None where none is, or it has shown nothing yet; and how old it is.
+
+    The age is in words, and empty where it is as it should be.
+    """
     owner, live = living_owner(folder), read_live(folder)
-    return snapshot_of(live, steps) if owner is not None and live and live["pid"] == owner.pid else None
+    if owner is None or live is None or live["pid"] != owner.pid:
+        return None, ""
+    beat = read_heartbeat(folder)
+    silent_s, old = age_s(live, beat if beat and beat.pid == owner.pid else None, SystemClock().utc())
+    told = f"The controller has shown nothing for {hours_minutes(silent_s)}. What is below is that old."
+    return snapshot_of(live, steps), told if old else ""
 
 
 Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
@@ -84,7 +94,9 @@ def _lines(console: Console) -> Iterator[Show]:
 
 
 def _trouble(folder: Path, status: dict[str, Any]) -> str:
-    """Return what must be seen first: a question, a pause."""
+    """Return what must be seen first: data that are old, a question, a pause."""
+    if status["old"]:
+        return str(status["old"])
     if status["prompt"]:
         return f"ASKS: {status['prompt']['question']} (hil confirm {folder}, or --no)"
     if status["paused"]:

@@ -24,16 +24,12 @@ from hil.errors import InputError
 from hil.heartbeat import read_heartbeat
 from hil.journal_reader import JOURNAL_NAME, JournalReader, reading
 from hil.journal_records import Event
-from hil.live import LIVE_NAME, read_live
+from hil.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.lock import Owner, living_owner
 from hil.status import night_status
 from hil.step_words import step_in_words
 from procedures.plan import Plan, StepKind
 
-OLD_AFTER_S = 4.0
-"""Data of a living controller that are older are called old: with a look a second, people know within 5 s."""
-
-_LATE_POLLS = 3.0
 _EVENTS = 80
 _WORKING = ("running", "paused")
 _BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete", "watchdog"}
@@ -116,15 +112,15 @@ class NightFacts:
         theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
         now = live if theirs and status["state"] in _WORKING else None
         key = now["step"] if now else status["step"]
-        age_s, limit_s = self._age(now)
+        silent_s, old = self._age(now)
         return {
             **self._about,
             "state": status["state"],
             "reason": status["reason"],
             "working": self._owner is not None,
             "killed": status["killed"],
-            "age_s": None if age_s is None else round(age_s),
-            "old": age_s is not None and age_s > limit_s,
+            "age_s": None if silent_s is None else round(silent_s),
+            "old": old,
             "steps_done": status["steps_done"],
             "steps_total": status["steps_total"],
             "self_calibrations_done": status["self_calibrations_done"],
@@ -139,18 +135,18 @@ class NightFacts:
             "now": _now(now) if now else None,
         }
 
-    def _age(self, now: Part | None) -> tuple[float | None, float]:
-        """Return how old what the controller at work last showed is, by the wall clock, and how old it may become."""
+    def _age(self, now: Part | None) -> tuple[float | None, bool]:
+        """Return how old what the controller at work last showed is, by the wall clock, and whether that is too old."""
         if self._owner is None:
-            return None, OLD_AFTER_S
+            return None, False
         beat = read_heartbeat(self.folder)
         beat = beat if beat and beat.pid == self._owner.pid else None
-        limit_s = max(OLD_AFTER_S, _LATE_POLLS * float(now["every_s"]) if now else 0.0)
-        if beat and not (now and beat.silent_s <= now.get("announced_s", 0.0)):
-            limit_s += beat.silent_s  # it has said that it waits for a device, and not for its next poll only
-        shown = [now["written_utc"]] if now else [self._status["seen_utc"], beat and beat.utc]
+        if now is not None:
+            return age_s(now, beat, SystemClock().utc())
+        shown = [self._status["seen_utc"], beat and beat.utc]
         newest = max((datetime.fromisoformat(text) for text in shown if text), default=SystemClock().utc())
-        return max((SystemClock().utc() - newest).total_seconds(), 0.0), limit_s
+        silent_s = max((SystemClock().utc() - newest).total_seconds(), 0.0)
+        return silent_s, silent_s > OLD_AFTER_S + (beat.silent_s if beat else 0.0)
 
 
 def _now(live: Part) -> Part:

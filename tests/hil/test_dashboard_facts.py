@@ -9,6 +9,7 @@ import math
 import os
 import shutil
 import sqlite3
+import time
 import tracemalloc
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -219,7 +220,7 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     for name in (JOURNAL_NAME, "controller.lock"):
         (folder / name).write_bytes((night[0] / name).read_bytes())
     files = fifteen_hours(folder)
-    watcher, clock = Watcher(folder), SystemClock()
+    watcher = Watcher(folder)
     watcher._frame(watcher.look())
     tracemalloc.start()
     slowest_s, kept = 0.0, 0
@@ -227,9 +228,9 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
         files.update(_snapshot(folder, 15 * 3600.0 + second))
         files._trace.flush()  # type: ignore[union-attr]
         os.utime(folder / JOURNAL_NAME, ns=(second, second))  # something was committed as well
-        began_s = clock.now()
+        began_s = time.thread_time()  # whatever else this machine is doing
         frame = watcher._frame(watcher.look())
-        slowest_s = max(slowest_s, clock.now() - began_s)
+        slowest_s = max(slowest_s, time.thread_time() - began_s)
         assert len(frame) < 20_000
         kept = kept or tracemalloc.get_traced_memory()[0]
     grown = tracemalloc.get_traced_memory()[0] - kept

@@ -45,7 +45,7 @@ def _drawn(now: Snapshot, width: int = 100) -> list[str]:
 
 
 def test_everything_a_technician_asks_for_has_a_line_of_its_own() -> None:
-    """How far, what now, how warm, the rates so far, the stream, and when it ends; a simulation's mark at the top."""
+    """How far, what now, when it ends, how warm, the rates so far, the stream; a simulation's mark at the top."""
     lines = _drawn(_NOW)
     texts = (
         "RD-GC-86-1, eight temperatures  SIMULATED",
@@ -53,10 +53,10 @@ def test_everything_a_technician_asks_for_has_a_line_of_its_own() -> None:
         "60 of 179 steps",
         "Collect 2 at 23.4 °C, averaging",
         "20 s gone, 40 s to go",
+        f"{_NOW.finishing_utc.astimezone():%a %d %b %H:%M}",
         "chamber 23.5 (setpoint 23.4), sensor 2 23.3",
         "2.RA +12.30 ± 0.45",
         "1000 good, 2 lost, 1 damaged",
-        f"{_NOW.finishing_utc.astimezone():%a %d %b %H:%M}",
     )
     found = [[n for n, line in enumerate(lines) if text in line.replace("\u00a0", " ")] for text in texts]
     assert found == [[0], [1], [2], [3], [4], [5], [6], [7], [8]]

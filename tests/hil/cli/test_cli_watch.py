@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from drivers.clock import VirtualClock
+from drivers.clock import SystemClock, VirtualClock
 from hil.cli.app import run
 from hil.cli.watch import watch
 from hil.journal import SqliteJournal
@@ -93,6 +94,21 @@ def test_a_terminal_gets_the_panel_and_its_own_screen_back(journal: SqliteJourna
     assert "SIMULATED" in text
     assert "50 s to go" in text
     assert text.rstrip().endswith("\x1b[?25h") or "\x1b[?1049l" in text
+
+
+def test_a_controller_that_shows_nothing_new_is_told_before_anything_else(
+    journal: SqliteJournal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What stands below would otherwise be taken for the present, as on the live page after the same time."""
+    for later_s, old in ((3.0, False), (7.0, True)):
+        monkeypatch.undo()
+        _shown(journal, journal.plan)
+        shown_utc = SystemClock().utc()
+        monkeypatch.setattr(SystemClock, "utc", lambda _, to=shown_utc + timedelta(seconds=later_s): to)
+        console = _console(terminal=True)
+        watch(journal.folder, console, Shell())
+        text = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", console.file.getvalue()).split())
+        assert ("The controller has shown nothing for 7 s." in text) is old
 
 
 def test_it_ends_when_the_night_does(journal: SqliteJournal) -> None:
