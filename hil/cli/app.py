@@ -27,6 +27,7 @@ from hil.cli import (
     watchdog,
 )
 from hil.cli.ending import run_to_exit, with_status
+from hil.cli.output import always_writable
 
 app = typer.Typer(
     name="hil",
@@ -68,6 +69,7 @@ app.add_typer(plot.plot_app)
 
 def main() -> None:
     """Run the command line; every way out has its exit status."""
+    always_writable()
     sys.exit(run(sys.argv[1:]))
 
 

@@ -20,6 +20,22 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on sta
 Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
 
 
+def always_writable() -> None:
+    """Let nothing that is printed end a command: a stream that was closed (`2>&-`), a terminal that has no degree sign.
+
+    The numbers 0 to 2 are taken first, so that no file of a night gets one and with it what was meant for a terminal.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - until the process ends
+        else:
+            stream.reconfigure(errors="replace")
+
+
 class Lasting(Console):
     """A console that outlives its reader: a night is not over because nobody looks any more."""
 

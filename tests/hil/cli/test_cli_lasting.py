@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
 
 from hil.cli.output import Lasting
+from hil.verify import verify_night
 
 
 def test_a_console_outlives_its_reader() -> None:
@@ -17,3 +23,26 @@ def test_a_console_outlives_its_reader() -> None:
         console.print("not seen")
         console.print("nor this")
         assert console.quiet
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_a_command_whose_terminal_is_closed_does_its_work(tmp_path: Path, closed: str) -> None:
+    """A service without any output: the night is the same, and no file of it has the number of a terminal."""
+    night = tmp_path / "night"
+    command = f"{sys.executable} -m hil run quick --bench simulated --out {night} --yes {closed}"
+    assert subprocess.run(["/bin/sh", "-c", command], timeout=50, check=False).returncode == 0
+    assert verify_night(night)["complete"]
+
+
+def test_a_terminal_without_a_degree_sign_is_no_reason_to_fail() -> None:
+    """What it cannot show becomes a question mark."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "hil", "plan", "quick", "--bench", "simulated"],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert "chamber to 23.0 ?C" in ended.stdout
