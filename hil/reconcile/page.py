@@ -117,8 +117,15 @@ def _place(where: Mapping[str, Any]) -> str:
         parts.append(f"{low:.0f} to {high:.0f} °C")
     if "runs" in where:
         runs = where["runs"]
-        parts.append(f"run {runs[0]}" if len(runs) == 1 else f"runs {runs[0]} to {runs[-1]}")
+        parts.append(f"run {runs[0]}" if len(runs) == 1 else f"runs {_listed(runs)}")
     return ", ".join(parts)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    """Numbers with unbroken stretches drawn together: 1 to 3, 7, 9 to 12."""
+    cut = np.flatnonzero(np.diff(np.asarray(numbers)) != 1) + 1
+    stretches = np.split(np.asarray(numbers), cut)
+    return ", ".join(str(s[0]) if len(s) == 1 else f"{s[0]} to {s[-1]}" for s in stretches)
 
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:

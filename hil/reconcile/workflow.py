@@ -45,6 +45,7 @@ from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import improved
 from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
+from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
 from hil.reconcile.result import FoundEffect, Reconciliation
@@ -112,7 +113,8 @@ def reconcile(
     kept = [] if reverted else steps
     final = refit(blocks, noise, [step.added for step in kept])
     certain = reverted and first is not None and first.statistic > threshold + CERTAIN
-    found = disagreements(blocks, noise, conditions, alpha, rng) if kept or certain else []
+    found = disagreements(blocks, noise, conditions, alpha, rng) if certain else []
+    found = found or places(blocks, noise, conditions, [step.added for step in kept], final, chance, alpha)
     found = found or channels_touched(blocks, noise, conditions, final, chance)
     named_inside = [
         effect for effect in named_within(inside, SERIES_EFFECTS) if not chosen.knows_inside(effect.id, effect.sensors)

@@ -1,0 +1,184 @@
+"""Where the effects that were added act: the collects in which model and measurement differ because of them.
+
+Of an effect the fit knows what it contributes to every collect, and how surely. The base was fitted to the same
+collects and takes over what it can imitate, so that residuals show less of it, and in other places: a mass unbalance of
+7.5 deg/hr, seen in three collects by a model without one, is 7.5 at position 3, but 2.5, 2.5 and 5 in the residuals of
+positions 1 to 3. What an effect contributes itself is where a reader looks for it. Only where the base imitates a part
+of it in whole, so that nobody can know that part, is it what the effect leaves beside the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from hil.campaign import Conditions, FloatArray, IntArray
+from hil.reconcile.blocks import Block, BoolArray
+from hil.reconcile.fit import Added, BlockNoise, Fit
+from hil.reconcile.result import Disagreement
+
+_MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
+_DETERMINED = 0.1  # of an effect, in every direction of its values, what the base must leave to be known by itself
+_ALIKE = 0.9  # F1 from which a simpler description stands for the collects it is about
+
+
+@dataclass(frozen=True)
+class _Contribution:
+    """What one effect makes of the rows of one block: (N,), and how it follows the added values, (N, p)."""
+
+    values: FloatArray
+    design: FloatArray
+
+
+def places(
+    blocks: Sequence[Block],
+    noise: Sequence[BlockNoise],
+    conditions: Mapping[int, Conditions],
+    added: Sequence[Added],
+    fit: Fit,
+    p_value: float,
+    alpha: float,
+) -> list[Disagreement]:
+    """Return the places of what was added, largest first; `fit` is the joint fit, `p_value` that of the detection.
+
+    A place is a channel, the positions and the temperatures or runs in which all that was added contributes materially
+    and with one sign; its size is the mean contribution. q-values hold for the whole map (Benjamini and Hochberg), and
+    none is smaller than the chance that nothing is missing at all.
+    """
+    out: list[Disagreement] = []
+    for sensor, known in conditions.items():
+        own = [b for b, block in enumerate(blocks) if block.sensor == sensor]
+        parts = [_described(i, added[i], fit, blocks, noise, own) for i in range(len(added))]
+        peaks = [max(float(np.abs(c.values).max(initial=0.0)) for c in part) for part in parts]
+        if not own or not any(peaks):
+            continue
+        least = _MATERIAL * min(peak for peak in peaks if peak > 0.0)
+        for place, b in enumerate(own):
+            values = np.sum([part[place].values for part in parts], axis=0)
+            design = np.sum([part[place].design for part in parts], axis=0)
+            for where, rows in _cells(blocks[b], known, values, np.abs(values) >= least):
+                mean = design[rows].mean(axis=0)
+                error = float(np.sqrt(max(mean @ fit.covariance @ mean, 0.0)))
+                out.append(Disagreement(where, float(values[rows].mean()), error, 1.0))
+    return sorted(_sure(out, p_value, alpha), key=lambda d: -abs(d.size_deg_per_hr))
+
+
+def _described(
+    index: int, added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise], own: Sequence[int]
+) -> list[_Contribution]:
+    """One effect's contribution to the sensor's blocks: itself, or beside the base where no more can be known."""
+    itself, beside, white, rest_white = [], [], [], []
+    for b in own:
+        block, whitening = blocks[b], noise[b].whitening
+        design = np.zeros((len(block.y), len(fit.owner)))
+        for place, (i, u, k) in enumerate(fit.owner):
+            unit = added.units[u] if i == index else None
+            if unit is not None and b in unit.blocks:
+                design[:, place] = unit.columns[unit.blocks.index(b)][:, k]
+        absorbed = np.linalg.lstsq(whitening @ block.base, whitening @ design, rcond=1e-8)[0]
+        rest = design - block.base @ absorbed
+        white.append(whitening @ design)
+        rest_white.append(whitening @ rest)
+        itself.append(_Contribution(design @ fit.values, design))
+        beside.append(_Contribution(rest @ fit.values, rest))
+    determined = _least_left(np.vstack(white), np.vstack(rest_white)) > _DETERMINED
+    return itself if determined else beside
+
+
+def _least_left(columns: FloatArray, rest: FloatArray) -> float:
+    """The smallest share of any combination of columns that is left beside the base, each column at unit size."""
+    norm = np.linalg.norm(columns, axis=0)
+    acting = norm > 0.0
+    if not np.any(acting):
+        return 0.0
+    return float(np.linalg.svd(rest[:, acting] / norm[acting], compute_uv=False).min())
+
+
+def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[Disagreement]:
+    """Give every place its q-value, and keep those that hold."""
+    scores = [abs(d.size_deg_per_hr) / max(d.se_deg_per_hr, 1e-300) for d in found]
+    chances = 2.0 * stats.norm.sf(np.array(scores))
+    q_values = stats.false_discovery_control(chances) if len(found) else chances
+    return [
+        Disagreement(d.where, d.size_deg_per_hr, d.se_deg_per_hr, float(max(q, p_value)))
+        for d, q in zip(found, q_values, strict=True)
+        if q <= alpha
+    ]
+
+
+def _cells(
+    block: Block, conditions: Conditions, values: FloatArray, material: BoolArray
+) -> Iterator[tuple[dict[str, Any], BoolArray]]:
+    """The material rows of a block as places in the campaign's own words, each with the rows that it covers."""
+    names = list(conditions.sensor.channels)
+    labels = conditions.position[block.rows]
+    for channel in np.unique(block.channel):
+        on_channel = block.channel == channel
+        for sign in (1.0, -1.0):
+            touched = on_channel & material & (sign * values > 0.0)
+            where = {"sensor": block.sensor, "channel": names[channel]}
+            whole = list(_extents(block, conditions, touched, on_channel))
+            if _agreement(_any(whole, on_channel), touched) >= _ALIKE:
+                yield from ((where | extra, rows) for extra, rows in whole)
+                continue
+            for label in np.unique(labels[touched]):
+                there = on_channel & (labels == label)
+                for extra, rows in _extents(block, conditions, touched & there, there):
+                    yield where | {"position": str(label)} | extra, rows
+
+
+def _extents(
+    block: Block, conditions: Conditions, touched: BoolArray, among: BoolArray
+) -> Iterator[tuple[dict[str, Any], BoolArray]]:
+    """Describe the touched rows among some: all of them, ranges of temperature, or a list of runs; whichever fits."""
+    if not np.any(touched):
+        return
+    if _agreement(among, touched) >= _ALIKE:
+        yield {}, among
+        return
+    temperature = conditions.columns.get("temperature_degC")
+    if temperature is not None:
+        ranges = list(_ranges(block.station, touched, among))
+        if _agreement(_any([({}, rows) for rows in ranges], among), touched) >= _ALIKE:
+            for rows in ranges:
+                span = temperature[block.rows[rows]]
+                yield {"temperature_degC": [_tenths(np.floor, span.min()), _tenths(np.ceil, span.max())]}, rows
+            return
+    runs = [run for run in np.unique(block.run[touched]) if _mostly(touched, among & (block.run == run))]
+    rows = among & np.isin(block.run, runs)
+    if np.any(rows):
+        yield {"runs": list(dict.fromkeys(conditions.run[block.rows[rows]].tolist()))}, rows
+
+
+def _tenths(towards: Callable[[float], float], degC: float) -> float:
+    return float(towards(round(10.0 * float(degC), 6)) / 10.0)
+
+
+def _ranges(station: IntArray, touched: BoolArray, among: BoolArray) -> Iterator[BoolArray]:
+    """Unbroken ranges of setpoints of which most rows are touched."""
+    numbers = [int(n) for n in np.unique(station[among])]
+    inside = [n >= 0 and _mostly(touched, among & (station == n)) for n in numbers]
+    start = None
+    for place, hit in enumerate([*inside, False]):
+        if hit and start is None:
+            start = place
+        elif not hit and start is not None:
+            yield among & np.isin(station, numbers[start:place])
+            start = None
+
+
+def _mostly(touched: BoolArray, rows: BoolArray) -> bool:
+    return bool(touched[rows].mean() >= 0.5) if np.any(rows) else False
+
+
+def _any(cells: Sequence[tuple[dict[str, Any], BoolArray]], like: BoolArray) -> BoolArray:
+    return np.any([rows for _, rows in cells], axis=0) if cells else np.zeros_like(like)
+
+
+def _agreement(described: BoolArray, touched: BoolArray) -> float:
+    """F1 of a description."""
+    return 2.0 * float((described & touched).sum()) / max(float(described.sum() + touched.sum()), 1.0)
