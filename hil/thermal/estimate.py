@@ -112,7 +112,8 @@ def _freedom(noise: RateNoise, white: FloatArray, run: FloatArray) -> FloatArray
     """Satterthwaite's degrees of freedom of a variance that is the sum of two estimated ones, (q,)."""
     if noise.stated:
         return np.full(len(white), np.inf)
-    rows = max(noise.rows_left, 1) + _PRIOR_ROWS
+    # Where every run is one collect, white noise shows between runs and nowhere else.
+    rows = max(noise.rows_left or noise.runs_left, 1) + _PRIOR_ROWS
     per_part = white**2 / rows + (run**2 / noise.runs_left if noise.runs_left else 0.0)
     return np.asarray((white + run) ** 2 / np.maximum(per_part, 1e-300))
 
