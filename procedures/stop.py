@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP)
 _THAT_STOP = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 
 
@@ -54,7 +54,7 @@ class StopRequest:
 
     @contextmanager
     def on_signals(self) -> Iterator[StopRequest]:
-        """Turn SIGINT, SIGTERM and SIGHUP into a stop request, and put the former handlers back afterwards.
+        """Turn SIGINT, SIGQUIT, SIGTERM and SIGHUP into a stop request, and put the former handlers back afterwards.
 
         Only the main thread can do this (`ValueError` otherwise).
         """

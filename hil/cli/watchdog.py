@@ -11,16 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drivers.clock import Clock, SystemClock
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, messages
 from hil.errors import InputError
 from procedures.plan import Plan
-from procedures.progress import Silent
+from procedures.progress import Silent, Snapshot
 
 if TYPE_CHECKING:
     from hil.config import Bench
     from hil.watchdog import Watched
     from procedures.stop import StopRequest
+
+_LOOKED_AFTER_EVERY_S = 60.0
 
 
 def watchdog(
@@ -73,15 +76,30 @@ def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopReq
 class WatchdogBeside(Silent):
     """Starts `hil watchdog` for a night once there is something to watch; it outlives the terminal and the controller.
 
-    What it says goes into watchdog.log in the night's folder.
+    One that ends before the night does is started anew, once a minute at most. What it says goes into watchdog.log in
+    the night's folder.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: Clock | None = None) -> None:
         self._folder = folder
+        self._clock = clock or SystemClock()
         self._started: subprocess.Popen[bytes] | None = None
+        self._started_s = 0.0
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:  # noqa: ARG002 - an onlooker's
         """Start it, in a session of its own."""
+        self._start()
+
+    def update(self, snapshot: Snapshot) -> None:  # noqa: ARG002 - an onlooker's
+        """Look whether it lives: nobody else would miss it before it is needed."""
+        if self._started is None or self._clock.now() - self._started_s < _LOOKED_AFTER_EVERY_S:
+            return
+        if self._started.poll() is not None:
+            _say(f"warning: the watchdog has ended (status {self._started.returncode}); another one is started")
+            self._start()
+
+    def _start(self) -> None:
+        self._started_s = self._clock.now()
         command = [sys.executable, "-m", "hil", "watchdog", str(self._folder.resolve())]
         try:
             with (self._folder / "watchdog.log").open("ab") as log:

@@ -11,13 +11,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import ClassVar, cast
 
 import pytest
 import yaml
 
-from drivers.clock import SystemClock
+from drivers.clock import SystemClock, VirtualClock
 from hil.bench import open_chamber
 from hil.bench_lock import bench_lock
+from hil.cli.watchdog import WatchdogBeside
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.control import request
 from hil.errors import InputError
@@ -32,6 +34,7 @@ from hil.status import night_status
 from hil.watchdog import Patience, Watchdog, Watched
 from procedures.control import RequestKind
 from procedures.plan import make_plan
+from procedures.progress import Snapshot
 
 SWEEP = """
 title: A soak that outlasts the test
@@ -154,7 +157,7 @@ def dead_night(folder: Path) -> None:
 HUNG = """
 import signal, sys
 from pathlib import Path
-from drivers.clock import SystemClock
+from drivers.clock import SystemClock, VirtualClock
 from hil.heartbeat import HeartbeatFile
 from hil.journal import SqliteJournal
 journal = SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock())
@@ -293,6 +296,46 @@ def test_one_adapter_is_one_port_whatever_its_name(bench: Bench, tmp_path: Path)
     refused = pytest.raises(InputError, match="another controller owns the bench")
     with bench_lock(bench, tmp_path), bench_lock(another, tmp_path), refused, bench_lock(same, tmp_path):
         pass
+
+
+class Started:
+    """A process that was started, and ends when a test says so."""
+
+    every: ClassVar[list[Started]] = []
+
+    def __init__(self, command: list[str], **_more: object) -> None:
+        self.command = command
+        self.returncode: int | None = None
+        Started.every.append(self)
+
+    def poll(self) -> int | None:
+        """Return how it ended, if it did."""
+        return self.returncode
+
+
+def test_a_watchdog_that_died_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody else would miss it before it is needed; once a minute, so that one that cannot start costs nothing."""
+    monkeypatch.setattr(Started, "every", [])
+    monkeypatch.setattr(subprocess, "Popen", Started)
+    clock, snapshot = VirtualClock(), cast("Snapshot", None)
+    beside = WatchdogBeside(tmp_path, clock)
+    beside.update(snapshot)
+    assert Started.every == []
+    beside.sweep_began(make_plan(load_sweep("quick").procedure()), frozenset())
+    clock.sleep(61.0)
+    beside.update(snapshot)
+    assert len(Started.every) == 1
+    Started.every[0].returncode = -9
+    beside.update(snapshot)
+    beside.update(snapshot)
+    assert [each.command[-2:] for each in Started.every] == [["watchdog", str(tmp_path)]] * 2
+    assert "the watchdog has ended (status -9); another one is started" in capsys.readouterr().err
+    Started.every[1].returncode = 1
+    clock.sleep(59.0)
+    beside.update(snapshot)
+    assert len(Started.every) == 2
 
 
 def test_an_owner_is_told_from_another_process_with_its_number() -> None:

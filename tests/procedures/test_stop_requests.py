@@ -12,7 +12,7 @@ from procedures.progress import Silent
 from procedures.stop import StopRequest, StopRequested
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_becomes_a_stop_request_with_its_name(number):
     """Nothing is raised where the signal strikes; the next check raises."""
     stop = StopRequest()
