@@ -81,7 +81,8 @@ def collect_series(
         rates = {name: series.rates_deg_per_hr[:, place] for place, name in enumerate(channels)}
     conditions = rows.conditions
     return CollectSeries(
-        f"collect {chosen}: sensor {number}, run {conditions.run[row]}, position {conditions.position[row]}",
+        f"{campaign.title}, collect {chosen}: sensor {number}, run {conditions.run[row]}, "
+        f"position {conditions.position[row]}",
         campaign.simulated,
         t_s,
         rates,
@@ -149,19 +150,23 @@ def draw_series(series: CollectSeries) -> Figure:
         at_s, means = _block_means(series.t_s, rates)
         axes.plot(at_s, means, "o-", color=color, markersize=3, linewidth=1.0, label="short means")
         mean, se = series.means[name]
-        axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=f"average {mean:.2f} ±{se:.2f} deg/hr")
+        axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=_average(mean, se))
         if np.isfinite(se):
             axes.axhspan(mean - se, mean + se, color="0.85", zorder=0)
-        axes.set_ylabel(f"{name}, deg/hr")
+        axes.set_ylabel(f"{name}, deg/hr", parse_math=False)
         axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper right")
     if series.temperature_degC is not None:
         every[-1].plot(series.t_s, series.temperature_degC, color="black", linewidth=1.0)
         every[-1].set_ylabel("unit, °C")
     every[-1].set_xlabel("time since the collect began, s")
-    every[0].set_title(_title(series.title, simulated=series.simulated), loc="left", fontsize=10)
+    every[0].set_title(_title(series.title, simulated=series.simulated), loc="left", fontsize=10, parse_math=False)
     for axes in every:
         axes.grid(visible=True, color="0.92")
     return figure
+
+
+def _average(mean: float, se: float) -> str:
+    return f"average {mean:.2f} ±{se:.2f} deg/hr".replace("-", "\N{MINUS SIGN}")
 
 
 def _block_means(t_s: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -187,7 +192,9 @@ def draw_temperatures(folder: Path) -> Figure:
     figure = draw_night(night)
     simulated = any("simulated time" in value for _, value in night.provenance)
     figure.subplots_adjust(top=0.84)
-    figure.suptitle(_title(folder.resolve().name, simulated=simulated), x=0.01, ha="left", fontsize=10)
+    figure.suptitle(
+        _title(folder.resolve().name, simulated=simulated), x=0.01, ha="left", fontsize=10, parse_math=False
+    )
     return figure
 
 
@@ -213,7 +220,7 @@ def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Fig
     for axes in every[-1]:
         axes.set_xlabel("unit temperature, °C")
     title = f"{campaign.title}, sensor {number}, {fit.layout.form.name}: runs ± standard error, and the fitted curve"
-    figure.suptitle(_title(title, simulated=campaign.simulated), x=0.01, ha="left", fontsize=10)
+    figure.suptitle(_title(title, simulated=campaign.simulated), x=0.01, ha="left", fontsize=10, parse_math=False)
     return figure
 
 
@@ -239,4 +246,5 @@ def _draw_parameter(axes: Axes, each: ParameterFit, fit: SensorFit, campaign: Ca
 
 
 def _title(text: str, *, simulated: bool) -> str:
+    """Return a title, marked where it must be. It is drawn as it is: a dollar sign in a name begins no formula."""
     return f"SIMULATED  {text}" if simulated else text

@@ -48,7 +48,7 @@ def _draw(result: AllanResult) -> Figure:
     axes.set_xlabel("averaging time, s")
     axes.set_ylabel("overlapping Allan deviation, deg/hr")
     mark = "SIMULATED  " if result.recording.simulated else ""
-    axes.set_title(f"{mark}{result.recording.name}", loc="left", fontsize=10)
+    axes.set_title(f"{mark}{result.recording.name}", loc="left", fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", color="0.92")
     axes.legend(frameon=False, fontsize=8)
     return figure

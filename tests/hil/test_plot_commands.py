@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from hil.config import load_bench, parse_sweep
 from hil.export import campaign_of_night, export_campaign
 from hil.night import start_night
 from hil.plot import collect_series, draw_parameters, draw_series, draw_temperatures
+from hil.plot_file import save_figure
 
 SWEEP = """
 title: One temperature
@@ -57,7 +60,7 @@ def test_a_collect_shows_its_samples_and_the_average_that_was_taken(night: Path)
         assert se > 0.0
     figure = draw_series(series)
     assert labels(figure) == ["RA, deg/hr", "RB, deg/hr", "time since the collect began, s", "unit, °C"]
-    assert figure.axes[0].get_title(loc="left") == "SIMULATED  collect 4: sensor 2, run 1, position 3"
+    assert figure.axes[0].get_title(loc="left") == "SIMULATED  One temperature, collect 4: sensor 2, run 1, position 3"
 
 
 def test_a_campaign_folder_s_series_is_drawn_too(night: Path, tmp_path: Path) -> None:
@@ -103,6 +106,20 @@ def test_the_end_of_the_name_says_svg_or_png(night: Path, tmp_path: Path, argume
     picture = (tmp_path / "x.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert int.from_bytes(picture[16:20]) > 800  # its width
+
+
+def test_a_name_is_drawn_as_it_is(night: Path, campaign: Path, tmp_path: Path) -> None:
+    """A dollar sign in a folder's name, or in a title, begins no formula."""
+    odd = tmp_path / r"5$\foo$ _x^"
+    shutil.copytree(night, odd)
+    for kind, *options in (["temperatures"], ["allan", "--sensor", "2", "--channel", "RA"]):
+        assert hil(["plot", kind, str(odd), *options, "--out", str(tmp_path / f"{kind}.svg")]) == 0
+        assert r"5$\foo$ _x^" in (tmp_path / f"{kind}.svg").read_text()
+    titled = replace(read_campaign(campaign), title=r"5$\foo$")
+    save_figure(draw_parameters(campaign, titled, None), tmp_path / "parameters.svg")
+    assert r"5$\foo$" in (tmp_path / "parameters.svg").read_text()
+    figure = draw_series(replace(collect_series(night, sensor=2, run=1, position="3"), title=r"5$\foo$"))
+    save_figure(figure, tmp_path / "series.svg")
 
 
 @pytest.mark.parametrize(
