@@ -40,7 +40,6 @@ from benchmarks.blind.judge import (
 from benchmarks.blind.poses import write_triad
 
 AGAIN = "measured again as advised"
-LOCALISED = {"one position, cold", "jump"}
 
 
 def reconcile_job(job: Job) -> dict[str, Any]:
@@ -62,7 +61,7 @@ def reconcile_job(job: Job) -> dict[str, Any]:
     if not job.triad:
         document["kept"] = case.kept
         document["oracle_deg_per_hr"] = oracle_gap(case, job) if case.signals else None
-        document["places_f1"] = places_f1(document, case) if set(job.hidden) & LOCALISED else None
+        document["places"] = places_f1(document, case, job) if case.signals else None
     return document
 
 
@@ -89,7 +88,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "set": sorted(ninety_percent_set(document)),
         "gap_ratio": _ratio(document),
         "worse": gap["after"] > gap["before"] * 1.001,
-        "places_f1": document.get("places_f1"),
+        "places": document.get("places"),
         "advice": (document["next_experiment"] or {}).get("what", "none" if document["verdict"] == "ambiguous" else ""),
         "again": document.get("again"),
     }
@@ -137,9 +136,10 @@ def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
     if sets:
         lines.append(f"\n90 % sets hold the truth: {share(set(o['hidden']) <= set(o['set']) for o in sets)}")
         lines[-1] += f", mean size {np.mean([len(o['set']) for o in sets]):.2f}"
-    places = [o["places_f1"] for o in outcomes if o["places_f1"] is not None and o["found"]]
+    places = [o["places"] for o in outcomes if o.get("places") and o["effects"]]
     if places:
-        lines.append(f"\nplaces, mean F1 of {len(places)}: {np.mean(places):.2f}")
+        means = [f"{reading} {np.mean([p[reading] for p in places]):.2f}" for reading in places[0]]
+        lines.append(f"\nplaces, mean F1 of {len(places)}: {'; '.join(means)}")
     again = [o["again"] for o in outcomes if o["again"]]
     if again:
         settled = share(a["verdict"] == "named" and a["exact"] for a in again)
