@@ -16,6 +16,7 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import StreamDecoder, StreamDescription, encode, load_description
+from drivers.imu import StreamCounts
 
 _IMUS = Path(__file__).resolve().parents[1] / "configs" / "imus"
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -55,13 +57,39 @@ def stream(name: str, frames: int) -> bytes:
 
 
 class Loop(ABC):
-    """The obvious decoder, by hand for one unit: what a good programmer writes in an afternoon."""
+    """The obvious decoder, by hand for one unit: what a good programmer writes in an afternoon, and nothing more.
+
+    It finds the frames of one type however the stream is cut, and tells repeated frames from lost ones, as the decoder
+    does; a test below holds it to that. It does not place or number frames, and knows no other type.
+    """
+
+    sync: bytes
+    size: int
+    modulus: int
 
     def __init__(self, description: StreamDescription, frame: str) -> None:
         self.rest = b""
-        self.lost = self.bad = 0
-        self.last = -1
+        self.lost = self.repeated = self.bad = self.skipped = 0
+        self.last: int | None = None
         self.scales = [field.scale for field in description.frames[frame].fields.values()]
+
+    def next_sync(self, data: bytes, at: int) -> int:
+        """Return where the next frame may begin behind `at`, and count what is skipped."""
+        found = data.find(self.sync, at + 1)
+        if found < 0:
+            found = max(at + 1, len(data) - len(self.sync) + 1)
+        self.skipped += found - at
+        return found
+
+    def repeats(self, gap: int) -> bool:
+        """Count what a counter tells that is not one step ahead; True where the frame is the one before."""
+        if self.last is None:
+            return False
+        if gap == self.modulus - 1:
+            self.repeated += 1
+            return True
+        self.lost += gap
+        return False
 
     @abstractmethod
     def tuples(self, data: bytes) -> list[Any]:
@@ -80,99 +108,107 @@ class Loop(ABC):
 class KvhLoop(Loop):
     """KVH format A: CRC-32/MPEG-2 by the compiled CRC-32 of the bytes with their bits reversed."""
 
+    sync, size, modulus = b"\xfe\x81\xff\x55", 36, 128
+
     def tuples(self, data: bytes) -> list[Any]:
         """Return the frames in their units, as tuples of plain floats."""
         if self.rest:
             data = self.rest + data
-        found, at, size, last, rate = [], 0, len(data), self.last, self.scales[0]
-        while True:
-            at = data.find(b"\xfe\x81\xff\x55", at)
-            if at < 0 or at + 36 > size:
-                break
+        found, at, size, last, rate = [], 0, len(data), self.last or 0, self.scales[0]
+        while at + 36 <= size:
+            if not data.startswith(b"\xfe\x81\xff\x55", at):
+                at = self.next_sync(data, at)
+                continue
             if zlib.crc32(data[at : at + 36].translate(_REVERSED_BITS)) != 0xFFFFFFFF:
                 self.bad += 1
-                at += 1
+                at = self.next_sync(data, at)
                 continue
             _, x, y, z, ax, ay, az, status, sequence, temperature, _ = _KVH.unpack_from(data, at)
-            self.lost += (sequence - last - 1) % 128
-            last = sequence
-            found.append((x * rate, y * rate, z * rate, ax, ay, az, status * 1.0, sequence * 1.0, temperature * 1.0))
             at += 36
-        self.last = last
-        self.rest = data[at:] if at >= 0 else b""
+            gap = (sequence - last - 1) % 128
+            if gap and self.repeats(gap):
+                continue
+            self.last = last = sequence
+            found.append((x * rate, y * rate, z * rate, ax, ay, az, status * 1.0, sequence * 1.0, temperature * 1.0))
+        self.rest = data[at:]
         return found
 
     def raw(self, data: bytes) -> list[Any]:
         """Return the frames as they are on the wire."""
         if self.rest:
             data = self.rest + data
-        found, at, size, last = [], 0, len(data), self.last
-        while True:
-            at = data.find(b"\xfe\x81\xff\x55", at)
-            if at < 0 or at + 36 > size:
-                break
+        found, at, size, last = [], 0, len(data), self.last or 0
+        while at + 36 <= size:
+            if not data.startswith(b"\xfe\x81\xff\x55", at):
+                at = self.next_sync(data, at)
+                continue
             if zlib.crc32(data[at : at + 36].translate(_REVERSED_BITS)) != 0xFFFFFFFF:
                 self.bad += 1
-                at += 1
+                at = self.next_sync(data, at)
                 continue
             record = _KVH.unpack_from(data, at)
-            self.lost += (record[8] - last - 1) % 128
-            last = record[8]
-            found.append(record[1:-1])
             at += 36
-        self.last = last
-        self.rest = data[at:] if at >= 0 else b""
+            gap = (record[8] - last - 1) % 128
+            if gap and self.repeats(gap):
+                continue
+            self.last = last = record[8]
+            found.append(record[1:-1])
+        self.rest = data[at:]
         return found
 
 
 class MfsLoop(Loop):
     """The project's own frame; its CRC is zlib's own."""
 
+    sync, size, modulus = b"\xa5\x5a\x01", 59, 65536
+
     def tuples(self, data: bytes) -> list[Any]:
         """Return the frames in their units, as tuples of plain floats."""
         if self.rest:
             data = self.rest + data
-        found, at, size, last = [], 0, len(data), self.last
-        while True:
-            at = data.find(b"\xa5\x5a\x01", at)
-            if at < 0 or at + 59 > size:
-                break
+        found, at, size, last = [], 0, len(data), self.last or 0
+        while at + 59 <= size:
+            if not data.startswith(b"\xa5\x5a\x01", at):
+                at = self.next_sync(data, at)
+                continue
             _, s, c, i, a, b, d, e, f, g, h, j, k, m, n, o, p, q, crc = _MFS.unpack_from(data, at)
             if zlib.crc32(data[at : at + 55]) != crc:
                 self.bad += 1
-                at += 1
+                at = self.next_sync(data, at)
                 continue
-            self.lost += (c - last - 1) % 65536
-            last = c
+            at += 59
+            gap = (c - last - 1) % 65536
+            if gap and self.repeats(gap):
+                continue
+            self.last = last = c
             found.append(
                 (s * 1.0, c * 1.0, i * 1.0, a * 1e-3, b * 1e-3, d * 1e-3, e * 1e-3, f * 1e-6, g * 1e-6, h * 1e-6,
                  j * 1e-6, k * 0.01, m * 0.01, n * 0.01, o * 1e-3, p * 1e-3, q * 1e-3)
             )  # fmt: skip
-            at += 59
-        self.last = last
-        self.rest = data[at:] if at >= 0 else b""
+        self.rest = data[at:]
         return found
 
     def raw(self, data: bytes) -> list[Any]:
         """Return the frames as they are on the wire."""
         if self.rest:
             data = self.rest + data
-        found, at, size, last = [], 0, len(data), self.last
-        while True:
-            at = data.find(b"\xa5\x5a\x01", at)
-            if at < 0 or at + 59 > size:
-                break
+        found, at, size, last = [], 0, len(data), self.last or 0
+        while at + 59 <= size:
+            if not data.startswith(b"\xa5\x5a\x01", at):
+                at = self.next_sync(data, at)
+                continue
             record = _MFS.unpack_from(data, at)
             if zlib.crc32(data[at : at + 55]) != record[-1]:
                 self.bad += 1
-                at += 1
+                at = self.next_sync(data, at)
                 continue
-            self.lost += (record[2] - last - 1) % 65536
-            last = record[2]
-            found.append(record[1:-1])
             at += 59
-        self.last = last
-        self.rest = data[at:] if at >= 0 else b""
+            gap = (record[2] - last - 1) % 65536
+            if gap and self.repeats(gap):
+                continue
+            self.last = last = record[2]
+            found.append(record[1:-1])
+        self.rest = data[at:]
         return found
 
 
@@ -222,7 +258,7 @@ def test_decoding_36_byte_frames(benchmark: Any, method: str, frames_per_feed: i
 def best_times(
     works: list[Callable[[], Callable[[], None]]], rounds: int, holds: Callable[[list[float]], bool]
 ) -> list[float]:
-    """Return the shortest time of each, taken in turns, so that a busy machine is busy for all.
+    """Return the shortest time of each, in seconds of one core, taken in turns, so that a busy machine is busy for all.
 
     Each is made anew for every round, out of the measured time. Where the claim does not hold after `rounds`, a busy
     moment may have hit one of them alone: all get up to four times as many rounds.
@@ -233,9 +269,9 @@ def best_times(
             break
         for number, make in enumerate(works):
             work = make()
-            begins = time.perf_counter()
+            begins = time.process_time()
             work()
-            best[number] = min(best[number], time.perf_counter() - begins)
+            best[number] = min(best[number], time.process_time() - begins)
     return best
 
 
@@ -266,6 +302,33 @@ def feeding(name: str, feeds: list[bytes], way: str) -> Callable[[], None]:
 
 
 @pytest.mark.parametrize("name", UNITS)
+def test_the_loop_finds_the_frames_that_the_decoder_finds(name: str) -> None:
+    """The comparison is honest: the same tuples and the same account of a damaged stream, however it is cut."""
+    frame, size, loop = UNITS[name]
+    rng = np.random.default_rng(3)
+    sent = np.frombuffer(stream(name, 2000), np.uint8).copy()
+    sent[rng.random(len(sent)) < 1e-3] ^= 0x55
+    frames = [
+        row.tobytes() for row in sent.reshape(-1, size) for _ in range(int(rng.choice([0, 1, 2], p=[0.1, 0.8, 0.1])))
+    ]
+    data = stream(name, 1) + b"".join(frames)
+    cuts = [0, *np.sort(rng.choice(len(data), 900, replace=False)).tolist(), len(data)]
+    feeds = [data[a:b] for a, b in pairwise(cuts)]
+    for way in ("tuples", "raw"):
+        ours, theirs = StreamDecoder(description(name)), loop(description(name), frame)
+        decoded = [ours.feed(feed) for feed in feeds] + [ours.finish()]
+        counts = StreamCounts()
+        for each in decoded:
+            counts = counts + each.counts
+        rows = [row for feed in feeds for row in getattr(theirs, way)(feed)]
+        assert theirs.last is not None
+        assert len(rows) == counts.ok
+        assert way == "raw" or rows == [row for each in decoded for row in each.records(frame)]
+        assert (theirs.lost, theirs.repeated) == (counts.lost, counts.duplicate)
+        assert theirs.skipped + len(theirs.rest) == counts.skipped_bytes
+
+
+@pytest.mark.parametrize("name", UNITS)
 @pytest.mark.timeout(300)
 def test_the_decoder_is_as_fast_as_the_loop_at_every_chunk_size(name: str) -> None:
     """From one frame per feed to a million: tuples against tuples, and columns against columns."""
@@ -277,11 +340,9 @@ def test_the_decoder_is_as_fast_as_the_loop_at_every_chunk_size(name: str) -> No
         feeds = feeds or [stream(name, 1280), *pieces(name, size, per_feed, per_feed)]
         ways = ["tuples", "loop tuples", "columns", "loop columns"]
         works = [lambda way=way, feeds=feeds: feeding(name, feeds, way) for way in ways]  # type: ignore[misc]
-        # One or two at a time, tuples cost what a result costs that also knows places, numbers and counts.
-        slack = 1.0 if per_feed > 2 else 1.25
 
-        def holds(times: list[float], slack: float = slack) -> bool:
-            return times[0] <= slack * times[1] and times[2] <= times[3]
+        def holds(times: list[float]) -> bool:
+            return times[0] <= times[1] and times[2] <= times[3]
 
         times = best_times(works, 1 if per_feed > 100_000 else 2 if per_feed > 10_000 else 15, holds)
         rates = [per_feed * (len(feeds) - 1) / seconds / 1e6 for seconds in times]

@@ -11,14 +11,23 @@ from drivers.imu import StreamCounts
 class Decoded:
     """The good frames of one feed by type, in the order of their arrival, and what became of all bytes decided."""
 
-    __slots__ = ("counts", "frames")
+    __slots__ = ("_counts", "_frames")
 
-    frames: Mapping[str, FrameBatch]
-    counts: StreamCounts
+    _frames: Mapping[str, FrameBatch]
 
     def __init__(self, frames: Mapping[str, FrameBatch], counts: StreamCounts) -> None:
-        self.frames = frames
-        self.counts = counts
+        self._frames = frames
+        self._counts = counts
+
+    @property
+    def frames(self) -> Mapping[str, FrameBatch]:
+        """The good frames by type."""
+        return self._frames
+
+    @property
+    def counts(self) -> StreamCounts:
+        """What became of the bytes that were decided."""
+        return self._counts
 
     def __getitem__(self, frame: str) -> FrameBatch:
         return self.frames[frame]

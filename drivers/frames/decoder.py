@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +11,10 @@ from drivers.frames.batch import FrameBatch, join
 from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
-from drivers.frames.few import FEWER_TUPLES, FewDecoded, FewFrames
+from drivers.frames.few import FewDecoded, FewFrames
 from drivers.frames.found import Scan, Standing
 from drivers.frames.layout import FrameLayout
-from drivers.frames.record import RecordReader, record_reader
+from drivers.frames.record import Taking
 from drivers.frames.scan import Scanner
 from drivers.frames.sequence import FrameSequence
 from drivers.imu import StreamCounts
@@ -58,10 +58,10 @@ class StreamDecoder:
         self._families = plain
         self._confirms = any(family.confirm for family in plain)
         self._no_frames: dict[str, FrameBatch] = dict(zip(self._names, self._nothing, strict=True))
-        self._few: tuple[int, FewFrames] | None = None  # the type of the last frame, for the quick path
-        self._next: tuple[FewFrames, RecordReader, FrameSequence, int] | None = None  # the same for whole frames
+        self._few: FewFrames | None = None  # the type of the last frame, for the quick path
         self._few_frames: dict[int, FewFrames] = {}
-        self._quick_bytes = self._eager_bytes = 0
+        self._takers: Mapping[int, Taking] = {}  # what can be taken in one go, where the next frame begins with a feed
+        self._quick_bytes = 0
 
     @property
     def pending(self) -> bytes:
@@ -70,30 +70,26 @@ class StreamDecoder:
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
         """Take bytes that arrived at `arrival_s` (perhaps none: time passes) and return the frames they complete."""
+        few, take = self._few, self._takers.get(len(data))
+        if few is not None and take is not None:
+            # The usual read of a slow stream: nothing here is done twice, or for nobody.
+            records = take(data, few.sequence)
+            if records is not None:
+                self._last_arrival_s = arrival_s
+                self._position = end = self._position + len(data)
+                decoded: FewDecoded = FewDecoded()
+                decoded.few = few
+                decoded.data = data
+                decoded.end = end
+                decoded.number = few.sequence.number
+                decoded.known = records
+                return decoded
         if not data:
             waited_s = arrival_s - self._last_arrival_s
             return self._decode(b"", give_up=waited_s >= self._description.partial_frame_wait_s)
         self._last_arrival_s = arrival_s
-        if self._next is not None and not self._rest:
-            # The usual read of a slow stream: nothing here is done twice, or for nobody.
-            few, reader, sequence, length = self._next
-            size, number, start = len(data), sequence.number, self._position
-            records = None
-            if size == length:
-                records = reader.one(data, sequence)
-            elif size < self._eager_bytes and not size % length:
-                records = reader.several(data, sequence)
-            if records is not None:
-                self._position = start + size
-                decoded: FewDecoded = FewDecoded()
-                decoded.few = few
-                decoded.data = data
-                decoded.start = start
-                decoded.number = number + 1
-                decoded.known = records
-                return decoded
-        if self._few is not None and len(data) < self._quick_bytes:
-            waited_for = self._decode_few(data, *self._few)
+        if few is not None and len(data) < self._quick_bytes:
+            waited_for = self._decode_few(data, few)
             if waited_for is not None:
                 return waited_for
         return self._decode(data, give_up=False)
@@ -112,12 +108,12 @@ class StreamDecoder:
         self._rest = b""
         self._standing = Standing()
         self._delimited = None
-        self._few = self._next = None
+        self._few, self._takers = None, {}
         self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
 
-    def _decode_few(self, data: bytes, index: int, few: FewFrames) -> Decoded | None:
+    def _decode_few(self, data: bytes, few: FewFrames) -> Decoded | None:
         """Decode frames like the one before, in step with it and with their counter; None where they are not so."""
         buffer = self._rest + data if self._rest else data
         n, over = divmod(len(buffer), few.length)
@@ -125,23 +121,22 @@ class StreamDecoder:
         if (over and not few.may_begin(rest)) or not few.good(whole, n):
             return None
         if not n:
-            self._rest = buffer
+            self._rest, self._takers = buffer, {}
             return Decoded(self._no_frames, StreamCounts())
-        sequence = self._sequences[index].advance(whole, n)
-        if sequence is None:
+        if not few.sequence.advance(whole, n):
             return None
-        decoded: FewDecoded = FewDecoded()
-        decoded.few, decoded.data, decoded.start, decoded.number = few, whole, self._position, sequence
-        decoded.known = None
-        self._rest = rest
+        self._rest, self._takers = rest, {} if rest else few.takers
         self._position += len(whole)
+        decoded: FewDecoded = FewDecoded()
+        decoded.few, decoded.data, decoded.end, decoded.number = few, whole, self._position, few.sequence.number
+        decoded.known = None
         if self._confirms:
-            self._scanner.newest[index] = (few.layout, whole[-few.length :])
+            self._scanner.newest[few.index] = (few.layout, whole[-few.length :])
         return decoded
 
     def _expect_more(self, scans: Sequence[tuple[int, Scan]]) -> None:
         """Remember the type of the last frame, if the next ones can be taken on the quick path."""
-        self._few = self._next = None
+        self._few, self._takers = None, {}
         if not self._standing.in_step or not scans or (self._delimiter and self._delimited is None):
             return
         newest = [(int(s[-1]), i, layout) for i, found in enumerate(scans[-1][1].found) for layout, _, s in found]
@@ -150,15 +145,10 @@ class StreamDecoder:
             if self._families[index].steady is not None and self._sequences[index].steady(layout):
                 known = self._few_frames.get(id(layout))
                 if known is None:
-                    counter, sequence = layout.description.counter, self._sequences[index]
-                    counted = None if counter is None else counter.field
-                    reader = record_reader(layout, counted, sequence.step, sequence.modulus)
-                    known = FewFrames(layout, self._names[index], reader, self._no_frames)
+                    known = FewFrames(layout, index, self._names[index], self._sequences[index], self._no_frames)
                     self._few_frames[id(layout)] = known
-                self._few = (index, known)
-                self._quick_bytes, self._eager_bytes = _QUICK * layout.length, FEWER_TUPLES * layout.length
-                if known.reader is not None and not self._families[index].confirm:
-                    self._next = (known, known.reader, self._sequences[index], layout.length)
+                self._few, self._quick_bytes = known, _QUICK * layout.length
+                self._takers = {} if self._rest else known.takers
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data

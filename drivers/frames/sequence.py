@@ -77,24 +77,23 @@ class FrameSequence:
         self._record = (order, f"{at}x{_CODES[field.type]}{layout.length - at - field.width}x")
         return True
 
-    def advance(self, data: bytes, n: int) -> int | None:
-        """Follow the n frames in `data` that are each one step ahead of the one before; return the number of the first.
+    def advance(self, data: bytes, n: int) -> bool:
+        """Follow the n frames in `data` that are each one step ahead of the one before.
 
-        Return None, and change nothing, where they are not so: then `take` must decide.
+        Return False, and change nothing, where they are not so: then `take` must decide.
         """
         last, step, modulus = self.last, self.step, self.modulus
         if self._record is not None:
             if last is None:
-                return None
+                return False
             values = _reader(*self._record, n)(data)
             expected = range(last + step, last + step * n + 1, step)
             if values != tuple(expected if expected[-1] < modulus else (value % modulus for value in expected)):
-                return None
+                return False
             self.last = values[-1]
-        first = self.number + 1
         self.number += n
         self._continuous = True
-        return first
+        return True
 
     def _take_told(self, batch: FrameBatch, told: NDArray[np.bool_], field: str) -> tuple[FrameBatch, int, int]:
         """Follow the frames that tell their counter; the others get the number of the one before."""

@@ -76,6 +76,44 @@ def test_a_byte_flipped_anywhere_in_a_frame_fed_by_itself_is_noticed(name: str, 
             assert (outcome.counts.lost, outcome.counts.skipped_bytes) == (1, size), (at, together)
 
 
+@pytest.mark.parametrize(("name", "frame"), [("mfs", "sample"), ("kvh1750", "format_A"), ("stim300", "rate_acc")])
+@pytest.mark.parametrize("together", [2, 40, 200])
+@pytest.mark.parametrize("damage", [0.0, 2e-4])
+def test_whoever_asks_for_tuples_at_every_read_gets_what_the_whole_stream_gives(
+    name: str, frame: str, together: int, damage: float
+) -> None:
+    """Tuples at every read, then columns, then tuples again: each way is made ready for the next read."""
+    description, rng, n = shipped(name), np.random.default_rng(together), 1200
+    counter = description.frames[frame].counter
+    assert counter is not None
+    steps = rng.choice([0, 1, 2], n, p=[0.002, 0.996, 0.002]).cumsum()
+    columns = {field: rng.normal(0.0, 300.0, n) * f.scale for field, f in description.frames[frame].fields.items()}
+    sent = encode(description, frame, columns | {counter.field: steps * counter.step % counter.modulus})
+    size = len(sent) // n
+    stream = np.frombuffer(sent, np.uint8).copy()
+    stream[rng.random(len(stream)) < damage] ^= 0x55
+    data, decoder = stream.tobytes(), StreamDecoder(description)
+    records: list[tuple[float, ...]] = []
+    starts: list[int] = []
+    sequence: list[int] = []
+    counts = StreamCounts()
+    for number, at in enumerate(range(0, len(data), together * size)):
+        decoded = decoder.feed(data[at : at + together * size])
+        if number % 6 < 4:
+            records += decoded.records(frame)
+        else:
+            records += zip(*(column.tolist() for column in decoded[frame].columns.values()), strict=True)
+        starts += decoded[frame].starts.tolist()
+        sequence += decoded[frame].sequence.tolist()
+        counts = counts + decoded.counts
+    whole = StreamDecoder(description)
+    expected = whole.feed(data)
+    assert counts == expected.counts
+    assert (records, starts) == (expected.records(frame), expected[frame].starts.tolist())
+    assert sequence == expected[frame].sequence.tolist()
+    assert decoder.pending == whole.pending
+
+
 @pytest.mark.parametrize(
     ("name", "frame"),
     [
