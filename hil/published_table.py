@@ -10,15 +10,15 @@ these are the rates that Collects 1 and 2 have in common and the rate of Collect
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hil.audit.printed import find_table
+from hil.audit.printed import check_units, find_table
 from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.collects_table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
 
 _COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")
@@ -100,29 +100,32 @@ def _bias(
 
 
 def _read(path: Path) -> dict[tuple[float, str], _Cell]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    reader = csv.DictReader(text.splitlines())
-    missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
-    if missing:
-        raise InputError(f"{path}: row 1: the column {missing[0]} is missing; a table in the layout of Table 1 has it")
-    cells = {}
-    for number, row in enumerate(reader, start=2):
-        values = {name: _number(path, number, row, name) for name in ("temperature_C", "mean_printed", "sigma_printed")}
-        count = int(_number(path, number, row, "n_inferred" if row.get("n_inferred") else "n_stated"))
-        if values["sigma_printed"] <= 0 or count < 1:
-            raise InputError(f"{path}: row {number}: sigma and n must be positive")
-        key = (values["temperature_C"], row["parameter"])
-        cells[key] = _Cell(values["mean_printed"], values["sigma_printed"], count, row.get("flag") or "ok")
+    table = Table(path)
+    table.require(_COLUMNS)
+    check_units(table)
+    temperatures, means, sigmas = (table.numbers(name, required=True) for name in _COLUMNS[:1] + _COLUMNS[2:4])
+    counts = _counts(table)
+    flags = table.texts("flag") if "flag" in table.header else [""] * len(table)
+    cells: dict[tuple[float, str], _Cell] = {}
+    for line, parameter in enumerate(table.texts("parameter")):
+        key = float(temperatures[line]), parameter
+        if key[0] < ABSOLUTE_ZERO_DEGC:
+            raise table.complaint(line, "temperature_C", f"{key[0]:g} °C is below absolute zero")
+        if sigmas[line] <= 0.0:
+            raise table.complaint(line, "sigma_printed", "sigma must be positive")
+        if key in cells:
+            raise table.complaint(line, "parameter", f"{parameter} at {key[0]:g} °C stands there twice")
+        cells[key] = _Cell(float(means[line]), float(sigmas[line]), counts[line], flags[line] or "ok")
     if not cells:
         raise InputError(f"{path}: the table has no rows")
     return cells
 
 
-def _number(path: Path, number: int, row: Mapping[str, str], name: str) -> float:
-    try:
-        return float(row[name])
-    except ValueError:
-        raise InputError(f"{path}: row {number}, column {name}: {row[name]!r} is not a number") from None
+def _counts(table: Table) -> list[int]:
+    """Return the number of runs of each row: as inferred where that is given, else as stated."""
+    stated = table.numbers("n_stated", required=True)
+    inferred = table.numbers("n_inferred") if "n_inferred" in table.header else np.full(len(table), np.nan)
+    counts = np.where(np.isnan(inferred), stated, inferred)
+    for line in np.flatnonzero((counts < 1) | (counts != np.round(counts))):
+        raise table.complaint(int(line), "n_stated", f"{counts[line]:g} is not a number of runs")
+    return [int(count) for count in counts]

@@ -21,6 +21,7 @@ SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 """The seven ways to the bias of Table A-1, eqs. (A-27)-(A-33)."""
 
 _PARAMETER = re.compile(r"(MUA|MUB)(\d*)(?:_matrix)?|(BA|BB)(\d*)_(matrix|collins)")
+_UNITS = {"", "deg/h", "deg/h/g", "°/h", "°/h/g"}
 _TEMPERATURES = {
     "temperature_F": "degF",
     "temperature_degF": "degF",
@@ -123,6 +124,7 @@ def _rows_of_a1(table: Table, seven: Mapping[str, str]) -> Iterator[PrintedRow]:
 
 
 def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[list[PrintedRow], list[str]]:
+    check_units(table)
     names = table.texts("parameter")
     means = _cells(table, mean, "mean")
     sigma_column = next((name for name in ("sigma_printed", "sigma") if name in table.header), None)
@@ -159,6 +161,13 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
         else:
             rows.append(PrintedRow(label, f"{degrees} {unit}", axis, cells, stated.get(degrees)))
     return rows, notes or ["no parameter is named like BA2_collins, BA2_matrix or MUB2_matrix"] * (not rows)
+
+
+def check_units(table: Table) -> None:
+    """Refuse a table whose column `unit` names other units than deg/hr and deg/hr/g, in which tolerances are."""
+    for line, unit in enumerate(table.texts("unit") if "unit" in table.header else ()):
+        if unit.replace(" ", "").replace("hr", "h") not in _UNITS:
+            raise table.complaint(line, "unit", f"{unit}: biases in deg/hr and MU in deg/hr/g are needed; convert them")
 
 
 def _cells(table: Table, column: str, what: str, *, required: bool = True) -> list[Cell]:

@@ -28,7 +28,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Demand:
-    """The value of a cell that would close an identity exactly, the other cells as printed."""
+    """The value of a cell that would close an identity exactly, and whether all that holds as printed still would."""
 
     role: str
     what: str
@@ -70,10 +70,11 @@ def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> li
 
 
 def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[Demand]:
-    """Return for each cell of a linear identity the value that would close it, and whether all else then holds."""
+    """Return for each cell of a linear identity the value that would close it, and whether what held then holds."""
     if not broken.linear:
         return []
     values = row.values()
+    held = [each for each in every if each.holds(values)]
     found = []
     for role in broken.roles:
         value = _closing(broken, values, role)
@@ -82,8 +83,7 @@ def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> lis
         digits = len(row.cells[role].text.partition(".")[2])
         rounded = round(value, digits)
         tried = {**values, role: rounded}
-        others = [each for each in every if each is not broken]
-        found.append(Demand(role, row.cells[role].what, rounded, all(each.holds(tried) for each in others)))
+        found.append(Demand(role, row.cells[role].what, rounded, all(each.holds(tried) for each in held)))
     return found
 
 

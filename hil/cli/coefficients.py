@@ -172,11 +172,12 @@ def _print_mending(identity: dict[str, Any]) -> None:
         rest = "" if each["mends_row"] else "; something else in this row still fails"
         left = f"leaves {each['residual']:+.4f}"
         console.print(f"  {each['cell']} {each['printed']} read as {each['read']} ({each['change']}), {left}{rest}")
-    if not readings and len(alone) == 1:
-        console.print(f"  no single digit; only {alone[0]['cell']} = {alone[0]['value']} closes it with all others")
-    elif not readings and alone:
-        values = " or ".join(f"{each['cell']} = {each['value']}" for each in alone)
-        console.print(f"  no single digit; {values} would close it")
+    if any(each["mends_row"] for each in readings) or not alone:
+        return
+    values = " or ".join(f"{each['cell']} = {each['value']}" for each in alone)
+    only = "only " if len(alone) == 1 else ""
+    first = "or" if readings else "no single digit;"
+    console.print(f"  {first} {only}{values} closes it beside what holds")
 
 
 def thermal(

@@ -3,7 +3,7 @@
 The form is chosen anew without the temperature that is predicted, so that choosing it cannot flatter the result; four
 temperatures are too few for that. The range comes from drawing the temperatures of the campaign again: it tells whether
 the answer hangs on a few of them. It is no interval for the share that another campaign would show, which it holds in
-40 to 75 of 100 (benchmarks/test_thermal_rates.py); that modelling helps is said of 2 of 100 where nothing depends on
+40 to 83 of 100 (benchmarks/test_thermal_rates.py); that modelling helps is said of 2 of 100 where nothing depends on
 temperature.
 """
 

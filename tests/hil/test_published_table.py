@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.audit import audit_table
 from hil.campaign_reader import read_campaign
 from hil.campaign_writer import write_campaign
 from hil.errors import InputError
@@ -52,6 +53,13 @@ def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
         ([*ROWS[:-1], "20.0,BB2_collins,x,2.0,3,ok"], "row 5, column mean_printed"),
         ([*ROWS[:-1], "20.0,BB2_collins,1.0,0.0,3,ok"], "row 5"),
         ([], "no rows"),
+        ([*ROWS[:-1], "20.0,BB2_collins,nan,2.0,3,ok"], "row 5, column mean_printed: 'nan' is not finite"),
+        ([*ROWS[:-1], "20.0,BB2_collins,1.0,inf,3,ok"], "row 5, column sigma_printed: 'inf' is not finite"),
+        ([*ROWS[:-1], "20.0,BB2_collins,1.0,2.0,nan,ok"], "row 5, column n_stated: 'nan' is not finite"),
+        ([*ROWS[:-1], "20.0,BB2_collins,1.0,2.0,2.5,ok"], "2.5 is not a number of runs"),
+        ([*ROWS, "20.0,BB2_collins,1.0,2.0,3,ok"], "BB2_collins at 20 °C stands there twice"),
+        ([*ROWS[:-1], "20.0,BB2_collins"], "row 5, column mean_printed: the row ends before"),
+        ([*ROWS, "-300.0,BB2_collins,1.0,2.0,3,ok"], "-300 °C is below absolute zero"),
     ],
 )
 def test_a_table_that_lacks_something_is_refused(tmp_path: Path, rows: list[str], words: str) -> None:
@@ -69,3 +77,23 @@ def test_table_1_closes_where_its_identities_do(reference: Path, tmp_path: Path)
     mua = solutions[6].parameters["MUA"].value
     assert mub == pytest.approx(4.6833 - 23.05, abs=1e-4)
     assert mua == pytest.approx(34.7000 - 34.5567, abs=1e-4)
+
+
+def test_a_table_in_another_unit_is_refused_by_import_and_audit(tmp_path: Path) -> None:
+    """A column `unit` that says deg/s: neither the collects nor the tolerances of the identities would be right."""
+    path = tmp_path / "table.csv"
+    path.write_text(
+        HEADER.replace("flag", "flag,unit")
+        + "\n".join([*(f"{row},deg/s" for row in ROWS), "20.0,MUB2_matrix,4,1,3,ok,deg/s"])
+    )
+    for read in (read_published_table, audit_table):
+        with pytest.raises(InputError, match="column unit: deg/s: biases in deg/hr and MU in deg/hr/g are needed"):
+            read(path)
+
+
+def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
+    """Bytes of a spreadsheet's own format."""
+    path = tmp_path / "table.csv"
+    path.write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match="UTF-8"):
+        read_published_table(path)

@@ -260,3 +260,24 @@ def test_the_command_prints_the_contract(capsys: pytest.CaptureFixture[str]) -> 
     assert "6 of 16 inconsistent" in document["summary"]
     assert run(["audit", TABLE_1]) == 0
     assert "34.7000 read as 34.1000" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("table", "row", "identity", "cell", "value"),
+    [
+        ("rd-gc-86-1-table-a1", 1, "A-27 =", "A-27", 13.9643),
+        ("rd-gc-86-1-table-a1", 1, "A-33 =", "A-33", 13.9616),
+        ("rd-gc-86-1-table-1", "6.1 degF, axis A", "BA_collins", "BA2_collins mean", 34.1833),
+    ],
+)
+def test_two_faults_in_a_row_do_not_hide_what_would_mend_each(
+    table: str, row: object, identity: str, cell: str, value: float
+) -> None:
+    """The one value that closes an identity without breaking what holds is named, though another line stays broken."""
+    finding = next(
+        each
+        for each in audit_table(table).findings
+        if each.row.label == row and each.identity.name.startswith(identity)
+    )
+    alone = [each for each in finding.demanded if each.others_hold]
+    assert [(each.what, each.value) for each in alone] == [(cell, pytest.approx(value, abs=1e-4))]
