@@ -115,11 +115,13 @@ def _rehearsed(sweep: Sweep, bench: Bench, seed: int, where: Path, count: tuple[
         told = _in_child(again)
     if told is None:
         told = {"state": "failed", "reason": "the controller died again and again", "safe": False, "wrong": ["died"]}
-    wrong = [*told["wrong"], *_wrong_end(told, faulty.faults)]
-    verdicts: dict[str, int] = {}
+    wrong, verdicts = list(told["wrong"]), dict[str, int]()
     if (night / JOURNAL_NAME).exists():
+        wrong += _wrong_end(told, _begun(night, faulty.faults))
         found, verdicts = _wrong_records(night, told["state"])
         wrong += found
+    else:
+        wrong += _wrong_end(told, faulty.faults)
     if not wrong:
         shutil.rmtree(where)
     return Rehearsal(
@@ -224,6 +226,14 @@ class _Witness(Silent):
 # What is wrong
 
 
+def _begun(night: Path, faults: Sequence[Fault]) -> list[Fault]:
+    """Return the faults that had begun before the night ended: no other can be the reason."""
+    with open_readonly(night) as journal:
+        steps = {attempt.step_key for attempt in journal.attempts()}
+        last_s = max((controller.seen_s for controller in journal.controllers()), default=0.0)
+    return [fault for fault in faults if (fault.at in steps if fault.at_s is None else fault.at_s <= last_s)]
+
+
 def _wrong_end(told: Mapping[str, Any], faults: Sequence[Fault]) -> list[str]:
     """Return what is wrong with how the night ended: a chamber that is not safe, a reason that nothing explains."""
     wrong = [] if told["safe"] else ["the chamber is not in its safe state"]
@@ -232,7 +242,7 @@ def _wrong_end(told: Mapping[str, Any], faults: Sequence[Fault]) -> list[str]:
     causes = [devices for begins, devices in _CAUSES.items() if str(told["reason"]).startswith(begins)]
     meddled = {fault.device for fault in faults}
     if told["state"] != "incomplete" and not any(devices & meddled for devices in causes):
-        wrong.append(f"the reason is explained by none of the faults: {told['reason']}")
+        wrong.append(f"the reason is explained by no fault that had begun: {told['reason']}")
     return wrong
 
 

@@ -13,12 +13,13 @@ from typing import Any
 import pytest
 import yaml
 
-from hil.config import load_bench
+from hil.config import load_bench, load_sweep
 from hil.config.faults import Fault
 from hil.errors import InputError
 from hil.night import start_night
-from hil.rehearse import _wrong_end, _wrong_records, rehearse
+from hil.rehearse import _begun, _wrong_end, _wrong_records, rehearse
 from hil.status import night_status
+from procedures.stop import StopRequest
 
 _ROOT = Path(__file__).resolve().parents[3]
 _QUIET = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
@@ -74,8 +75,6 @@ def test_a_killed_controller_is_carried_on(tmp_path: Path) -> None:
 
 def test_a_real_bench_is_not_rehearsed(tmp_path: Path) -> None:
     """Nobody wants these faults on hardware."""
-    from hil.config import load_sweep
-
     with pytest.raises(InputError, match="simulated in process"):
         next(rehearse(load_sweep("quick"), load_bench("simulated-pty"), nights=1, seed=1, folder=tmp_path))
     assert list(tmp_path.iterdir()) == []
@@ -101,6 +100,18 @@ def test_a_reason_is_true_only_where_a_fault_explains_it(
     wrong = _wrong_end({"state": state, "reason": reason, "safe": True}, [fault])
     assert (wrong == []) == true
     assert _wrong_end({"state": state, "reason": reason, "safe": False}, [fault]) != []
+
+
+def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
+    """Neither one of a later hour nor one of a step that was never reached."""
+    stop = StopRequest()
+    stop.request("at once")
+    start_night(tmp_path / "night", load_sweep("quick"), load_bench("simulated"), stop=stop)
+    faults = [
+        Fault.model_validate({"at": at, "device": "chamber", "kind": "alarm"})
+        for at in ("0 s", "1 h", "T1/S1/C1/collect")
+    ]
+    assert _begun(tmp_path / "night", faults) == faults[:1]
 
 
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
