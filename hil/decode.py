@@ -13,14 +13,18 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.frames.fields import FieldDescription
+from drivers.frames.layout import FloatArray
 from drivers.imu import StreamCounts
 from hil.config.files import find_config
+from hil.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
 from hil.files import PARTIAL, RealDisk
 
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 SCHEMA = "hil.decode/1"
 _CHUNK = 1 << 22  # bytes
 _SUFFIXES = (".parquet", ".csv")
+_PLACES = 6  # decimals up to which rounding a 32-bit count times its scale gives the nearest float
 _PLACE = ("frame", "position", "sequence")  # the columns before the fields
 
 
@@ -56,6 +61,7 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
     for decoded in _decoded(path, description):
         summary.add(decoded)
     document = {"schema": SCHEMA, "file": str(path), "description": description.name, **summary.document()}
+    document["warnings"] = [*misfit(path, description, summary.counts), *summary.mistakes()]
     if out is not None:
         _write_table(path, description, summary.seen, out)
         document["out"] = str(out)
@@ -78,7 +84,12 @@ class _Summary:
     """What a file holds: counts, frames by type, and its first and last good frame."""
 
     def __init__(self, description: StreamDescription) -> None:
-        self._counts = StreamCounts()
+        self.counts = StreamCounts()
+        self._habits = {
+            name: CounterHabit(name, frame.counter)
+            for name, frame in description.frames.items()
+            if frame.counter is not None
+        }
         self._frames = dict.fromkeys(description.frames, 0)
         self._first: tuple[str, FrameBatch, int] | None = None
         self._last: tuple[str, FrameBatch, int] | None = None
@@ -87,10 +98,12 @@ class _Summary:
 
     def add(self, decoded: Decoded) -> None:
         """Take the frames of one chunk."""
-        self._counts += decoded.counts
+        self.counts += decoded.counts
         found = [(name, batch) for name, batch in decoded.frames.items() if len(batch)]
         for name, batch in found:
             self._frames[name] += len(batch)
+            if name in self._habits:
+                self._habits[name].add(batch)
             fields = batch.layout.description.all_fields
             told = {field for field in fields if fields[field].is_text or batch.told(field).any()}
             self.seen.setdefault(name, set()).update(told)
@@ -99,11 +112,18 @@ class _Summary:
                 self._first = (*min(found, key=lambda each: int(each[1].starts[0])), 0)
             self._last = (*max(found, key=lambda each: int(each[1].starts[-1])), -1)
 
+    def mistakes(self) -> Iterator[str]:
+        """Say what does not fit about counters."""
+        if self.counts.duplicate > self.counts.ok:
+            yield "most frames repeat the counter of the one before and are left out: compare counter.modulus and step"
+        for habit in self._habits.values():
+            yield from habit.mistakes()
+
     def document(self) -> dict[str, Any]:
         """Return the part of the document that is about the frames."""
         return {
             "frames": {name: count for name, count in self._frames.items() if count},
-            **vars(self._counts),
+            **vars(self.counts),
             "first": None if self._first is None else _fields_of(*self._first),
             "last": None if self._last is None else _fields_of(*self._last),
             "first_frame": None if self._first is None else self._first[0],
@@ -119,11 +139,22 @@ def _fields_of(name: str, batch: FrameBatch, at: int) -> dict[str, Any]:
         if described.is_text:
             values[field] = batch.text(field)[at]
             continue
-        value = float(batch.column(field)[at])
+        value = float(printed(batch.column(field)[[at]], described)[0])
         plain = described.scale == 1.0 and described.offset == 0.0 and described.type[0] in "ui"
         whole = plain and math.isfinite(value)
         values[field] = int(batch.wire(field)[at]) if whole else value if math.isfinite(value) else None
     return values
+
+
+def printed(values: FloatArray, field: FieldDescription) -> FloatArray:
+    """Return values with the decimals that whole counts times a decimal scale can have.
+
+    57 counts of 0.01 are 0.57, which binary arithmetic makes 0.5700000000000001. Others are returned as they are.
+    """
+    if not (field.type[0] in "ui" and field.type[1:].isdigit()):
+        return values
+    places = [-int(Decimal(repr(each)).normalize().as_tuple().exponent) for each in (field.scale, field.offset)]
+    return np.round(values, max(0, *places)) if max(places) <= _PLACES else values
 
 
 def _write_table(path: Path, description: StreamDescription, seen: Mapping[str, set[str]], out: Path) -> None:
@@ -140,7 +171,7 @@ def _write_table(path: Path, description: StreamDescription, seen: Mapping[str, 
             writer = pq.ParquetWriter(file, schema) if parquet else pa_csv.CSVWriter(file, schema)
             with writer:
                 for decoded in _decoded(path, description):
-                    writer.write_table(_table(decoded, schema))
+                    writer.write_table(_table(decoded, schema, for_reading=not parquet))
         RealDisk().rename(partial, out)
     except (OSError, pa.ArrowException) as error:
         with contextlib.suppress(OSError):
@@ -162,8 +193,11 @@ def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.
     return pa.schema(columns)
 
 
-def _table(decoded: Decoded, schema: pa.Schema) -> pa.Table:
-    """Return the frames of one chunk as a table; a field that a frame does not have is null."""
+def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Table:
+    """Return the frames of one chunk as a table; a field that a frame does not have is null.
+
+    `for_reading` gives numbers the decimals that they can have; else they are what the decoder computed.
+    """
     import pyarrow as pa
 
     parts = []
@@ -179,7 +213,9 @@ def _table(decoded: Decoded, schema: pa.Schema) -> pa.Table:
             elif described.is_text:
                 columns.append(pa.array(batch.text(column.name)))
             else:
-                columns.append(pa.array(batch.column(column.name), mask=~batch.told(column.name)))
+                values = batch.column(column.name)
+                values = printed(values, described) if for_reading else values
+                columns.append(pa.array(values, mask=~batch.told(column.name)))
         parts.append(pa.Table.from_arrays(columns, schema=schema))
     if not parts:
         return schema.empty_table()

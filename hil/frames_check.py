@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drivers.frames import StreamDescription
-from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, FletcherKind, NoChecksum, SumKind
+from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, CrcParameters, FletcherKind, NoChecksum, SumKind
 from drivers.frames.description import FrameDescription
 from drivers.frames.fields import FieldDescription
 from drivers.frames.lengths import LengthDescription
@@ -64,7 +64,7 @@ def _frame(description: StreamDescription, name: str, frame: FrameDescription) -
         yield f"  ends with {_hex(frame.delimiter)}"
     if frame.text is not None:
         forms = " or ".join(
-            f"{'CRC-' + str(each.width) if each.kind == 'crc' else 'XOR'} in {each.stored} digits after {each.mark!r}"
+            f"{_crc(each) if each.kind == 'crc' else 'XOR'}, in {each.stored} digits after {each.mark!r}"
             for each in frame.text.checksums
         )
         yield f"  a line of text; {forms}"
@@ -103,12 +103,19 @@ def _length(frame: FrameDescription) -> str:
     return f"at most {frame.longest} bytes" if length is None else f"{length} bytes"
 
 
+def _crc(kind: CrcParameters) -> str:
+    known = _NAMES.get((kind.width, kind.poly, kind.init, kind.refin, kind.refout, kind.xorout))
+    turned = {(False, False): "not reflected", (True, True): "reflected"}.get((kind.refin, kind.refout))
+    turned = turned or f"only its {'input' if kind.refin else 'output'} reflected"
+    last = f"XOR {kind.xorout:#x} at the end" if kind.xorout else "no XOR at the end"
+    return f"{known or f'CRC-{kind.width}'} (polynomial {kind.poly:#x}, initially {kind.init:#x}, {turned}, {last})"
+
+
 def _checksum(kind: ChecksumDescription) -> str:
     if isinstance(kind, NoChecksum):
         return "no checksum"
     if isinstance(kind, CrcKind):
-        known = _NAMES.get((kind.width, kind.poly, kind.init, kind.refin, kind.refout, kind.xorout))
-        words = known or f"CRC-{kind.width} with polynomial {kind.poly:#x}"
+        words = _crc(kind)
         words += f", zeros added up to a multiple of {kind.pad_to}" if kind.pad_to > 1 else ""
     elif isinstance(kind, SumKind):
         words = f"{'negated ' if kind.negate else ''}sum of {kind.word}-byte words, {kind.width} bits"

@@ -43,6 +43,8 @@ def decode(
     for count, number in document.items():
         if isinstance(number, int):
             console.print(f"  {count.replace('_', ' ')}: {number}")
+    for warning in document["warnings"]:
+        console.print(f"warning: {warning}")
     if out is not None:
         console.print(f"written: {out}")
 

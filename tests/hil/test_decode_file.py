@@ -10,7 +10,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from drivers.frames import encode
+from drivers.frames import StreamDescription, encode, parse_description
 from hil import decode as decode_module
 from hil.config.files import config_folders
 from hil.decode import decode_file, load_frames_named
@@ -138,7 +138,8 @@ def test_every_shipped_description_explains_itself(name: str) -> None:
 def test_the_words_say_what_the_file_says() -> None:
     """Checksum, counter, scale, parameter, turns and weaknesses."""
     text = explain_frames(load_frames_named("stim300"))
-    assert "rate_acc_incl: begins with 93, 38 bytes\n  CRC-32/MPEG-2, zeros added up to a multiple of 4" in text
+    crc = "CRC-32/MPEG-2 (polynomial 0x4c11db7, initially 0xffffffff, not reflected, no XOR at the end)"
+    assert f"rate_acc_incl: begins with 93, 38 bytes\n  {crc}, zeros added up to a multiple of 4" in text
     assert "byte 1: gyro_x, 24-bit signed, × 0.2197265625 deg/hr" in text
     assert "counter counts by 16 from frame to frame and comes round at 256" in text
     assert "acceleration_range (full scale of the accelerometers, as ordered): 5, 10, 30, 80 g; else 30 g" in text
@@ -149,8 +150,112 @@ def test_the_words_say_what_the_file_says() -> None:
     assert "gyro_x_valid (good is 1)" in text
     assert "believed after damage only where the next frame" in text
     text = explain_frames(load_frames_named("vectornav-ascii"))
-    assert "XOR in hex digits after '*' or CRC-16 in hex digits after '*'" in text
+    assert "XOR, in hex digits after '*' or CRC-16/XMODEM (polynomial 0x1021, initially 0x0, " in text
     assert "VNYMR has neither counter nor time" in text
     text = explain_frames(load_frames_named("xsens-mtdata2"))
     assert "item 0x4020 (seen through 0xfff0): acc_x, in the item's number format" in text
     assert "5 to 2060 bytes: the number at byte 3 and 5 more, or further on where it is 255" in text
+
+
+def test_a_crc_outside_the_catalogue_is_said_in_full() -> None:
+    """Every parameter that can be wrong is there to be compared with a manual."""
+    kind = "kind: crc, width: 16, poly: 0x8005, init: 0x1234, refin: true, refout: true, xorout: 0xFFFF"
+    assert "CRC-16 (polynomial 0x8005, initially 0x1234, reflected, XOR 0xffff at the end)" in explained(kind)
+    kind = "kind: crc, width: 16, poly: 0x8005, refin: true"
+    assert "initially 0x0, only its input reflected, no XOR at the end)" in explained(kind)
+
+
+def explained(checksum: str) -> str:
+    """Return the words for a frame with this checksum."""
+    return explain_frames(
+        parse_description(
+            "schema: hil.frames/1\nname: X\nsample_rate_hz: 100\nbyte_order: big\nsync: AA 55\n"
+            f"frames: {{f: {{length: 8, checksum: {{{checksum}}}, fields: {{n: {{type: u8}}}}}}}}"
+        )
+    )
+
+
+def test_a_recording_of_another_unit_is_told_by_what_reads_it(tmp_path: Path) -> None:
+    """What was looked for and not found, and the name of the description that fits; of noise, that none does."""
+    path = tmp_path / "other.bin"
+    numbers = np.arange(400)
+    sent = encode(load_frames_named("stim300"), "rate_acc", {"counter": numbers * 16 % 256, "gyro_x": numbers % 7})
+    path.write_bytes(sent[5:])
+    first, second = decode_file(path, load_frames_named("kvh1750"))["warnings"]
+    assert first.startswith(f"no good frame is in {len(sent) - 5} bytes: in the first")
+    assert second == "stim300 reads 99.8% of the first 11195 bytes as 399 good frames: try --frames stim300"
+    assert decode_file(path, load_frames_named("stim300"))["warnings"] == []
+    path.write_bytes(np.random.default_rng(1).integers(0, 256, 30_000, np.uint8).tobytes())
+    warnings = decode_file(path, load_frames_named("stim300"))["warnings"]
+    assert [each.split(":")[0] for each in warnings] == [
+        "no good frame is in 30000 bytes",
+        "no shipped description reads it",
+    ]
+    path.write_bytes(b"")
+    assert decode_file(path, load_frames_named("stim300"))["warnings"] == []
+
+
+def test_frames_that_begin_as_described_with_a_wrong_checksum_point_at_the_checksum(tmp_path: Path) -> None:
+    """A description of one's own, wrong in its CRC: the counts and the sentence say where to look."""
+    path = tmp_path / "mine.bin"
+    path.write_bytes(framed("init: 0", 0, 1, 256, 300))
+    warnings = decode_file(path, counted("init: 1", step=1, modulus=256))["warnings"]
+    assert warnings[1].startswith("frames begin as described, but their checksums do not match")
+
+
+def counted(crc: str, *, step: int, modulus: int) -> StreamDescription:
+    """Return a description whose counter is as given."""
+    return parse_description(
+        "schema: hil.frames/1\nname: X\nsample_rate_hz: 100\nbyte_order: big\nsync: AA 55\n"
+        f"frames: {{f: {{length: 7, checksum: {{kind: crc, width: 32, poly: 0x04C11DB7, {crc}}}, "
+        f"fields: {{n: {{type: u8}}}}, counter: {{field: n, step: {step}, modulus: {modulus}}}}}}}"
+    )
+
+
+def framed(crc: str, first: int, step: int, modulus: int, n: int) -> bytes:
+    """Return n frames of such a unit whose counter really moves so."""
+    values = (first + np.arange(n) * step) % modulus
+    return encode(counted(crc, step=1, modulus=256), "f", {"n": values})
+
+
+@pytest.mark.parametrize(
+    ("truth", "said", "expected"),
+    [
+        ((5, 100), (5, 100), None),
+        ((1, 256), (1, 256), None),
+        ((5, 100), (1, 100), "frames.f.counter.step: is 1, but n moves by 5 from frame to frame; lost"),
+        ((1, 256), (16, 256), "frames.f.counter.step: is 16, but n moves by 1 from frame to frame; lost"),
+        ((1, 128), (1, 256), "frames.f.counter.modulus: is 256, but n comes round at 128; lost"),
+        ((5, 100), (5, 255), "frames.f.counter.modulus: is 255, but n comes round at 100; lost"),
+        ((1, 256), (1, 128), "frames.f.counter.modulus: is 128, but n goes up to 255; lost"),
+        ((16, 256), (1, 16), "most frames repeat the counter of the one before and are left out"),
+    ],
+)
+def test_a_counter_that_is_described_wrongly_is_told(
+    tmp_path: Path, truth: tuple[int, int], said: tuple[int, int], expected: str | None
+) -> None:
+    """Frames that are really lost, and one that comes twice, do not disturb it."""
+    path = tmp_path / "counted.bin"
+    sent = framed("init: 0", 0, *truth, 1000)
+    path.write_bytes(sent[: 7 * 100] + sent[7 * 103 : 7 * 500] + sent[7 * 499 : 7 * 700] + sent[7 * 720 :])
+    warnings = decode_file(path, counted("init: 0", step=said[0], modulus=said[1]))["warnings"]
+    if expected is None:
+        assert warnings == []
+    else:
+        assert any(each.startswith(expected) for each in warnings), warnings
+
+
+def test_numbers_are_printed_with_the_decimals_that_they_can_have(tmp_path: Path) -> None:
+    """In the document and in a table of text; what cannot be said in a few decimals is as it was computed."""
+    mfs = load_frames_named("mfs")
+    temperature = next(name for name, field in mfs.frames["sample"].fields.items() if field.scale == 0.01)
+    path, out = tmp_path / "warm.bin", tmp_path / "warm.csv"
+    path.write_bytes(encode(mfs, "sample", {"counter": np.arange(3), temperature: 0.57}))
+    assert 57 * 0.01 != 0.57
+    document = decode_file(path, mfs, out=out)
+    assert document["first"][temperature] == 0.57
+    assert "0.57," in out.read_text()
+    assert "0.5700" not in out.read_text()
+    stim = load_frames_named("stim300")
+    path.write_bytes(encode(stim, "rate_acc", {"counter": np.arange(3) * 16, "gyro_x": 3 * 3600 / 2**14}))
+    assert decode_file(path, stim)["first"]["gyro_x"] == 3 * 3600 / 2**14
