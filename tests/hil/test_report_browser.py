@@ -15,7 +15,7 @@ from benchmarks.blind.cases import make_case, write_case
 from hil.cli.app import run as hil
 from hil.config import load_bench, parse_sweep
 from hil.night import start_night
-from tests.hil.test_report_night import SWEEP
+from tests.hil.report_pages import SWEEP
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed, so no browser is driven")
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")

@@ -1,13 +1,11 @@
-"""The report of a night: its numbers are those of `hil solve`; it says what was asked, done, lost and done again."""
+"""The report of a night: it says what was asked, done, lost and done again."""
 
 from __future__ import annotations
 
 import csv
-import json
 import re
 import shutil
 from html import unescape
-from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,57 +15,17 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.cli.app import run as hil
-from hil.config import load_bench, parse_sweep
+from hil.config import load_bench
 from hil.journal import SqliteJournal
 from hil.night import resume_night, start_night
 from hil.report.grid import ranges
 from hil.report.night import night_content
 from procedures.stop import StopRequest
 from procedures.verdict import Judgement, Verdict
+from tests.hil.report_pages import TWO, Tables, solved
 
-SWEEP = """
-title: Two temperatures
-temperatures: [20 degC, 30 degC]
-self_calibrations_per_temperature: 2
-positions: [1, 2, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 20 s}
-"""
-TWO = parse_sweep(SWEEP, "two.yaml")
 REJECTED = [("self-calibration 4: Collect 3 at 30.0 °C, attempt 1", "failed")]
 """What the stationarity of so short a collect rejects on the simulated bench: always the same, by its seed."""
-
-
-class Tables(HTMLParser):
-    """The tables of a page by their id: a list of rows, each a list of cells, each a list of its lines of text."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.found: dict[str, list[list[list[str]]]] = {}
-        self._name = ""
-        self._in_cell = False
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Open a table, a row or a cell."""
-        if tag == "table":
-            self._name = dict(attrs)["id"] or ""
-            self.found[self._name] = []
-        elif tag == "tr":
-            self.found[self._name].append([])
-        elif tag in {"td", "th"}:
-            self.found[self._name][-1].append([])
-            self._in_cell = True
-
-    def handle_endtag(self, tag: str) -> None:
-        """Close a cell."""
-        if tag in {"td", "th"}:
-            self._in_cell = False
-
-    def handle_data(self, data: str) -> None:
-        """Take a line of a cell."""
-        if self._in_cell and data.strip():
-            self.found[self._name][-1][-1].append(data.strip().replace("−", "-"))
 
 
 @pytest.fixture(scope="module")
@@ -84,53 +42,6 @@ def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp("report") / "report.html"
     assert hil(["report", str(night), "--out", str(out)]) == 0
     return out.read_text()
-
-
-def solved(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, object]]:
-    """Return the solutions of `hil solve --json`."""
-    capsys.readouterr()
-    assert hil(["solve", *arguments, "--json"]) == 0
-    found: list[dict[str, object]] = json.loads(capsys.readouterr().out)["solutions"]
-    return found
-
-
-def test_every_number_of_the_self_calibrations_is_that_of_hil_solve(
-    night: Path, page: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Each value and standard error in the page, matrix and contractor's, to the digits that are shown."""
-    tables, compared = Tables(page).found, 0
-    for whose, solutions in (
-        ("", solved(capsys, str(night))),
-        ("contractor", [s for s in solved(capsys, str(night), "--model", "collins-4") if s["sensor"] == 2]),
-    ):
-        for solution in solutions:
-            head, *rows = tables[f"runs-sensor-{solution['sensor']}"]
-            row = next(row for row in rows if row[0] == [str(solution["run"])])
-            assert whose or row[2] == [solution["verdict"]]
-            for name, each in solution["parameters"].items():  # type: ignore[attr-defined]
-                value, se = row[head.index([name, *([whose] if whose else []), each["unit"]])]
-                digits = len(value.partition(".")[2])
-                assert value == f"{each['value']:.{digits}f}"
-                assert se == f"±{each['se']:.{digits}f}"
-                assert float(se[1:]) > 5 * 10**-digits  # two digits of the uncertainty, or nearly
-                compared += 1
-    assert compared == 2 * 4 * 6 + 4 * 4
-    assert sum(len(row) - 3 for n in (1, 2) for row in tables[f"runs-sensor-{n}"][1:]) == compared
-
-
-def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two runs at each temperature: mean, and the scatter on one degree of freedom."""
-    runs = {s["run"]: s["parameters"] for s in solved(capsys, str(night)) if s["sensor"] == 2}
-    head, count, *rows = Tables(page).found["table-1-sensor-2"]
-    assert [cell[0] for cell in head[1:]] == ["20.0 °C", "30.0 °C"]
-    assert count[1:] == [["2"], ["2"]]
-    for row in (row for row in rows if row[0][0].endswith("matrix")):
-        name = row[0][0].partition(",")[0]
-        for cell, pair in zip(row[1:], ((1, 2), (3, 4)), strict=True):
-            one, two = (runs[n][name]["value"] for n in pair)  # type: ignore[index]
-            digits = len(cell[0].partition(".")[2])
-            assert float(cell[0]) == pytest.approx((one + two) / 2, abs=0.51 * 10**-digits)
-            assert float(cell[1][1:]) == pytest.approx(abs(one - two) / 2**0.5, abs=0.51 * 10**-digits)
 
 
 def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: str) -> None:
