@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
+
+from drivers.mistakes import first_mistake
+from drivers.strict_yaml import NotYaml, parse_yaml
 
 _PLACE = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
 _PROBES = (-29.7, 0.0, 25.0, 104.0)
@@ -186,19 +188,12 @@ def load_box(path: str | Path) -> BoxDescription:
 def parse_box(text: str, source: str) -> BoxDescription:
     """Read a description from YAML text; `source` names it in messages."""
     try:
-        document: Any = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise BoxError(f"{source}: is not YAML ({' '.join(str(error).split())})") from error
+        document = parse_yaml(text)
+    except NotYaml as error:
+        raise BoxError(f"{source}{error.place}: is not YAML: {error}") from error
     if not isinstance(document, dict):
         raise BoxError(f"{source}: a description is a mapping with keys such as setpoint")
     try:
         return BoxDescription.model_validate(document)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            message = "is not a key of a description; check its spelling"
-        elif first["type"] == "missing":
-            message = "is missing"
-        raise BoxError(f"{source}: {key + ': ' if key else ''}{message}") from error
+        raise BoxError(f"{source}: {first_mistake(error, document)}") from error

@@ -18,8 +18,9 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from drivers.mistakes import first_mistake
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.config.files import find_config
+from hil.config.files import find_config, parse_yaml, read_text
 from hil.curve import Curve
 from hil.effects.base import Base, Effect
 from hil.effects.catalogue import SERIES_EFFECTS, effect_by_id
@@ -194,13 +195,7 @@ def load_model(path_or_name: str | Path) -> Model:
     if name in MODEL_NAMES:
         return built_in_model(name)
     path = _find(name)
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a model file ({error})") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not YAML ({str(error).replace(chr(10), ' ')})") from error
-    return _parse(path, document)
+    return _parse(path, parse_yaml(read_text(path), str(path)))
 
 
 def save_model(model: Model, path: Path) -> None:
@@ -216,23 +211,15 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
-def _parse(path: Path, document: object) -> Model:
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{path}: schema: expected {SCHEMA}, found {found}")
+def _parse(path: Path, document: dict[str, Any]) -> Model:
+    if document.get("schema") != SCHEMA:
+        raise InputError(f"{path}: schema: expected {SCHEMA}, found {document.get('schema')}")
     try:
         model = Model.model_validate(document)
     except ValidationError as error:
-        raise InputError(f"{path}: {_first_problem(error)}") from error
+        raise InputError(f"{path}: {first_mistake(error, document)}") from error
     _check(path, model)
     return model
-
-
-def _first_problem(error: ValidationError) -> str:
-    problem = error.errors(include_url=False, include_context=False)[0]
-    tags = {"Constant", "Polynomial", "Table"}
-    place = ".".join(str(part) for part in problem["loc"] if part not in tags)
-    return f"{place}: {'unknown key' if problem['type'] == 'extra_forbidden' else problem['msg']}"
 
 
 def _check(path: Path, model: Model) -> None:

@@ -25,7 +25,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
@@ -37,6 +36,7 @@ from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
 from drivers.frames.text_frames import TextDescription
 from drivers.mistakes import first_mistake
+from drivers.strict_yaml import NotYaml, parse_yaml
 
 
 class DescriptionError(ValueError):
@@ -292,19 +292,6 @@ def _check_references(frame: FrameDescription) -> None:
                 raise ValueError(f"status.{name}.{bit_name}: a {field.type} has no bit {bit.bit}")
 
 
-class _Loader(yaml.SafeLoader):
-    """The safe loader, which also refuses a key that is given twice: the first one would be lost in silence."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Build a mapping; raise where a key repeats."""
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
-                raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is given twice", problem_mark=key.start_mark)
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
 def parse_description(
     text: str,
     origin: str = "description",
@@ -317,9 +304,9 @@ def parse_description(
     `parameters` are what the bench file says about the unit, `sample_rate_hz` the rate where it is not the usual one.
     """
     try:
-        content = yaml.load(text, _Loader)  # noqa: S506 - a safe loader with one more check
-    except yaml.YAMLError as error:
-        raise DescriptionError(f"{origin}: not YAML: {' '.join(str(error).split())}") from None
+        content = parse_yaml(text)
+    except NotYaml as error:
+        raise DescriptionError(f"{origin}{error.place}: not YAML: {error}") from None
     if not isinstance(content, dict):
         raise DescriptionError(f"{origin}: a frame description is a mapping of keys to values")
     if sample_rate_hz is not None:

@@ -7,14 +7,14 @@ find_config("benches", "./my-bench.yaml")  # a path given in full wins
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
+from drivers import strict_yaml
 from drivers.mistakes import plain_words
 from hil.errors import InputError
 
@@ -89,21 +89,6 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
         return False
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """YAML's safe loader, which in addition refuses a key given twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[object] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, Hashable) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key!r} is given twice", key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
 def read_text(path: Path) -> str:
     """Return the text of a file; raise `InputError` where it cannot be read or is not UTF-8."""
     try:
@@ -117,15 +102,9 @@ def read_text(path: Path) -> str:
 def parse_yaml(text: str, source: str) -> dict[str, Any]:
     """Return the mapping that a YAML text holds; raise `InputError` with the line where it is not one."""
     try:
-        document = yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
-        raise InputError(f"{source}{where}: not valid YAML: {error.problem or error.context}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
-    except RecursionError as error:
-        raise InputError(f"{source}: lists or mappings are nested too deeply") from error
+        document = strict_yaml.parse_yaml(text)
+    except strict_yaml.NotYaml as error:
+        raise InputError(f"{source}{error.place}: not valid YAML: {error}") from error
     if not isinstance(document, dict):
         found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
         raise InputError(f"{source}: must be a mapping of keys to values, not {found}")

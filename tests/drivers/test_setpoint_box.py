@@ -184,8 +184,8 @@ def test_a_full_box_works_against_its_simulator() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"setpont": 1}, "box.yaml: setpont: is not a key of a description; check its spelling"),
-        ({"setpoint": {"ask": "S?", "reply": "{value}"}}, "box.yaml: setpoint.send: is missing"),
+        ({"setpont": 1}, "box.yaml: setpont: there is no such key here; check its spelling"),
+        ({"setpoint": {"ask": "S?", "reply": "{value}"}}, "box.yaml: setpoint.send: this key is missing"),
         ({"temperature": {"ask": "T?", "reply": "T"}}, "box.yaml: temperature.reply: 'T' must hold {value} once"),
         (
             {"setpoint": FULL["setpoint"] | {"send": "S=25"}},
@@ -203,12 +203,18 @@ def test_a_full_box_works_against_its_simulator() -> None:
             {"state": FULL["state"] | {"modes": {"1": "CONSTANT"}}},
             "box.yaml: state: modes must give a word for CONSTANT",
         ),
-        ({"state": FULL["state"] | {"modes": {"1": "ON"}}}, "box.yaml: state.modes.1: Input should be 'OFF'"),
-        ({"timeout_s": 0}, "box.yaml: timeout_s: Input should be greater than 0"),
+        (
+            {"state": FULL["state"] | {"modes": {"1": "ON"}}},
+            "box.yaml: state.modes.1: 'ON' is not allowed; allowed: 'OFF'",
+        ),
+        ({"timeout_s": 0}, "box.yaml: timeout_s: must be more than 0, not 0"),
         ({"high_limit": None}, "box.yaml: give low_limit and high_limit, or neither"),
-        ({"terminator": "CRLF"}, "box.yaml: terminator: Input should be 'CR', 'LF' or 'CR LF'"),
-        ({"alarms": {"ask": "A?", "reply": "{value}", "none": []}}, "box.yaml: alarms.none: List should have at least"),
-        ({"verified": ""}, "box.yaml: verified: String should have at least 1 character"),
+        ({"terminator": "CRLF"}, "box.yaml: terminator: 'CRLF' is not allowed; allowed: 'CR', 'LF' or 'CR LF'"),
+        (
+            {"alarms": {"ask": "A?", "reply": "{value}", "none": []}},
+            "box.yaml: alarms.none: must have at least 1 entry",
+        ),
+        ({"verified": ""}, "box.yaml: verified: must have at least 1 character"),
     ],
 )
 def test_a_wrong_description_is_one_sentence_that_names_file_and_key(changes: dict[str, Any], message: str) -> None:
@@ -219,10 +225,10 @@ def test_a_wrong_description_is_one_sentence_that_names_file_and_key(changes: di
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("text", ["", "- 1", "a: [", "just text"])
+@pytest.mark.parametrize("text", ["", "- 1", "a: [", "just text", "name: X\nname: Y", "[" * 9999])
 def test_a_file_that_is_no_description_is_refused(text: str, tmp_path: Path) -> None:
-    """Empty, a list, broken YAML, text; and a file that is not there."""
-    with pytest.raises(BoxError, match=r"box\.yaml: "):
+    """Empty, a list, broken YAML, text, a key given twice, nothing but brackets; and a file that is not there."""
+    with pytest.raises(BoxError, match=r"^box\.yaml(, line \d, column \d+)?: "):
         parse_box(text, "box.yaml")
     with pytest.raises(BoxError, match="cannot be read"):
         load_box(tmp_path / "nothing.yaml")

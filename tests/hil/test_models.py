@@ -247,21 +247,24 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
     [
         ({"schema": "hil.model/2"}, "schema: expected hil.model/1, found hil.model/2"),
         ({"form": "matrix-7"}, "form: unknown form matrix-7"),
-        ({"colour": "red"}, "colour: unknown key"),
+        ({"colour": "red"}, "colour: there is no such key here; check its spelling"),
         ({"sensors": _without("GSB")}, "sensors.2.GSB: missing"),
         ({"sensors": _with("GSX", {"unit": "deg/hr/g", "value": 1.0})}, "sensors.2.GSX: unknown key"),
-        ({"sensors": _with("BA", {"unit": "deg/hr", "value": 1.0, "valeu": 2.0})}, "sensors.2.BA.valeu: unknown key"),
+        (
+            {"sensors": _with("BA", {"unit": "deg/hr", "value": 1.0, "valeu": 2.0})},
+            "sensors.2.BA.valeu: there is no such key here",
+        ),
         ({"sensors": _with("BA", {"unit": "deg/hr"})}, "sensors.2.BA: give one of value, polynomial or table"),
-        ({"sensors": _with("BA", {"value": 1.0})}, "sensors.2.BA.unit: Field required"),
+        ({"sensors": _with("BA", {"value": 1.0})}, "sensors.2.BA.unit: this key is missing"),
         ({"sensors": _with("BA", {"unit": "deg/hr", "value": float("nan")})}, "sensors.2.BA.value: "),
         ({"sensors": _with("BA", {"unit": "deg/hr", "polynomial": [1.0]})}, "sensors.2.BA.reference_degC: "),
         (
             {"sensors": _with("BA", {"unit": "deg/hr", "table": {"temperature_degC": [0, 0], "value": [1, 2]}})},
-            "sensors.2.BA.table: Value error, temperature_degC must rise strictly",
+            "sensors.2.BA.table: temperature_degC must rise strictly",
         ),
         (
             {"sensors": _with("BA", {"unit": "deg/hr", "table": {"temperature_degC": [0, 1], "value": [1]}})},
-            "sensors.2.BA.table: Value error, value must have as many entries",
+            "sensors.2.BA.table: value must have as many entries",
         ),
         ({"sensors": _with("BA", {"unit": "deg/s", "value": 1.0})}, "sensors.2.BA: unit: deg/s given, deg/hr needed"),
         ({"terms": [{**WARMUP, "effect": "warm"}]}, "terms.0.effect: no effect of the catalogue has the id warm"),
@@ -272,7 +275,7 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
             "terms.0.parameters.Q: unknown key",
         ),
         ({"terms": [{**WARMUP, "parameters": {}}]}, "terms.0.parameters: "),
-        ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0.tau: unknown key"),
+        ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0.tau: there is no such key here"),
     ],
 )
 def test_mistakes_in_a_model_file_are_named_by_file_and_key(

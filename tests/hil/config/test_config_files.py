@@ -68,7 +68,7 @@ def test_a_missing_file_is_one_sentence(kind: str, name: str, message: str) -> N
         ("", "f.yaml: must be a mapping of keys to values, not nothing"),
         ("a: !!python/object/apply:os.getcwd []\n", "f.yaml, line 1, column 4: not valid YAML"),
         ("a: \x00\n", "f.yaml: not valid YAML"),
-        ("a: " + "[" * 5000, "f.yaml: lists or mappings are nested too deeply"),
+        ("a: " + "[" * 5000, "f.yaml: not valid YAML: lists or mappings are nested too deeply"),
     ],
 )
 def test_yaml_that_is_none_is_refused_with_its_line(text: str, message: str) -> None:
