@@ -177,7 +177,7 @@ class AnisotropicSensitivity(_RotorEffect):
 
 
 class LinearSensitivity(Effect):
-    """The full, not symmetric, acceleration-sensitivity matrix of a sensor that is no rotor."""
+    """The full acceleration-sensitivity matrix, not symmetric; a rotor's GS and MU are what its isotropy leaves."""
 
     id = "g_sensitivity"
     family = "g-linear"
@@ -189,10 +189,6 @@ class LinearSensitivity(Effect):
     experiment = (
         "Two headings, and orientations that turn the vertical axis: earth rate's vertical part is along gravity."
     )
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """In every sensor but the rotor sensor, whose isotropy makes it GS and MU."""
-        return not sensor.is_rotor
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
         """Return GXX, GXY, …: row by channel, column by axis."""

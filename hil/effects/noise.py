@@ -11,16 +11,17 @@ from hil.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEf
 from hil.effects.history import collect_interval_s, place_in_run
 
 _HOUR_S = 3600.0
+_FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _DAY_S = 86400.0
 
 
 class Drift(Effect):
-    """The same slope through every run: each collect is a little further than the one before."""
+    """Each collect is a little further than the one before: anew in every run, or on and on through the campaign."""
 
     id = "drift"
     family = "noise"
     title = "Linear drift between collects"
-    equation = "R += d k, k = -1, 0, 1 in the order taken within the run"
+    equation = "R += d k, k = -1, 0, 1 in the order taken within the run; or k = 1, 2, 3 … through all runs"
     per_channel = True
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
@@ -28,16 +29,23 @@ class Drift(Effect):
     experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the usual time from collect to collect, and the middle of a run; none where no run has two."""
+        """Return the time from collect to collect, the middle of a run, and how far k goes: a run (0) or all runs (1).
+
+        None where no run has two collects.
+        """
         interval = collect_interval_s(conditions)
         middle = 0.5 * (float(np.median(np.unique(conditions.run, return_counts=True)[1])) - 1.0)
         return (
             ShapeParameter("interval_s", "s", (interval,) if interval > 0.0 else ()),
             ShapeParameter("middle", "collects", (middle,)),
+            ShapeParameter("through_runs", "", (0.0, 1.0) if len(np.unique(conditions.run)) > 1 else (0.0,)),
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the collect's place in its run, from the run's middle, for each channel."""
+        """Return the collect's place in its run, from the run's middle, or its place in the campaign, per channel."""
+        if shape.get("through_runs"):
+            _, number = np.unique(conditions.start_s, return_inverse=True)
+            return per_channel(number.astype(np.float64), conditions.sensor)
         place = place_in_run(conditions, shape["interval_s"]) - shape["middle"]
         return per_channel(place, conditions.sensor)
 
@@ -62,12 +70,12 @@ class Ageing(Effect):
 
 
 class Jump(Effect):
-    """Bias that steps once and stays: a bearing or retainer that seats itself elsewhere; a changepoint."""
+    """Bias that steps and stays, or comes back after one run: a bearing or retainer that seats itself elsewhere."""
 
     id = "jump"
     family = "noise"
     title = "Bearing or retainer jump"
-    equation = "B += J from run r on"
+    equation = "B += J from run r on, or in run r alone"
     per_channel = True
     parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
     signature = "A step between two runs, at no particular temperature; two states if it comes back."
@@ -75,12 +83,16 @@ class Jump(Effect):
     experiment = "Changepoint inside the collects; many repeats at one temperature."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run from which the step holds: any but the first."""
-        return (ShapeParameter("from_run", "", tuple(float(run) for run in np.unique(conditions.run)[1:])),)
+        """Return the run from which the step holds (not the first), and for how many runs: to the end (0), or one."""
+        runs = tuple(float(run) for run in np.unique(conditions.run)[1:])
+        held = (0.0, 1.0) if len(runs) > _FEW_RUNS else (0.0,)
+        return (ShapeParameter("from_run", "", runs), ShapeParameter("runs_held", "runs", held))
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return 1 from the run of the step on, for each channel."""
-        return per_channel((conditions.run >= shape["from_run"]).astype(np.float64), conditions.sensor)
+        """Return 1 from the run of the step on, or in that run alone, for each channel."""
+        later = conditions.run >= shape["from_run"]
+        holds = conditions.run == shape["from_run"] if shape.get("runs_held") else later
+        return per_channel(holds.astype(np.float64), conditions.sensor)
 
 
 def _each_channel(between_rows: FloatArray, conditions: Conditions) -> FloatArray:

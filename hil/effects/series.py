@@ -26,6 +26,7 @@ _FEWEST = 16  # samples (or blocks) below which nothing is asked
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
 _FEWEST_BESIDE = 6  # ordinates on a side below which nothing is asked: a tone has at least so many cycles in a collect
+_BURST = 3.0  # standard deviations from the middle beyond which a block counts no more
 _RATE = "deg/hr"
 
 
@@ -42,28 +43,33 @@ def blocked(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
 def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArray) -> tuple[int, float, float]:
     """Return index, coefficient and p-value of the candidate, of (n, k), that explains most beside `nuisance` (n, m).
 
-    The p-value is the F test's, with residual variance widened by positive lag-1 correlation, times k.
+    The p-value is the F test's, with residual variance widened by positive lag-1 correlation, times k. What stands out
+    of the middle by more than three standard deviations counts as three: one burst is no settling and no step.
     """
     basis, _ = np.linalg.qr(nuisance)
-    left = rates - basis @ (basis.T @ rates)
+    plain = rates - basis @ (basis.T @ rates)
+    spread = _BURST * 1.4826 * float(np.median(np.abs(plain - np.median(plain))))
+    left = np.clip(plain, np.median(plain) - spread, np.median(plain) + spread) if spread > 0.0 else plain
     beside = candidates - basis @ (basis.T @ candidates)
     norms = np.sum(beside**2, axis=0)
     usable = norms > 1e-6 * np.sum(candidates**2, axis=0)
-    coefficients = np.where(usable, beside.T @ left / np.where(usable, norms, 1.0), 0.0)
-    explained = coefficients**2 * norms * usable
-    index = int(np.argmax(explained))
-    residual = left - beside[:, index] * coefficients[index]
+    norms = np.where(usable, norms, np.inf)
+    sizes = beside.T @ plain / norms
+    index = int(np.argmax(sizes**2 * np.where(usable, norms, 0.0)))
+    coefficient = float(beside[:, index] @ left / norms[index])
+    explained = coefficient**2 * float(norms[index]) if usable[index] else 0.0
+    residual = left - beside[:, index] * coefficient
     freedom = len(rates) - nuisance.shape[1] - 1
     power = float(residual @ residual)
     if power <= 1e-20 * max(float(rates @ rates), 1e-300):  # no noise at all: certain where anything is explained
-        return index, float(coefficients[index]), 0.0 if explained[index] > power else 1.0
+        return index, float(sizes[index]), 0.0 if explained > power else 1.0
     correlation = float(residual[1:] @ residual[:-1]) / power
     # Residuals of a fit look less correlated than the noise is (Kendall); without correlation nothing is widened.
     correlation = min(max(correlation + (1.0 + 4.0 * correlation) / len(rates), 0.0), 0.99)
     wider = (1.0 + correlation) / (1.0 - correlation)
-    statistic = explained[index] / (power / freedom * wider)
+    statistic = explained / (power / freedom * wider)
     p_value = float(fdtrc(1, max(freedom / wider, 3.0), statistic)) * candidates.shape[1]
-    return index, float(coefficients[index]), min(p_value, 1.0)
+    return index, float(sizes[index]), min(p_value, 1.0)
 
 
 class _ChannelwiseTest(SeriesEffect):

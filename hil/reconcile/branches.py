@@ -19,7 +19,7 @@ from hil.reconcile.evidence import NoiseTable, pruned
 from hil.reconcile.findings import Step
 from hil.reconcile.fit import Added, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
-from hil.reconcile.naming import Naming, weigh
+from hil.reconcile.naming import LARGE, Naming, prior_weight, weigh, with_rivals
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 
@@ -89,7 +89,9 @@ class Branch:
 def pursue(problem: Problem, search: Search, alpha: float, draws: int, rng: np.random.Generator) -> Branch:
     """Search beside one calibration."""
     first, threshold, stricter, chance = detect(search, alpha, draws, rng)
-    steps = find(search, first, stricter) if first is not None and first.statistic > threshold else []
+    steps: Sequence[Step] = []
+    if first is not None and first.statistic > threshold:
+        steps, search = find(search, first, stricter)
     return Branch(ONE_SET, problem, search, first, threshold, chance, steps, _weight(search, steps))
 
 
@@ -153,11 +155,53 @@ def detect(
     return scan, threshold, stricter, p_value(null, scan.statistic)
 
 
-def find(search: Search, first: Scan, threshold: float) -> list[Step]:
+def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Search]:
     """Add what is found, one effect after the other, then look at each again beside all the others.
 
-    `threshold` is for every effect after the first: the first has passed its own.
+    `threshold` is for every effect after the first: the first has passed its own. One cause of a size that hardly any
+    unit has may stand in for several ordinary ones: these are looked for as well, and weighed against it. Returned with
+    the search that found them, which held-out rows are to repeat.
     """
+    steps = _one_by_one(search, first, threshold)
+    odd = {step.naming.leader.name for step in steps if step.naming.leader.excess > LARGE}
+    if not odd:
+        return steps, search
+    others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd])
+    scan = others.scan()
+    ordinary = _one_by_one(others, scan, threshold) if others.hypotheses and scan.statistic > threshold else []
+    if not ordinary:
+        return steps, search
+    lead = _plausible_weight(search, steps) - _plausible_weight(search, ordinary)
+    share = 1.0 / (1.0 + float(np.exp(-abs(lead))))
+    if lead >= 0.0:
+        return _beside(steps, ordinary, share), search
+    return _beside(ordinary, steps, share), others
+
+
+def _beside(chosen: Sequence[Step], left: Sequence[Step], share: float) -> list[Step]:
+    """The more probable of two explanations, its names as probable as it is, the other's names among their rivals."""
+    return [replace(step, naming=_beside_another(step.naming, chosen, left, share)) for step in chosen]
+
+
+def _plausible_weight(search: Search, steps: Sequence[Step]) -> float:
+    return _weight(search, steps) + sum(prior_weight(step.naming.leader) for step in steps)
+
+
+def _beside_another(naming: Naming, chosen: Sequence[Step], left: Sequence[Step], share: float) -> Naming:
+    """One name of the chosen explanation, with what the other explanation has in its place."""
+    here = {step.naming.leader.name for step in chosen}
+    if naming.leader.name in {step.naming.leader.name for step in left}:
+        return naming
+    instead = [
+        replace(step.naming.leader, probability=step.naming.leader.probability * (1.0 - share), overlap=0.0)
+        for step in left
+        if step.naming.leader.name not in here
+    ]
+    return with_rivals(naming, share, instead)
+
+
+def _one_by_one(search: Search, first: Scan, threshold: float) -> list[Step]:
+    """Add the most probable name, again and again, until nothing more is found; then name each beside the others."""
     steps: list[Step] = []
     scan, present = first, search
     while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold):

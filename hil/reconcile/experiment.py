@@ -45,6 +45,8 @@ def next_experiment(
     if leader.tier != 1 or not rivals:
         return None
     rival = max(rivals, key=lambda r: (bool(r.same_on), r.probability))
+    if rival.remedy:
+        return _measured_again(leader, rival, sensors[leader.added.hypothesis.candidate.sensor])
     touched = [unit.candidate.sensor for unit in leader.added.units]
     sensor = sensors[next((number for number in touched if number in rival.same_on), touched[0])]
     scored = []
@@ -74,6 +76,18 @@ def next_experiment(
         "repeats": repeats,
         "expected_difference_deg_per_hr": difference,
         "power": power,
+        "impossible": False,
+    }
+
+
+def _measured_again(leader: Weighed, rival: Weighed, sensor: SensorProblem) -> dict[str, Any]:
+    """The same collects once more, with what this data lacks."""
+    return {
+        "why": f"separates {leader.name} from {rival.name}: {rival.remedy}",
+        "what": "the same collects again",
+        "collects": _described(sensor.collects.conditions),
+        "expected_difference_deg_per_hr": None,
+        "power": None,
         "impossible": False,
     }
 

@@ -22,6 +22,8 @@ _ACTS = 0.03  # a parameter that moves a block less than this, beside the block 
 _SAME = 0.98
 _FEW = 2
 _PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
+_FOLLOWS = frozenset({"bias_T", "GS_T"})
+"""Names that mean following temperature: their plain form is the straight line."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +303,8 @@ def share_prior(
 
 
 def _form_weight(hypothesis: Hypothesis) -> float:
-    return _PLAIN if hypothesis.candidate.form == "constant" else 1.0
+    plain = "line" if hypothesis.name in _FOLLOWS else "constant"
+    return _PLAIN if hypothesis.candidate.form == plain else 1.0
 
 
 def _span(columns: FloatArray) -> FloatArray:

@@ -22,12 +22,15 @@ SAME = 0.95
 _DECADES = 0.3  # a size this many decades beyond the typical range is one standard deviation implausible
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
+_UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
 _STANDARD = 3.0
 _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
 """Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
+_UNLISTED = frozenset({"ageing"})
+"""Names that the published list of effects has not: they lead where nothing of it explains as much."""
 _INCIDENTAL = frozenset(
     {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "T_lag", "mag"}
 )
@@ -37,11 +40,12 @@ Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _SLIVER = 0.04
-_LARGE = 3.0
+LARGE = 3.0
 _UNHEARD_OF = 20.0
 _CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
+_CONTENDS = 0.2  # a rival of this probability may lead in place of an implausibly large one
 _HOPELESS = 1e-9  # a share of the evidence that no plausibility of sizes makes up for
 _WITHHOLDS = 0.05  # a rival that reproduces all of the leader withholds the name from this probability on
 _SHOWS = 5.0  # norm in units of the noise from which an effect shows on a sensor
@@ -51,7 +55,8 @@ _SHOWS = 5.0  # norm in units of the noise from which an effect shows on a senso
 class Weighed:
     """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader.
 
-    `same_on` are the sensors of several on which it cannot be told from the leader.
+    `same_on` are the sensors of several on which it cannot be told from the leader, `remedy` what
+    would let it be asked about, where this data does not.
     """
 
     name: str
@@ -64,6 +69,7 @@ class Weighed:
     added: Added
     fit: Fit
     same_on: tuple[int, ...] = ()
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,7 +102,8 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         same = [w for w in rivals if w.same_on or (w.tier == 1 and _same(leader, w, blocks, noise))]
         stronger = [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > leader.probability]
         same += [w for w in stronger if w not in same]
-        same += [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > _WITHHOLDS and w not in same]
+        withholds = _MENTIONED if leader.excess >= LARGE else _WITHHOLDS
+        same += [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > withholds and w not in same]
         possible = [
             w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
         ]
@@ -112,14 +119,14 @@ def _more_plausible(
     leader: Weighed, ranked: Sequence[Weighed], blocks: Sequence[Block], noise: Sequence[BlockNoise]
 ) -> Weighed:
     """Give the lead to a name that reproduces an implausibly large leader at a size that is typical."""
-    if leader.tier != 1 or leader.excess < _LARGE:
+    if leader.tier != 1 or leader.excess < LARGE:
         return leader
     if leader.excess > _UNHEARD_OF:  # one impossible cause must not stand in for several ordinary ones
         ordinary = [w for w in ranked if w.tier == 1 and w.excess < _TYPICAL and w.log_evidence > _CLEAR]
         if ordinary:
             return max(ordinary, key=lambda w: w.log_evidence + float(np.log(_standing(w.name))))
     for rival in ranked:
-        small = rival.tier == 1 and rival.excess < _TYPICAL and rival.probability > _MENTIONED
+        small = rival.tier == 1 and rival.excess < _TYPICAL and rival.probability > _CONTENDS
         if small and rival.name != leader.name and _overlap(leader, rival, blocks, noise) > SAME:
             return rival
     return leader
@@ -130,8 +137,23 @@ def certainty(scan: Scan) -> float:
     return 1.0 / (1.0 + float(np.exp(-max(scan.statistic, -30.0))))
 
 
+def prior_weight(weighed: Weighed) -> float:
+    """Log weight of a name before the data: how usual it is, and how usual its fitted size."""
+    return plausibility(weighed.excess) + float(np.log(_standing(weighed.name)))
+
+
+def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Naming:
+    """Return a naming that holds only so far (`share`), with what else there may be among its rivals."""
+    leader = replace(naming.leader, probability=naming.leader.probability * share)
+    kind = "ambiguous" if naming.kind == "named" and leader.probability < NAMED else naming.kind
+    present = {rival.name for rival in naming.rivals}
+    new = [other for other in others if other.name not in present and other.probability > _MENTIONED]
+    rivals = sorted([*naming.rivals, *new], key=lambda rival: -rival.probability)
+    return Naming(kind, leader, rivals)
+
+
 def _standing(name: str) -> float:
-    if name in _OUTSIDE_CAUSES:
+    if name in _OUTSIDE_CAUSES or name in _UNLISTED:
         return 1.0 / _STANDARD
     return _STANDARD if name in _STANDARD_TERMS else 1.0
 
@@ -253,12 +275,11 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
     errors = np.sqrt(np.clip(np.diag(inverse @ gram @ inverse), 0.0, None))
     worst = 1.0
     for size, error, is_switch in zip(np.abs(sizes), errors, switch, strict=True):
-        if is_switch:
+        if is_switch and error < _UNDETERMINED:
             away = min(abs(size - 1.0), size)
-            worst = max(
-                worst, _IMPOSSIBLE * 2.0 if away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size else 1.0
-            )
-        elif size > 3.0 * error:
+            neither = away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size
+            worst = max(worst, _IMPOSSIBLE * 2.0 if neither else 1.0)
+        elif not is_switch and size > 3.0 * error:
             worst = max(worst, float(size - error))
     return worst
 

@@ -106,9 +106,16 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
         own = sensor_blocks(number, collects, sensor.known_rates(), columns)
         alone = calibration == PER_TEMPERATURE and not is_repeated(own)
         blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
-        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, catalogue))
+        asked = _asked(catalogue, form, collects.conditions)
+        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, asked))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
+
+
+def _asked(catalogue: Sequence[Effect], form: LinearForm, conditions: Conditions) -> list[Effect]:
+    """Leave out the full sensitivity matrix where the model has a rotor's GS: its isotropy says what else there is."""
+    has_own = conditions.sensor.is_rotor and any(name.startswith("GS") for name in form.names)
+    return [effect for effect in catalogue if not (has_own and effect.id.startswith("g_sensitivity"))]
 
 
 def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:

@@ -12,6 +12,7 @@ was the disagreement; what should be measured next.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ from hil.reconcile.findings import (
 from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import improved
+from hil.reconcile.lacking import beside_unasked, with_stand_ins
 from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
 from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
@@ -78,13 +80,15 @@ def reconcile(
     chosen = load_model(model) if isinstance(model, str) else model
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     rng = np.random.default_rng(seed)
+    campaign = with_stand_ins(campaign)
     clean, problem, search, faults = _prepare(campaign, chosen, effects)
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
     branch = _choose(pursue(problem, search, of_averages, draws, rng), clean, chosen, effects, of_averages, draws, rng)
-    problem, search, steps = branch.problem, branch.search, branch.steps
+    problem, search = branch.problem, branch.search
+    steps: Sequence[Step] = [replace(s, naming=beside_unasked(s.naming, conditions)) for s in branch.steps]
     first, threshold, chance = branch.first, branch.threshold, branch.chance
     blocks = list(search.blocks)
     noise = _final_noise(search, steps)
@@ -246,8 +250,9 @@ def _paid(steps: Sequence[Step], proofs: Sequence[tuple[HeldOut, HeldOut]]) -> t
 
 
 def _shrank(proof: tuple[HeldOut, HeldOut]) -> bool:
-    before, after = proof[0].standardised
-    return after < before
+    """Whether held-out rows are predicted better, in units of their noise and in deg/hr."""
+    (before, after), (raw_before, raw_after) = proof[0].standardised, proof[0].rms
+    return after < before and raw_after < raw_before
 
 
 def _next(

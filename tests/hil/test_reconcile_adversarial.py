@@ -66,10 +66,12 @@ def test_what_one_position_does_in_the_cold_is_empirical() -> None:
 
 @pytest.mark.parametrize("run", [6, 11])
 def test_what_one_run_does_is_no_law_of_the_unit(run: int) -> None:
-    """One self-calibration off by 9 deg/hr in bias: its run-to-run noise, an outlier or a place, but never a name."""
+    """One self-calibration off by 9 deg/hr in bias: run-to-run noise, a place, a state perhaps, but never a name."""
     result = found(lambda r: both(r.run == run, 9.0, -9.0))
     assert result.verdict != "named"
-    assert result.effects == [] or result.effects[0].id.startswith("empirical")
+    for effect in result.effects:
+        assert effect.id == "jump" or effect.id.startswith("empirical")
+        assert effect.probability < 0.8
 
 
 def test_a_wrong_heading_at_one_heading_is_nobodys_to_find() -> None:

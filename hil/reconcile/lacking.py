@@ -1,0 +1,95 @@
+"""What the campaign does not record: what stands in for it, and which names could therefore not be asked about.
+
+A name is only as sure as its rivals could be tried. A bias that rises through the night is ageing or follows a
+temperature; where no temperature was recorded, both explain it equally.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.effects.catalogue import effect_by_id
+from hil.reconcile.naming import Naming, with_rivals
+
+_TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
+_SPELLINGS = {
+    "supply_V": re.compile(r"supply|volt", re.IGNORECASE),
+    "vibration_rms_g": re.compile(r"vibration|vib_", re.IGNORECASE),
+    "spin_period_us": re.compile(r"(spin|rotor).*(period|_us)", re.IGNORECASE),
+}
+"""Conditions that effects ask for, and how else people call them."""
+_KIN: Mapping[str, tuple[str, ...]] = {
+    "ageing": ("bias_T",),
+    "drift": ("bias_T",),
+    "jump": ("bias_T",),
+    "soak_insufficient": ("bias_Tdot", "bias_grad"),
+    "bias_Tdot": ("bias_grad",),
+    "bias_grad": ("bias_Tdot",),
+}
+"""Names of one history in time that only a further condition tells apart."""
+
+
+def with_stand_ins(campaign: Campaign) -> Campaign:
+    """Give every sensor the conditions that effects ask for under the names that they ask by.
+
+    The case's, the chamber's or the setpoint's temperature stands in for the unit's where that is not recorded; other
+    spellings of a condition are recognised. Said in the campaign's warnings.
+    """
+    sensors, said = dict(campaign.sensors), []
+    for number, collects in campaign.sensors.items():
+        conditions = collects.conditions
+        found = dict(_stand_ins(conditions.columns))
+        if not found:
+            continue
+        columns = {**conditions.columns, **{name: conditions.columns[other] for name, other in found.items()}}
+        renamed = replace(conditions, columns=columns)
+        sensors[number] = Collects(renamed, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr)
+        said += [f"sensor {number}: {name} is not recorded; {other} stands in for it" for name, other in found.items()]
+    return replace(campaign, sensors=sensors, warnings=[*campaign.warnings, *said]) if said else campaign
+
+
+def _stand_ins(columns: Mapping[str, FloatArray]) -> Iterator[tuple[str, str]]:
+    """Yield what is not recorded, with the column that stands in for it."""
+    if not _known(columns.get("temperature_degC")):
+        other = next((name for name in _TEMPERATURES if _known(columns.get(name))), None)
+        if other is not None:
+            yield "temperature_degC", other
+    for name, spelling in _SPELLINGS.items():
+        others = [one for one in columns if spelling.search(one) and _known(columns[one])]
+        if name not in columns and len(others) == 1:
+            yield name, others[0]
+
+
+def _known(values: FloatArray | None) -> bool:
+    return values is not None and bool(np.all(np.isfinite(values)))
+
+
+def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Naming:
+    """Share a name's probability evenly with those of the same history that this data leaves unasked."""
+    leader = naming.leader
+    if leader.tier != 1:
+        return naming
+    candidate = leader.added.hypothesis.candidate
+    remedies = {}
+    within_runs = leader.name == "drift" and not candidate.shape.get("through_runs")
+    for name in () if within_runs else _KIN.get(leader.name, ()):
+        needs = effect_by_id(name).missing(conditions[candidate.sensor])
+        if needs:
+            remedies[name] = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
+    titles = {name: effect_by_id(name).title for name in remedies}
+    if candidate.shape.get("runs_held"):
+        remedies["turnon"] = "repeat the run; a state of the bearing comes back, what scatters does not"
+        titles["turnon"] = "Turn-on bias"
+    if not remedies:
+        return naming
+    share = 1.0 / (1 + len(remedies))
+    others = [
+        replace(leader, name=name, title=titles[name], probability=leader.probability * share, overlap=1.0, remedy=what)
+        for name, what in remedies.items()
+    ]
+    return with_rivals(naming, share, others)
