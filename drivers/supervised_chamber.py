@@ -30,13 +30,12 @@ from drivers.errors import (
     TransportError,
     WrongDevice,
 )
+from drivers.native_limits import NativeLimits
 from drivers.reading_watch import ReadingWatch, WatchSettings
 from drivers.setpoint_checks import (
-    Settings,
     agrees,
     clamped,
     confirm_settings,
-    limits_around,
     reads_as_fahrenheit,
     refuse_fahrenheit,
     representable_setpoint,
@@ -84,10 +83,7 @@ class SupervisedChamber:
         self._clock = clock
         self._dead_man = DeadMan(controller, clock, dead_man_s)
         self._limits = limits
-        self._native = ChamberLimits(
-            round(limits.low_degC - native_margin_degC, 1), round(limits.high_degC + native_margin_degC, 1)
-        )
-        self._native_margin_degC = native_margin_degC
+        self._native = NativeLimits(controller, limits, native_margin_degC)
         self._safe = safe
         self._expected_model = expected_model
         self._celsius_confirmed = celsius_confirmed
@@ -289,13 +285,13 @@ class SupervisedChamber:
     def _settle_on(self, setpoint_degC: float, *, looks: int = _ATTEMPTS) -> ControllerState:
         """Write setpoint and native limits in the order that the controller accepts, read back, return the state."""
         present = self._state()
-        wanted = self._wanted(setpoint_degC, present)
-        for write in writes_in_order(self._settings_of(present), wanted, self._controller.resolution_degC):
+        wanted = self._native.around(setpoint_degC, present)
+        for write in writes_in_order(self._native.held(present), wanted, self._controller.resolution_degC):
             self._write(write.which, write.value_degC)
         for look in range(1, looks + 1):
             state = self._state()
             try:
-                confirm_settings(self._settings_of(state), wanted, self._controller.resolution_degC, self._device)
+                confirm_settings(self._native.held(state), wanted, self._controller.resolution_degC, self._device)
                 self._confirmed = setpoint_degC
                 return state
             except ProtocolError:
@@ -303,18 +299,6 @@ class SupervisedChamber:
                 if look == looks:
                     raise
         raise ValueError("a setting needs at least one look")
-
-    def _wanted(self, setpoint_degC: float, present: ControllerState) -> Settings:
-        native = self._native
-        if self._controller.native_limits == "alarm":
-            native = limits_around(native, present.temperature, self._native_margin_degC)
-        return Settings(native.low_degC, setpoint_degC, native.high_degC)
-
-    def _settings_of(self, state: ControllerState) -> Settings:
-        """Return what the controller holds; a limit that it does not have is as it should be."""
-        low = self._native.low_degC if state.low is None else state.low
-        high = self._native.high_degC if state.high is None else state.high
-        return Settings(low, state.setpoint, high)
 
     def _write(self, which: str, value_degC: float) -> None:
         if which == "setpoint":
