@@ -20,7 +20,8 @@ class Averaging:
 
     `lowest_deg_per_hr` is the least that averaging reaches, at `lowest_at_s`; from `enough_s` on it is reached within
     10 %. `turns` tells whether the curve rises again within the record, so that longer averages are worse. `white` is N
-    in deg/hr·sqrt(s): averages of T seconds scatter by at least N / sqrt(T).
+    in deg/hr·sqrt(s), its upper bound where not `is_white`: averages of T seconds scatter by about N / sqrt(T).
+    `judged` tells whether the record shows any term at all; one that does not cannot say how long to average.
     """
 
     lowest_deg_per_hr: float
@@ -29,6 +30,8 @@ class Averaging:
     turns: bool
     longest_s: float
     white: float
+    is_white: bool
+    judged: bool
     _tau_s: FloatArray
     _deviation: FloatArray
 
@@ -63,7 +66,9 @@ def averaging(fit: NoiseFit) -> Averaging:
         enough_s=float(tau_s[enough]),
         turns=bool(deviation[-1] > _WORTH * deviation[least]),
         longest_s=float(tau_s[-1]),
-        white=fit.terms["N"].value,
+        white=fit.terms["N"].value if fit.terms["N"].seen else fit.terms["N"].high,
+        is_white=fit.terms["N"].seen,
+        judged=seen,
         _tau_s=tau_s,
         _deviation=deviation,
     )
@@ -77,7 +82,8 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
         least = found.white / np.sqrt(collect_s)
         said.append(
             f"a collect of {duration(collect_s)} is outside what this record can judge ({duration(found.shortest_s)} "
-            f"to {duration(found.longest_s)}); the white noise in it alone scatters by {least:.3g} deg/hr"
+            f"to {duration(found.longest_s)}); the white noise in it alone scatters by "
+            f"{'' if found.is_white else 'less than '}{least:.3g} deg/hr"
         )
     else:
         said.append(
@@ -92,7 +98,9 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
             else f"{wanted_deg_per_hr:g} deg/hr is not reached by averages up to {duration(found.longest_s)}; the "
             f"least is {found.lowest_deg_per_hr:.3g} deg/hr"
         )
-    if found.turns:
+    if not found.judged:
+        said.append("this record is too short to tell how long to average: it shows none of the terms")
+    elif found.turns:
         said.append(
             f"longer stops helping at {duration(found.enough_s)}: from there averages are within 10 % of the least, "
             f"{found.lowest_deg_per_hr:.3g} deg/hr at {duration(found.lowest_at_s)}; longer ones are worse again"

@@ -8,9 +8,11 @@ Rates become deg/hr. Tables that this project wrote say their unit and their tim
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import pyarrow as pa
@@ -135,6 +137,8 @@ def _of_table(table: _Columns, channel: str | None, rate_hz: float | None, unit:
     rates = [name for name in names if name.endswith("_deg_per_hr")] or names
     if channel is None and len(rates) == 1:
         channel = rates[0]
+    if not rates:
+        raise InputError(f"{table.path}: it has no column of numbers")
     if channel is None:
         raise InputError(f"{table.path}: choose a column with --channel; there are {', '.join(names)}")
     if channel not in names:
@@ -184,7 +188,7 @@ def _read_table(path: Path) -> _Columns:
                 return _text(path, ",")
             case _:
                 return _text(path, None)
-    except (pa.ArrowException, OSError, ValueError, UnicodeDecodeError) as error:
+    except (pa.ArrowException, OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
 
@@ -206,6 +210,8 @@ def _numpy(path: Path) -> _Columns:
         arrays = {path.stem: loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded}
     values: dict[str, FloatArray] = {}
     for name, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            continue
         if array.ndim == 1 and array.size > 1:
             values[name] = array.astype(np.float64)
         elif array.ndim == 2:

@@ -13,6 +13,8 @@ _GAP = 1.5  # a step longer than this many intervals is a gap
 _UNEVEN = 0.05  # more steps than this far from the interval: not sampled evenly
 _MOST = 1000
 _STUCK = 50
+_JUMP = 20.0  # times the usual step from sample to sample
+_POSSIBLE_DEG_PER_HR = 1e10  # three million degrees per second
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def recording(
 ) -> Recording:
     """Gather stretches as a recording, with notes about gaps and about what looks wrong.
 
-    Raises `InputError` where no stretch is long enough, or the rate never changes.
+    Raises `InputError` where no stretch is long enough, the rate never changes, or is larger than any rate can be.
     """
     usable = [piece for piece in pieces if len(piece) >= 4]
     if not usable:
@@ -88,10 +90,29 @@ def recording(
         said.append(f"only the {_MOST} longest stretches are used")
     if all(np.ptp(piece) == 0.0 for piece in usable):
         raise InputError(f"{name}: the rate never changes; this is no measurement of noise")
+    largest = max(float(np.abs(piece).max()) for piece in usable)
+    if largest > _POSSIBLE_DEG_PER_HR:
+        raise InputError(f"{name}: rates up to {largest:.3g} deg/hr; is the unit (--unit) or the column right?")
+    said += _jumps(usable, interval_s)
     same = max(_longest_run(piece) for piece in usable)
     if same >= _STUCK:
         said.append(f"{same} samples in a row are exactly equal: was the stream stuck, or the file padded?")
     return Recording(name, interval_s, tuple(usable), simulated, tuple(said))
+
+
+def _jumps(pieces: list[FloatArray], interval_s: float) -> list[str]:
+    """Name samples that lie far from the one before: the fit takes a spike or a step for noise."""
+    steps = np.concatenate([np.abs(np.diff(piece)) for piece in pieces])
+    usual = float(np.median(steps))
+    far = int(np.count_nonzero(steps > _JUMP * usual)) if usual > 0.0 else 0
+    if not far:
+        return []
+    first_s = (int(np.argmax(steps > _JUMP * usual)) + 1) * interval_s
+    said = (
+        f"{far} steps from one sample to the next are more than {_JUMP:g} times the usual one (the first "
+        f"{first_s:.6g} s into what was used): spikes or steps are no noise, and the fit takes them for it"
+    )
+    return [said]
 
 
 def _longest_run(values: FloatArray) -> int:

@@ -10,7 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from hil.allan.document import analyse
 from hil.allan.sources import read_recording
+from hil.allan.stretches import recording
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.allan.noise_series import rates
@@ -128,3 +130,47 @@ def test_bad_usage_ends_with_2_and_writes_nothing(
     assert run(["allan", str(tmp_path / "gx.npy"), "--rate", "-1", "--unit", "deg/s"]) == 2
     assert "--rate" in capsys.readouterr().err
     assert sorted(each.name for each in tmp_path.iterdir()) == ["gx.npy"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("bad.npz", b"PK\x03\x04garbage", "cannot be read as a table of numbers"),
+        ("empty.csv", b"t_s,rate_deg_per_hr\n", "it has no column of numbers"),
+        ("huge.csv", b"t_s,rate_deg_per_hr\n0,1e300\n1,-1e300\n2,1e299\n3,1\n4,2\n", "is the unit"),
+    ],
+)
+def test_what_cannot_be_a_recording_is_refused_in_a_sentence(
+    tmp_path: Path, name: str, content: bytes, words: str
+) -> None:
+    """A damaged archive, a table without numbers, rates that nothing turns at."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        read_recording(tmp_path / name, rate_hz=1.0 if name.endswith("z") else None)
+
+
+def test_complex_numbers_are_no_rates(tmp_path: Path) -> None:
+    """Their imaginary part is not thrown away: the column does not count."""
+    np.save(tmp_path / "c.npy", np.array([1 + 2j, 3j, 4.0, 5.0]))
+    with pytest.raises(InputError, match="no column of numbers"):
+        read_recording(tmp_path / "c.npy", rate_hz=1.0, unit="deg/hr")
+
+
+def test_a_spike_is_named_and_noise_has_none() -> None:
+    """One sample far off: two steps, with the time of the first; a million ordinary samples give no word."""
+    noise = np.random.default_rng(2).normal(0.0, 10.0, 1_000_000)
+    assert recording("r", [noise], 0.01).notes == ()
+    noise[500] = 1e4
+    (note,) = recording("r", [noise], 0.01).notes
+    assert note.startswith("2 steps from one sample to the next")
+    assert "5 s into" in note
+
+
+def test_ten_samples_do_not_say_how_long_to_average(tmp_path: Path) -> None:
+    """They show no term: no claim about when longer stops helping, and a bound instead of no noise."""
+    found = analyse(recording("r", [np.random.default_rng(0).normal(0.0, 10.0, 10)], 0.01)).document(60.0)
+    assert not any(term["seen"] for term in found["fit"].values())
+    said = " ".join(found["summary"])
+    assert "too short to tell how long to average" in said
+    assert "scatters by less than" in said
+    assert "stops helping" not in said
