@@ -7,7 +7,8 @@ It ends when the controller has ended by itself. It acts when
   releases with the process, while the journal says nothing of an end; at once;
 - the controller lives but has shown no sign of life for `timeout_s`, beyond what it asked for (stopped, hung): it is
   asked to end (SIGTERM), then killed (SIGKILL), because only one program can drive a chamber; then as above;
-- the controller has ended and could not reach the safe state itself.
+- the controller has ended and could not reach the safe state itself;
+- the controller is gone and its journal cannot be read, or the folder not be written: the chamber comes first.
 
 While it acts it holds the folder's lock and the bench's, so that nobody resumes meanwhile; a bench that another night
 has taken over is left alone. What it did is in the journal. The power of the computer itself is not its to answer: that
@@ -21,7 +22,7 @@ import signal
 import socket
 import sqlite3
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +36,7 @@ from hil.errors import InputError
 from hil.heartbeat import SILENCE_BORNE_S, read_heartbeat
 from hil.journal import SqliteJournal
 from hil.journal_reader import open_readonly
-from hil.lock import FolderLock, Owner, living_owner
+from hil.lock import LOCK_NAME, FolderLock, Owner, living_owner, read_owner
 from procedures.stop import StopRequest
 
 _CHAMBER_S = 9.0  # to open the port and be sure of the safe state: what a slow chamber's pacing takes
@@ -103,6 +104,7 @@ class Watchdog:
         self._last: object = None  # the newest heartbeat, and when it was first seen
         self._changed_s = self._clock.now()
         self._reported = False
+        self._seen_alive = False
 
     def run(self) -> Watched:
         """Watch until the controller has ended, one way or the other."""
@@ -113,6 +115,7 @@ class Watchdog:
         )
         while not self._stop.requested:
             owner = living_owner(self._folder)
+            self._seen_alive |= owner is not None
             if owner is None:
                 ended = self._after_the_end()
                 if ended is not None:
@@ -138,9 +141,15 @@ class Watchdog:
 
     def _after_the_end(self) -> Watched | None:
         """Decide what the end of a controller asks for; None where none has begun yet, or one begins just now."""
-        with open_readonly(self._folder) as journal:
-            controllers = journal.controllers()
-            unsafe = journal.standing("safe-state-not-reached", "safe-state")
+        try:
+            with open_readonly(self._folder) as journal:
+                controllers = journal.controllers()
+                unsafe = journal.standing("safe-state-not-reached", "safe-state")
+        except (sqlite3.Error, InputError) as error:
+            # The disk that took the journal may have taken the controller. Safe twice is better than not at all.
+            if not self._seen_alive and read_owner(self._folder / LOCK_NAME) is None:
+                raise
+            return self._act(f"the controller is gone, and its journal cannot be read ({error})")
         if not controllers:
             return None
         last = controllers[-1]
@@ -191,11 +200,14 @@ class Watchdog:
 
     def _act(self, why: str) -> Watched | None:
         """Bring the chamber to its safe state; None where somebody has resumed the night meanwhile."""
+        lock: FolderLock | None = None
         try:
             lock = FolderLock(self._folder).acquire()
-        except InputError:
-            return None
-        with lock:
+        except InputError as error:
+            if living_owner(self._folder) is not None:
+                return None
+            self._say(f"{error}; the chamber comes first")  # a disk that became read-only
+        with lock or nullcontext():
             try:
                 with bench_lock(self._bench, self._folder):
                     problem = self._make_safe(why)
@@ -224,8 +236,10 @@ class Watchdog:
                 return problem
             self._clock.sleep(self._patience.retry_s)
 
-    def _record(self, lock: FolderLock, message: str, why: str, problem: str) -> None:
+    def _record(self, lock: FolderLock | None, message: str, why: str, problem: str) -> None:
         """Write into the journal what was done; a journal that fails must not hide it."""
+        if lock is None:
+            return
         try:
             with SqliteJournal.open(self._folder, clock=self._clock, who=f"watchdog of {who_asks()}", lock=lock) as it:
                 it.event("watchdog", message, why=why)

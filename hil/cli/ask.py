@@ -7,6 +7,7 @@ import select
 import sys
 
 from hil.cli.output import messages
+from hil.step_words import hours_minutes
 
 _YES, _NO = {"y", "yes"}, {"n", "no"}
 
@@ -17,7 +18,7 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
     Anything but yes or no is asked again. Where standard input has ended nobody can answer.
     """
     console = messages()
-    console.print(f"{question}  [yes/no, within {timeout_s / 60.0:.0f} min] ", end="")
+    console.print(f"{question}  [yes/no, within {hours_minutes(timeout_s)}] ", end="")
     while select.select([sys.stdin], [], [], timeout_s)[0]:
         line = sys.stdin.readline()
         if not line:
@@ -34,7 +35,7 @@ class TerminalQuestions:
 
     def put(self, question: str, timeout_s: float) -> None:
         """Show the question."""
-        messages().print(f"{question}  [yes/no, within {timeout_s / 60.0:.0f} min]")
+        messages().print(f"{question}  [yes/no, within {hours_minutes(timeout_s)}]")
 
     def answer(self) -> bool | None:
         """Return the answer, or None while there is none. Anything but yes or no is asked again."""

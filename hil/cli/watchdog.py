@@ -45,11 +45,13 @@ def watchdog(
     from hil.journal_reader import open_readonly
     from procedures.stop import StopRequest
 
-    with open_readonly(folder) as journal:
-        text = journal.night.configuration
     stop = StopRequest()
     with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
-        on = configuration_of(text, Path(named_files))[0] if bench is None else load_bench(bench)
+        if bench is None:
+            with open_readonly(folder) as journal:
+                on = configuration_of(journal.night.configuration, Path(named_files))[0]
+        else:
+            on = load_bench(bench)
         watched = _watch(folder, on, timeout, kill=kill, stop=stop)
     _say(watched.message)
     return watched.exit_status

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import ClassVar, cast
 
@@ -27,7 +28,7 @@ from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.journal_records import Night
-from hil.lock import Owner, process_start
+from hil.lock import LOCK_NAME, Owner, process_start
 from hil.night import start_night
 from hil.simulate import Simulation, client_bench, served
 from hil.status import night_status
@@ -281,6 +282,46 @@ def test_a_bench_that_another_night_has_taken_over_is_left_alone(
     assert "left alone" in left.message
     assert conditioning(simulation)
     assert watched(bench, folder).exit_status == 3
+    assert not conditioning(simulation)
+
+
+@pytest.mark.parametrize("journal", ["garbage", "gone"])
+def test_a_disk_that_took_the_journal_does_not_take_the_chamber(
+    simulation: Simulation, bench: Bench, tmp_path: Path, journal: str
+) -> None:
+    """The lock says that its owner died; what the journal would have said is not waited for."""
+    folder = tmp_path / "night"
+    dead_night(folder)
+    if journal == "garbage":
+        for path in folder.glob(f"{JOURNAL_NAME}*"):
+            path.write_bytes(b"no database " * 1000)
+    else:
+        (folder / JOURNAL_NAME).unlink()
+    with open_chamber(bench) as live:
+        live.chamber.prepare()
+    with pytest.raises(InputError):
+        watched(bench, folder)  # nobody was ever at work here, as far as it can tell
+    assert conditioning(simulation)
+    (folder / LOCK_NAME).write_text(json.dumps(asdict(Owner(os.getpid(), os.uname().nodename, "", "1"))))
+    ended = watched(bench, folder)
+    assert ended.exit_status == 3
+    assert "its journal cannot be read" in ended.message
+    assert not conditioning(simulation)
+
+
+def test_a_folder_that_became_read_only_does_not_take_the_chamber(
+    simulation: Simulation, bench: Bench, tmp_path: Path
+) -> None:
+    """The lock cannot be taken and the journal not be written; nobody else can be at work there either."""
+    folder = tmp_path / "night"
+    dead_night(folder)
+    (folder / LOCK_NAME).unlink()
+    (folder / LOCK_NAME).mkdir()  # cannot be opened to write, as on a file system that is read-only
+    with open_chamber(bench) as live:
+        live.chamber.prepare()
+    said: list[str] = []
+    assert watched(bench, folder, hear=said.append).exit_status == 3
+    assert "the chamber comes first" in " ".join(said)
     assert not conditioning(simulation)
 
 

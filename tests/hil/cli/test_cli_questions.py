@@ -37,6 +37,8 @@ def test_an_answer_is_taken_when_it_comes_and_rubbish_is_asked_again(
     questions.settle("confirmed")
     said = capsys.readouterr().err
     assert "position 1.  [yes/no, within 10 min]" in said
+    questions.put("Bring the unit to position 3.", 30.0)
+    assert "within 30 s]" in capsys.readouterr().err
     assert "please answer yes or no" in said
     assert said.endswith("confirmed\n")
 
