@@ -48,7 +48,9 @@ function show(changed) {
   $("not-shown").textContent = `${store.notShown} older nights of this folder are not shown; hil dashboard with a night's own folder shows it.`;
   const name = night ? night.head.title : store.nights.size ? `${store.folder}: ${store.nights.size} nights` : store.folder;
   if ($("title").textContent !== name) $("title").textContent = name;
-  document.title = night ? `${night.head.step || night.head.state} · ${name}` : `${name} · hil`;
+  const asks = (each) => (each.head.prompt ? `asks: ${each.head.prompt.question}` : "");
+  const many = [...store.nights.values()].some(asks) ? `asks · ${name}` : `${name} · hil`;
+  document.title = night ? `${asks(night) || night.head.step || night.head.state} · ${name}` : many;
   if (night) {
     if (changed === null || changed.has(id) || detail.id !== id) detail.show(id, night, changed && changed.get(id));
   } else if (changed === null || changed.size) {
