@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.linalg import lapack
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block
@@ -89,31 +90,28 @@ def noise_grid(block: Block) -> NoiseGrid:
 def covariances(block: Block, grid: NoiseGrid) -> FloatArray:
     """Return V at every grid point, shape (t, N, N), in units of the mean white variance of the block."""
     variance = block.sigma**2 / np.mean(block.sigma**2)
-    white = variance[None, :] * (1 - grid.levelling[:, None]) + grid.levelling[:, None]
     same_channel = block.channel[:, None] == block.channel[None, :]
     lag = np.abs(block.run[:, None] - block.run[None, :]).astype(np.float64)
-    same_run = same_channel & (lag == 0)
     step = np.abs(block.order[:, None] - block.order[None, :]).astype(np.float64)
-    f_products = np.where(same_run, block.f_random @ block.f_random.T, 0.0)
-    with np.errstate(divide="ignore"):
-        run_correlated = np.where(same_channel, _powers(grid.run_correlation, lag), 0.0)
-        collect_correlated = np.where(same_channel, _powers(grid.collect_correlation, step), 0.0)
-    total = grid.run_bias[:, None, None] ** 2 * run_correlated
-    total += grid.run_sensitivity[:, None, None] ** 2 * f_products
-    total += grid.collect_drift[:, None, None] ** 2 * collect_correlated
-    diagonal = np.arange(len(block.y))
-    total[:, diagonal, diagonal] += white
-    return total
+    # The grid has few different correlations, so that every covariance is a sum of the same few matrices.
+    parts = [np.diag(variance), np.eye(len(variance))]
+    amounts = [1.0 - grid.levelling, grid.levelling]
+    parts.append(np.where(same_channel & (lag == 0), block.f_random @ block.f_random.T, 0.0))
+    amounts.append(grid.run_sensitivity**2)
+    for sizes, correlation, apart in (
+        (grid.run_bias, grid.run_correlation, lag),
+        (grid.collect_drift, grid.collect_correlation, step),
+    ):
+        for value in np.unique(correlation[sizes > 0.0]):
+            parts.append(np.where(same_channel, value**apart, 0.0))
+            amounts.append(np.where(correlation == value, sizes**2, 0.0))
+    return np.asarray(np.tensordot(np.array(amounts).T, np.array(parts), axes=1))
 
 
 def whiteners(block: Block, grid: NoiseGrid) -> tuple[FloatArray, FloatArray]:
     """Return W with W'W = V^-1, shape (t, N, N), and half the log determinant of V, shape (t,)."""
-    factor = np.linalg.cholesky(covariances(block, grid))
-    half_log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-    return np.linalg.inv(factor), half_log_det
-
-
-def _powers(base: FloatArray, exponent: FloatArray) -> FloatArray:
-    """Base ** exponent over the grid, shape (t, N, N); 0 ** 0 is 1. The grid has few different values."""
-    values, place = np.unique(base, return_inverse=True)
-    return np.asarray((values[:, None, None] ** exponent[None])[place])
+    factor: FloatArray = np.linalg.cholesky(covariances(block, grid)).astype(np.float64, copy=False)
+    half_log_det: FloatArray = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+    for lower in factor:
+        lower[...] = lapack.dtrtri(lower.T)[0].T
+    return factor, half_log_det

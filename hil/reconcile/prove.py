@@ -7,6 +7,7 @@ everything is refitted there, and the run that was not seen is predicted with an
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ _LOOKED_AT = 30
 _MOST = 0.7
 _ALIKE = 1e-3  # of log evidence
 _LEAST_FREEDOM = 3
+_AT_ONCE = 2  # folds
 
 
 @dataclass(frozen=True)
@@ -125,9 +127,16 @@ def held_out(
     ]
     sums = np.zeros((max(steps, 1), 5, len(whole)))
     rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
-    for i, fold in enumerate(whole):
+    few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
+    many = [table.take(point) for table, point in zip(tables, points, strict=True)]
+
+    def searched(fold: Sequence[BoolArray]) -> list[Added]:
+        return _select([~held for held in fold], blocks, few, many, hypotheses, steps)
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:  # the linear algebra lets go of the interpreter
+        found = list(pool.map(searched, whole))
+    for i, (fold, added) in enumerate(zip(whole, found, strict=True)):
         keep = [~held for held in fold]
-        added = _select(keep, blocks, tables, hypotheses, steps, points)
         plain = refit(blocks, noise, [], keep)
         for k in range(len(sums)):
             some = added[: k + 1]
@@ -186,18 +195,16 @@ def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, c
 def _select(
     keep: Sequence[BoolArray],
     blocks: Sequence[Block],
-    tables: Sequence[NoiseTable],
+    few: Sequence[NoiseTable],
+    many: Sequence[NoiseTable],
     hypotheses: Sequence[Hypothesis],
     steps: int,
-    points: Sequence[IntArray],
 ) -> list[Added]:
-    """Search again on the rows that are kept, for as many effects as all rows show.
+    """Search again on the rows that are kept, for as many effects as all rows show, at few and then at many noises.
 
     A row with a base column of its own says nothing of anything else, so that the tables made for all rows serve.
     """
     present = [b.with_base(np.eye(len(b.y))[:, ~rows]) for b, rows in zip(blocks, keep, strict=True)]
-    few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
-    many = [table.take(point) for table, point in zip(tables, points, strict=True)]
     added: list[Added] = []
     for _ in range(steps):
         if min(len(b.y) - b.base.shape[1] for b in present) < _LEAST_FREEDOM:
