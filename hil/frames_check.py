@@ -137,7 +137,8 @@ def _field(field: FieldDescription) -> str:
     words += f", {field.byte_order}-endian" if field.byte_order is not None else ""
     words += f", × {field.scale:.10g}" if field.scale != 1.0 else ""
     words += f" {'+' if field.offset > 0 else '−'} {abs(field.offset):.10g}" if field.offset else ""
-    words += f" {field.unit}" if field.unit else ""
+    scaled = field.scale != 1.0 or field.offset != 0.0
+    words += f"{' ' if scaled else ', in '}{field.unit}" if field.unit else ""
     if field.when is not None:
         seen = f" & {field.when.mask:#x}" if field.when.mask is not None else ""
         words += f", where {field.when.field}{seen} is {field.when.equals:#x}"

@@ -228,11 +228,11 @@ def _check_frame(stream: StreamDescription, frame: FrameDescription) -> None:
     header_end = len(stream.sync) + len(frame.id)
     if any(len(other) != len(frame.id) for other in frame.more_ids):
         raise ValueError("more_ids: have as many bytes as the id")
+    check_turns(frame.fields)
     if frame.text is not None:
         _check_text(frame)
     else:
         _check_layout(frame, header_end)
-    check_turns(frame.fields)
     _check_references(frame)
 
 

@@ -137,9 +137,10 @@ def field_offsets(fields: Mapping[str, FieldDescription], first: int) -> dict[st
 def check_places(fields: Mapping[str, FieldDescription], first: int, begin: int, end: int) -> None:
     """Raise `ValueError` where a field lies outside [begin, end), or two share a byte that need not.
 
-    Fields without `at` begin at `first`. Bit fields share bytes, and so do fields that take turns.
+    Fields without `at` begin at `first`. Bit fields share bytes, and so do fields that take turns with one another,
+    or stand where what tells their turn stands.
     """
-    taken: dict[int, str] = {}
+    taken: dict[int, list[str]] = {}
     for name, offset in field_offsets(fields, first).items():
         field = fields[name]
         if offset < begin or offset + field.width > end:
@@ -147,12 +148,25 @@ def check_places(fields: Mapping[str, FieldDescription], first: int, begin: int,
                 f"fields.{name}: bytes {offset} to {offset + field.width - 1} are not between the header's end "
                 f"({begin}) and the checksum ({end})"
             )
-        if field.mask is not None or field.when is not None:
+        if field.mask is not None:
             continue
         for byte in range(offset, offset + field.width):
-            if byte in taken:
-                raise ValueError(f"fields.{name}: byte {byte} already belongs to {taken[byte]}")
-            taken[byte] = name
+            owners = taken.setdefault(byte, [])
+            for owner in owners:
+                if not _may_share(fields, name, owner):
+                    raise ValueError(f"fields.{name}: byte {byte} already belongs to {owner}")
+            owners.append(name)
+
+
+def _may_share(fields: Mapping[str, FieldDescription], name: str, other: str) -> bool:
+    """Tell whether two fields may share bytes: one tells the other's turns, or no frame has both."""
+    mine, theirs = fields[name].when, fields[other].when
+    if mine is None or theirs is None:
+        return (mine is not None and mine.field == other) or (theirs is not None and theirs.field == name)
+    if mine.field != theirs.field:
+        return False
+    common = mine.mask if theirs.mask is None else theirs.mask if mine.mask is None else mine.mask & theirs.mask
+    return (mine.equals ^ theirs.equals) & (~0 if common is None else common) != 0
 
 
 def check_turns(fields: Mapping[str, FieldDescription]) -> None:
