@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.budget_sources import Scene, Source
 from hil.campaign import FloatArray
@@ -69,11 +70,21 @@ class Budget:
 
     @property
     def agrees(self) -> bool:
-        """Whether every contribution is the same both ways, within the draws' own error."""
-        pairs = [(each.analytic, each.simulated) for each in self.shares] + [(self.total(), self.everything)]
-        return all(
-            bool(np.all(np.abs(one - two) <= _SIGMAS * self.simulation_error(one) + SECOND_ORDER)) for one, two in pairs
-        )
+        """Whether every contribution, and the total, is the same both ways, within the draws' own error."""
+        return not self.too_large and not np.any(self._apart(self.total(), self.everything))
+
+    @property
+    def too_large(self) -> dict[str, list[str]]:
+        """The parameters for which a source is too large for a linear calculation, by the source's id."""
+        apart = {each.source.id: self._apart(each.analytic, each.simulated) for each in self.shares}
+        return {
+            source: [name for name, far in zip(self.names, found, strict=True) if far]
+            for source, found in apart.items()
+            if np.any(found)
+        }
+
+    def _apart(self, analytic: FloatArray, simulated: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(analytic - simulated) > _SIGMAS * self.simulation_error(analytic) + SECOND_ORDER)
 
 
 def response(scene: Scene, form: LinearForm) -> FloatArray:

@@ -105,6 +105,7 @@ def _sensor(
         },
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
+        "too_large": budget.too_large,
         "runs": [
             {
                 "run": each.run,

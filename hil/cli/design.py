@@ -93,7 +93,17 @@ def _print_budget(document: Mapping[str, Any]) -> None:
             left_out = ", ".join(sensor["left_out"])
             console.print(f"left out, for how the sensor lay is not known (name its bench with --bench): {left_out}")
         if not sensor["agrees"]:
-            console.print("calculation and Monte Carlo do NOT agree: the errors are too large for a linear calculation")
+            console.print(_too_large(sensor))
+
+
+def _too_large(sensor: Mapping[str, Any]) -> str:
+    """Name what the linear calculation does not hold for."""
+    titles = {each["id"]: each["title"] for each in sensor["sources"]}
+    where = "; ".join(f"{titles[source]} in {', '.join(names)}" for source, names in sensor["too_large"].items())
+    return (
+        "calculation and Monte Carlo do NOT agree: too large for a linear calculation "
+        f"({where or 'all together'}); there the numbers in brackets hold"
+    )
 
 
 def _sequence(sensor: Mapping[str, Any]) -> str:

@@ -97,6 +97,7 @@ def test_a_size_that_is_not_small_is_said_not_to_agree() -> None:
     """A bench that leans by 20 degrees is no small error: the linear column is wrong there, and it is noticed."""
     leaning = error_budget(scene(), [Tilt(20.0, "test")], matrix_6_form(SENSOR), draws=20_000)
     assert not leaning.agrees
+    assert set(leaning.too_large) == {"tilt"}
 
 
 @pytest.mark.parametrize("source", every_source(), ids=lambda each: each.id)
@@ -237,6 +238,7 @@ def test_collects_that_cannot_know_a_parameter_give_no_number_for_it() -> None:
     budget = error_budget(scene("12"), every_source(), matrix_6_form(SENSOR), draws=200)
     assert np.all(np.isnan(budget.total()[4:]))
     assert np.all(np.isfinite(budget.total()[2:4]))
+    assert budget.agrees  # in what is known; what is not known contradicts nothing
 
 
 def test_the_same_seed_gives_the_same_numbers() -> None:
