@@ -183,6 +183,7 @@ _CAMPAIGN = {
     "site": {"latitude_deg": 34.6, "heading_deg": 30.0},
     "sensors": {2: {"axes": ["A", "B", "S"], "channels": {"RA": "A", "RB": "B"}}},
     "conditions": {"supply_V": "supply voltage, volt"},
+    "verdicts": {1: {"verdict": "MARGINAL", "reason": "r"}},
 }
 _HEAD = (
     "collect,run,sensor,position,start_s,duration_s,f_A_g,f_B_g,f_S_g,w_A_deg_per_hr,w_B_deg_per_hr,w_S_deg_per_hr,"
