@@ -12,6 +12,8 @@ import yaml
 from hil.campaign_header import read_header
 from hil.campaign_reader import read_campaign
 from hil.errors import InputError
+from hil.report.content import gather
+from procedures.verdict import Verdict
 from tests.hil.cli.conftest import Run
 
 
@@ -29,6 +31,7 @@ def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_
     assert hil("export", night, campaign).returncode == 0
     assert json.loads(hil("solve", campaign, "--json").stdout)["solutions"] == solutions
     assert read_campaign(campaign).warnings == ()
+    assert gather(read_campaign(campaign)).verdict_counts() == {Verdict.INCONCLUSIVE: 2}
     next((night / "blocks").glob("*.parquet")).unlink()
     solved = hil("solve", night, "--json")
     assert "missing: the samples of" in json.loads(solved.stdout)["warnings"][0]
