@@ -22,12 +22,17 @@ _SIZES: Mapping[str, Callable[[random.Random], float | str]] = {
 }
 
 
-def draw_faults(draw: random.Random, plan: Plan, count: tuple[int, int]) -> tuple[Fault, ...]:
-    """Return between `count[0]` and `count[1]` faults for a night of this plan."""
-    return tuple(_fault(draw, plan) for _ in range(draw.randint(*count)))
+def draw_faults(
+    draw: random.Random, plan: Plan, count: tuple[int, int], longest_s: float | None = None
+) -> tuple[Fault, ...]:
+    """Return between `count[0]` and `count[1]` faults for a night of this plan.
+
+    With `longest_s` they are glitches: none lasts longer, and none for ever.
+    """
+    return tuple(_fault(draw, plan, longest_s) for _ in range(draw.randint(*count)))
 
 
-def _fault(draw: random.Random, plan: Plan) -> Fault:
+def _fault(draw: random.Random, plan: Plan, longest_s: float | None) -> Fault:
     (device,) = draw.choices(list(_OFTEN), weights=list(_OFTEN.values()))
     name = draw.choice(list(CATALOGUE[device]))
     kind = CATALOGUE[device][name]
@@ -38,7 +43,8 @@ def _fault(draw: random.Random, plan: Plan) -> Fault:
         facts["size"] = round(10.0 ** draw.uniform(-3.0, 0.0), 4)
     elif kind.size is not None:
         facts["size"] = _SIZES[name](draw)
-    if kind.lasts and draw.random() >= _FOR_EVER:
-        lasts_s = math.exp(draw.uniform(math.log(_SHORTEST_S), math.log(_LONGEST_S)))
+    if kind.lasts and (draw.random() >= _FOR_EVER or longest_s is not None):
+        longest_s = longest_s or _LONGEST_S
+        lasts_s = math.exp(draw.uniform(math.log(min(_SHORTEST_S, longest_s / 10.0)), math.log(longest_s)))
         facts["duration"] = f"{lasts_s:.0f} s"
     return Fault.model_validate(facts)

@@ -83,11 +83,19 @@ class Rehearsal:
 
 
 def rehearse(
-    sweep: Sweep, bench: Bench, *, nights: int, seed: int, folder: Path, faults: tuple[int, int] = (1, 5)
+    sweep: Sweep,
+    bench: Bench,
+    *,
+    nights: int,
+    seed: int,
+    folder: Path,
+    faults: tuple[int, int] = (1, 5),
+    longest_s: float | None = None,
 ) -> Iterator[Rehearsal]:
     """Yield `nights` rehearsals below `folder`; the folder of one that was not survived is kept.
 
-    `faults` is how many each has, at least and at most, besides those of the bench file. Raises `InputError` for a
+    `faults` is how many each has, at least and at most, besides those of the bench file; with `longest_s` they are
+    glitches that last no longer. Raises `InputError` for a
     bench that is not simulated in process under a virtual clock.
     """
     check_sweep_against_bench(sweep, bench)
@@ -97,13 +105,15 @@ def rehearse(
         )
     for number in range(seed, seed + nights):
         where = folder / f"night-{number}"
-        yield _rehearsed(sweep, bench, number, where, faults)
+        yield _rehearsed(sweep, bench, number, where, faults, longest_s)
 
 
-def _rehearsed(sweep: Sweep, bench: Bench, seed: int, where: Path, count: tuple[int, int]) -> Rehearsal:
+def _rehearsed(
+    sweep: Sweep, bench: Bench, seed: int, where: Path, count: tuple[int, int], longest_s: float | None
+) -> Rehearsal:
     where.mkdir(parents=True)
     plan = make_plan(sweep.procedure())
-    drawn = draw_faults(random.Random(seed), plan, count)
+    drawn = draw_faults(random.Random(seed), plan, count, longest_s)
     faulty = with_faults(bench, (*bench.faults, *drawn))
     night, carried_on = where / "night", 0
     told = _in_child(lambda: _first(night, sweep, faulty, seed))

@@ -52,6 +52,7 @@ def main() -> None:
     parser.add_argument("--nights", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--faults", type=int, nargs=2, default=(1, 5), metavar=("LEAST", "MOST"))
+    parser.add_argument("--longest", type=float, help="glitches: no fault lasts longer than so many seconds")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no night after so many")
     parser.add_argument("--keep", type=Path, help="where nights that were not survived are kept")
     asked = parser.parse_args()
@@ -65,6 +66,7 @@ def main() -> None:
             seed=asked.seed,
             folder=asked.keep or Path(scratch),
             faults=tuple(asked.faults),
+            longest_s=asked.longest,
         )
         for night in nights:
             found.append(night)

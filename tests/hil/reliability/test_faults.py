@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from pathlib import Path
 
 import pytest
@@ -209,8 +210,6 @@ def test_a_night_that_is_carried_on_meets_only_what_is_still_to_come(tmp_path: P
 
 def test_random_faults_are_the_same_for_a_seed_and_make_sense() -> None:
     """A thousand draws are all faults that a file may hold; every kind comes up."""
-    import random
-
     plan = make_plan(_SWEEP.procedure())
     seen = set()
     for seed in range(1000):
@@ -232,3 +231,12 @@ def test_every_fault_is_in_the_reference() -> None:
     for device, kinds in CATALOGUE.items():
         for kind, meaning in kinds.items():
             assert f"| `{device}` | `{kind}` | {meaning.means} |" in text
+
+
+def test_glitches_are_short_and_none_is_for_ever() -> None:
+    """What lasts at all lasts no longer than was asked for."""
+    plan = make_plan(_SWEEP.procedure())
+    drawn = [fault for seed in range(200) for fault in draw_faults(random.Random(seed), plan, (1, 5), 10.0)]
+    lasting = [fault.duration_s for fault in drawn if fault.meaning.lasts]
+    assert None not in lasting
+    assert 8.0 < max(each for each in lasting if each is not None) <= 10.0
