@@ -17,7 +17,7 @@ from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number,
 from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import sensor_view
-from hil.report.statements import assumed, cannot_tell, good, headline, summary
+from hil.report.statements import assumed, cannot_tell, good, headline, in_brief, summary
 
 _MOST_IN_WORDS = 20
 _LONGEST_RUNNING = 90
@@ -71,7 +71,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "asked": night.asked if night is not None else "",
         "done": night.done if night is not None else "",
         "summary": list(summary(content)),
-        "missing": list(night.missing) if night is not None else [],
+        "missing": in_brief(night.missing) if night is not None else [],
         "sensors": [sensor_view(content, each) for each in sensors],
         "both": list(content.both_sensors),
         "uncertainty_note": f"{_STATED if night is None else _RECORDED}; how runs scatter is in the table above.",

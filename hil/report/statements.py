@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -14,6 +16,8 @@ _WANDER = (
     "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
     "standard errors (the scatter from run to run shows it)"
 )
+
+_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")  # as `hil status` says it
 
 _THREE_COLLECTS = (
     "Six equations, six unknowns: no residual is left, so these collects cannot contradict the model.",
@@ -71,6 +75,18 @@ def good(content: ReportContent) -> tuple[str, str]:
     return str(worst), words[worst]
 
 
+def in_brief(missing: Sequence[str]) -> list[str]:
+    """Return what is missing with neighbours that are wholly missing at one temperature in one line."""
+    told: list[str] = []
+    for whole, group in groupby(missing, key=lambda line: (found := _WHOLE.fullmatch(line)) and found["at"]):
+        lines = list(group)
+        if whole and len(lines) > 1:
+            first, last = (_WHOLE.sub(r"\g<run>", lines[place]) for place in (0, -1))
+            lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
+        told += lines
+    return told
+
+
 def _missing(content: ReportContent) -> str:
     """Say how much of a night is missing: self-calibrations, or else why it is not called complete."""
     if content.night is None:
@@ -84,7 +100,8 @@ def summary(content: ReportContent) -> Iterator[str]:
     if content.campaign.warnings:
         number = len(content.campaign.warnings)
         yield f"{number} warning{'s' * (number != 1)} about the data: see Notes and warnings."
-    if not any(each.degrees_of_freedom for sensor in content.sensors for each in sensor.solutions):
+    solutions = [each for sensor in content.sensors for each in sensor.solutions]
+    if solutions and not any(each.degrees_of_freedom for each in solutions):
         yield "No residual is left: this speaks for the measurements, and not for the model."
     for sensor in content.sensors:
         if sensor.has_contractor:
@@ -119,6 +136,8 @@ def _largest_mu(sensor: SensorContent) -> Iterator[str]:
 def assumed(content: ReportContent) -> list[str]:
     """Return what every number rests upon."""
     found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
+    if not found:
+        return ["nothing: no collect was solved"]
     site = content.campaign.site
     told = [f"site: {', '.join(_with_unit(name, value) for name, value in site.items())}"] if site else []
     return list(dict.fromkeys([*told, *found, _WANDER]))
@@ -148,7 +167,10 @@ def cannot_tell(content: ReportContent) -> list[str]:
             "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
             "cycle; a second visit from the other direction could."
         )
-    return told or ["nothing that the model asks for is left open by these collects"]
+    open_end = (
+        "nothing that the model asks for is left open by these collects" if solutions else "no collect was solved"
+    )
+    return told or [open_end]
 
 
 def _visited_once(sensor: SensorContent) -> bool:
