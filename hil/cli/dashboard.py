@@ -33,17 +33,17 @@ def dashboard(
     ] = None,
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
-    from hil.dashboard.access import Access, is_loopback, new_token, token_from
+    from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
     from hil.dashboard.server import create_app, listen, serve
     from hil.dashboard.watcher import Watcher
 
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder")
     access = Access(token_from(token_file) if token_file else new_token(), host)
+    if token_file and token_file.stat().st_mode & 0o077:
+        messages().print(f"note: others of this machine may read {token_file}; chmod 600 {token_file}")
     with listen(host, port) as listener:
-        number = listener.getsockname()[1]
-        shown = f"[{host}]" if ":" in host else host
-        results().print(f"http://{shown}:{number}/")
+        results().print(url(host, listener.getsockname()[1]))
         what = "pausing, continuing, aborting and answering"
         if not is_loopback(host):
             what = f"reading, {what}"

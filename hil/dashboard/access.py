@@ -69,6 +69,16 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def url(host: str, port: int) -> str:
+    """Return where a browser finds a server that listens at `host`: by this machine's name if that is everywhere."""
+    try:
+        everywhere = ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        everywhere = False
+    name = socket.gethostname() if everywhere else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}/"
+
+
 @dataclass(frozen=True)
 class Access:
     """The rules of one server: its token, and the host that it listens at."""

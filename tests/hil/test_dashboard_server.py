@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import socket
 import stat
 from collections.abc import Iterator
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
 from drivers.clock import VirtualClock
 from hil.cli.app import run
-from hil.dashboard.access import Access, is_loopback, new_token, token_from
+from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
 from hil.dashboard.server import listen
 from hil.errors import InputError
 from hil.journal import SqliteJournal
@@ -198,6 +200,28 @@ def test_a_token_file_is_made_for_its_owner_only_and_kept(tmp_path: Path) -> Non
         token_from(path)
     with pytest.raises(InputError, match="cannot be read"):
         token_from(tmp_path / "none" / "token")
+
+
+def test_the_address_that_is_printed_is_one_that_a_browser_can_open_and_the_server_answers_to() -> None:
+    """Of a server that listens everywhere it is this machine's name: 0.0.0.0 is nobody's address."""
+    assert url("127.0.0.1", 8765) == "http://127.0.0.1:8765/"
+    assert url("::1", 1) == "http://[::1]:1/"
+    for everywhere in ("0.0.0.0", "::"):  # noqa: S104 - only named
+        name = urlsplit(url(everywhere, 8765)).netloc
+        assert name == f"{socket.gethostname()}:8765"
+        assert Access(TOKEN, everywhere).is_addressed(name)
+
+
+def test_a_token_that_others_can_read_is_told_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody made the file by hand, or copied it."""
+    monkeypatch.setattr("hil.dashboard.server.serve", lambda *_: None)
+    for mode, told in ((0o600, False), (0o644, True)):
+        (tmp_path / "token").write_text(TOKEN)
+        (tmp_path / "token").chmod(mode)
+        assert run(["dashboard", str(tmp_path), "--port", "0", "--token-file", str(tmp_path / "token")]) == 0
+        assert ("others of this machine may read" in capsys.readouterr().err) is told
 
 
 def test_bad_input_of_the_command_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
