@@ -278,7 +278,8 @@ def _lacks(candidate: Candidate, goal: Goal, targets: Mapping[str, float]) -> li
         if goal.drift_immune and not worth.immune([name for name in targets if name in worth.drift] or None):
             found.append((f"sensor {number}: a steady drift is not kept out", 10.0))
         if worth.residuals < goal.residuals:
-            found.append((f"sensor {number}: {worth.residuals} residuals instead of {goal.residuals}", 10.0))
+            short = 1.0 - worth.residuals / goal.residuals
+            found.append((f"sensor {number}: {worth.residuals} residuals instead of {goal.residuals}", 10.0 * short))
         if goal.tells_even_terms and not worth.tells_even_terms:
             found.append((f"sensor {number}: MU is not told from terms in the square of the acceleration", 10.0))
     return found

@@ -164,7 +164,9 @@ def design(
     residuals: Annotated[int, typer.Option(min=0, help="Residuals left in each self-calibration.")] = 0,
     even_terms: Annotated[bool, typer.Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
     within: Annotated[str | None, typer.Option(help="The whole night's time: '24 h'.")] = None,
-    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats at least; default: the sweep's.")] = None,
+    repeats: Annotated[
+        int | None, typer.Option(min=1, max=1000, help="Repeats at least; default: the sweep's.")
+    ] = None,
     scatter_of_unit: Annotated[
         list[str] | None,
         typer.Option("--scatter", help="How the unit scatters from run to run: 'MU 4 deg/hr'; repeatable."),

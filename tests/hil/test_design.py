@@ -215,6 +215,13 @@ def test_a_goal_out_of_reach_is_said_to_be_missed_and_by_how_much(sweep: Any) ->
     assert found.best.total[2]["MUB"] > 4.0 / np.sqrt(found.best.repeats)
 
 
+def test_of_what_misses_a_goal_the_nearest_is_proposed(sweep: Any) -> None:
+    """A thousand residuals are out of reach: the sequence with the most of them, not the shortest with none."""
+    found = propose(sweep, load_bench("simulated"), Goal({}, residuals=1000, sensors=(2,)))
+    assert found.missing == ("sensor 2: 10 residuals instead of 1000",)
+    assert len(found.best.positions) == 8
+
+
 def test_a_triad_of_six_poses_keeps_its_whole_model(tmp_path: Path) -> None:
     """A shorter sequence is no excuse for a smaller model: what is proposed still gives bias and all nine of G."""
     path = tmp_path / "six.yaml"
