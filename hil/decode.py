@@ -57,6 +57,10 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
         raise InputError(f"{out}: the table is written as .parquet or .csv; give a name that ends so")
     if out is not None and out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the file of raw bytes itself, which the table would replace; name another file")
+    if out is not None and path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            f"{path}: is no file that can be read twice, as a table needs; write the bytes to a file first"
+        )
     summary = _Summary(description)
     for decoded in _decoded(path, description):
         summary.add(decoded)

@@ -28,6 +28,8 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
 
     `counts` are those of the whole file. Raise `OSError` where the file cannot be read.
     """
+    if not path.is_file():  # a pipe cannot be read a second time
+        return
     size = path.stat().st_size
     if not counts.skipped_bytes or 2 * counts.skipped_bytes <= size:
         return

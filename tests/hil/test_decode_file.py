@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -193,6 +195,18 @@ def test_a_recording_of_another_unit_is_told_by_what_reads_it(tmp_path: Path) ->
     ]
     path.write_bytes(b"")
     assert decode_file(path, load_frames_named("stim300"))["warnings"] == []
+
+
+def test_a_pipe_is_read_once(tmp_path: Path) -> None:
+    """Nobody would write into it a second time: there is no advice, and no table, which would be empty."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"pipe: is no file that can be read twice, as a table needs"):
+        decode_file(pipe, load_frames_named("mfs"), out=tmp_path / "table.csv")
+    with ThreadPoolExecutor(1) as writer:
+        writer.submit(pipe.write_bytes, b"\x00" * 5000)
+        document = decode_file(pipe, load_frames_named("mfs"))
+    assert (document["skipped_bytes"], document["warnings"]) == (5000, [])
 
 
 def test_frames_that_begin_as_described_with_a_wrong_checksum_point_at_the_checksum(tmp_path: Path) -> None:
