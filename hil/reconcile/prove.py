@@ -7,7 +7,6 @@ everything is refitted there, and the run that was not seen is predicted with an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +26,6 @@ _LOOKED_AT = 30
 _MOST = 0.7
 _ALIKE = 1e-3  # of log evidence
 _LEAST_FREEDOM = 3
-_AT_ONCE = 2  # folds
 
 
 @dataclass(frozen=True)
@@ -129,14 +127,9 @@ def held_out(
     rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
     few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
     many = [table.take(point) for table, point in zip(tables, points, strict=True)]
-
-    def searched(fold: Sequence[BoolArray]) -> list[Added]:
-        return _select([~held for held in fold], blocks, few, many, hypotheses, steps)
-
-    with ThreadPoolExecutor(_AT_ONCE) as pool:  # the linear algebra lets go of the interpreter
-        found = list(pool.map(searched, whole))
-    for i, (fold, added) in enumerate(zip(whole, found, strict=True)):
+    for i, fold in enumerate(whole):
         keep = [~held for held in fold]
+        added = _select(keep, blocks, few, many, hypotheses, steps)
         plain = refit(blocks, noise, [], keep)
         for k in range(len(sums)):
             some = added[: k + 1]
