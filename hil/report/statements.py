@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.report.content import ReportContent, SensorContent
 from hil.report.grid import degrees, ranges
+from hil.report.night import NightContent
 from procedures.verdict import Verdict
 
 _WANDER = (
@@ -43,13 +44,14 @@ def headline(content: ReportContent) -> str:
     )
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
-    state = "" if night is None or night.state == "complete" else f" The night {_ended(night.state)}: {night.reason}."
+    state = "" if night is None or night.state == "complete" else f" The night {_ended(night)}."
     sensors = f"{len(content.sensors)} sensor{'s' * (len(content.sensors) != 1)}"
     return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
 
 
-def _ended(state: str) -> str:
-    return {"failed": "failed", "aborted": "was aborted"}.get(state, f"is {state}")
+def _ended(night: NightContent) -> str:
+    how = {"failed": "failed", "aborted": "was aborted"}.get(night.state, f"is {night.state}")
+    return f"{how}: {night.reason}" if night.reason else how
 
 
 def good(content: ReportContent) -> tuple[str, str]:

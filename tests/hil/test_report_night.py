@@ -159,13 +159,15 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
 
     from hil.export import campaign_of_night
     from hil.report.content import gather
-    from hil.report.statements import good
+    from hil.report.statements import good, headline
 
     content = gather(campaign_of_night(night), night_content(night))
     worst = max(content.verdict_counts(), key=lambda verdict: Judgement(verdict, "").severity)
     verdict, said = good(replace(content, night=replace(content.night, state="failed", self_calibrations=(2, 4))))
     assert said.startswith("Not whole: 2 of 4 self-calibrations are missing")
     assert verdict == (Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE)
+    running = replace(content, night=replace(content.night, state="running", reason="", self_calibrations=(2, 4)))
+    assert headline(running).endswith(" The night is running.")
     lost = replace(content.night, state="incomplete", self_calibrations=(4, 4), reason="the samples of 2 are lost")
     assert good(replace(content, night=lost))[1].startswith("Not whole: the samples of 2 are lost;")
 
