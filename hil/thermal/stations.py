@@ -13,6 +13,8 @@ from hil.errors import InputError
 APART_DEGC = 4.0
 """How far apart two temperatures are at least, so that they count as two."""
 
+_LONGEST_S = 1e12
+
 
 @dataclass(frozen=True)
 class Stations:
@@ -42,8 +44,12 @@ def find_stations(conditions: Conditions, apart_degC: float = APART_DEGC) -> Sta
     """Group rows by temperature: a step of more than `apart_degC` begins a new one.
 
     A group that is wider (a slow drift instead of setpoints) is cut into equal parts no wider than that. Raises
-    `InputError` where the rows have no temperature.
+    `InputError` where the rows have no temperature, or a time that no campaign reaches.
     """
+    late = np.flatnonzero(np.abs(conditions.start_s) > _LONGEST_S)
+    if len(late):
+        collect, start_s = conditions.collect[late[0]], conditions.start_s[late[0]]
+        raise InputError(f"sensor {conditions.sensor.number}: collect {collect}: start_s {start_s:g} s cannot be")
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         what = "lacks the column temperature_degC" if temperature is None else "has rows without temperature_degC"
