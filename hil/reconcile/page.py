@@ -18,6 +18,7 @@ from hil.reconcile.result import FoundEffect, Reconciliation
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
+_MOST_PLACES = 12
 
 VERDICTS = {
     "none": "Nothing is missing: no disagreement beyond the noise.",
@@ -43,6 +44,7 @@ def page(result: Reconciliation) -> str:
         gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
         rivals=[_candidates(effect) for effect in result.effects],
         places=[_place(d.where) for d in result.disagreements],
+        most_places=_MOST_PLACES,
         summary=summary(result),
         tables=[_by_temperature(effect) for effect in result.effects],
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign
 from hil.reconcile import Disagreement, reconcile
-from hil.reconcile.page import _place
+from hil.reconcile.page import _place, page
 from tests.hil.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
 DRAWS = 150
@@ -101,3 +102,14 @@ def test_runs_are_said_in_stretches() -> None:
     """A reader is told runs 1 to 3, 7."""
     said = _place({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
     assert said == "sensor 2, channel RA, runs 1 to 3, 7"
+
+
+def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() -> None:
+    """A page stays readable where an effect has thirty places; the file has them all."""
+    campaign, _ = with_hidden(one_position_cold)
+    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    place = result.disagreements[0]
+    many = page(replace(result, disagreements=[place] * 30))
+    assert many.count("sensor 2, channel RA, position 3") == 12
+    assert "and 18 smaller ones, in reconciliation.json" in many
+    assert "smaller ones" not in page(result)
