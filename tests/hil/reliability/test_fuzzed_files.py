@@ -86,7 +86,7 @@ def changed(draw: st.DrawFn, document: dict[str, Any]) -> dict[str, Any]:
             parent = parent[each]
         match draw(st.sampled_from(["value", "value", "value", "remove", "key", "text", "graft"])):
             case "value":
-                parent[key] = draw(st.sampled_from(_JUNK))
+                parent[key] = copy.deepcopy(draw(st.sampled_from(_JUNK)))  # it may be changed in its turn
             case "remove":
                 del parent[key]
             case "key" if isinstance(parent, dict):
