@@ -26,8 +26,8 @@ class UncertaintySection(Section):
     G3 were measured; `heading`, `latitude` and `earth_rate` (each component, beyond those two) what is wrong with W;
     `index` the error of each move of the unit; `drift` a steady drift of each rate during a self-calibration (0.05
     deg/hr/min is a rate random walk of 1 deg/hr/sqrt(hr) over seven minutes); `bias_slope` by how much the biases
-    change with temperature (Table 1's steepest: 1.6 deg/hr/degC); `gravity` the local gravity's departure from the g
-    in which coefficients are stated.
+    change with temperature (BB at Table 1's cold end: 1.6 deg/hr/degC); `gravity` the local gravity's departure from
+    the g in which coefficients are stated.
     """
 
     angle_random_walk: Annotated[RandomWalk, Field(gt=0.0)] = 0.12

@@ -193,3 +193,29 @@ def test_one_result_does_not_take_the_place_of_another(
 def small_night(make: Callable[..., Campaign]) -> Campaign:
     """Three temperatures, one run each."""
     return make(np.random.default_rng(6), {}, temperatures_degC=(0.0, 20.0, 40.0), runs=1, run_to_run={})
+
+
+def test_a_step_is_no_line_and_one_outlying_temperature_is_no_polynomial() -> None:
+    """A line through a step leaves a misfit, which is said; of one temperature far off no form is made."""
+    step: dict[str, Curve] = {
+        "BA": lambda t: np.where(t > 0.0, 20.0, -20.0),
+        "BB": lambda t: 20.0 + 35.0 * (np.abs(t - 23.4) < 4.0),
+    }
+    found = fit_thermal(rotor_night(np.random.default_rng(8), step)).sensors[2].parameters
+    assert "leaves a misfit beyond the noise" in parameter_in_words(found["BA"])
+    assert found["BB"].finding == "undescribed"
+    assert found["BB"].form == "constant"
+
+
+def test_table_1s_steepest_segment_is_that_of_the_soaks_bound(reference: Path) -> None:
+    """BB from 6.1 to 19.7 °F: 1.85 deg/hr per °C; MU aside nothing in the table is steeper. The cold end: 1.57."""
+    with (reference / "table1.csv").open(encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    slopes = {}
+    for name in ("BA2_matrix", "BB2_matrix"):
+        own = [row for row in rows if row["parameter"] == name]
+        degC = (np.array([float(row["temperature_F"]) for row in own]) - 32.0) / 1.8
+        slopes[name] = np.abs(np.diff([float(row["mean_printed"]) for row in own]) / np.diff(degC))
+    assert np.max(list(slopes.values())) == slopes["BB2_matrix"][1] == pytest.approx(1.848, abs=1e-3)
+    assert slopes["BB2_matrix"][0] == pytest.approx(1.57, abs=0.01)
+    assert 1.5 * slopes["BB2_matrix"][1] * 0.19 * 2.0 == pytest.approx(1.05, abs=0.01)
