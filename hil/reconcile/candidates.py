@@ -24,6 +24,8 @@ _TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
 _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
 """Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
 _REMEMBERS = frozenset({"hyst", "soak_insufficient"})
+POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
+"""How many values a form in powers of temperature has."""
 _ROOM_DEGC = 20.0
 _COLD_DEGC = -80.0
 _HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
@@ -41,7 +43,7 @@ class Candidate:
     """Columns of one name at one shape on one sensor, shape (n, c, p) over all its collects.
 
     `tier` is 1 for the catalogue, 2 for parameter × driver terms. `form` is the dependence on temperature of the values
-    ("constant", "line", "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
+    ("constant", "line", …, "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
     """
 
     name: str
@@ -154,8 +156,8 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     if len(centres) < 2:
         return
     reference = float(np.round(np.mean(temperature)))
-    for form, least in (("line", 2), ("quadratic", 3)):
-        if len(centres) >= least:
+    for form, values in POWERS.items():
+        if len(centres) >= values + (form == "cubic"):
             yield _replaced(plain, in_form(plain.columns, conditions, form, reference, ()), form, reference, ())
     if len(centres) > 3:
         yield _replaced(plain, in_form(plain.columns, conditions, "table", None, centres), "table", None, centres)
@@ -178,7 +180,7 @@ def _apart_from_bias(plain: Candidate) -> Candidate:
 def in_form(
     columns: FloatArray, conditions: Conditions, form: str, reference_degC: float | None, centres: Sequence[float]
 ) -> FloatArray:
-    """Give columns (n, c, p) values that follow temperature: a line, a quadratic, or one per setpoint (p by p)."""
+    """Give columns (n, c, p) values that follow temperature: in its powers, or one per setpoint (p by p)."""
     if form == "constant":
         return columns
     temperature = conditions.columns["temperature_degC"]
@@ -187,7 +189,7 @@ def in_form(
         factors = (nearest[:, None] == np.arange(len(centres))).astype(np.float64)
     else:
         delta = temperature - (reference_degC or 0.0)
-        factors = np.stack([delta**power for power in range({"line": 2, "quadratic": 3}[form])], axis=1)
+        factors = np.stack([delta**power for power in range(POWERS[form])], axis=1)
     return np.concatenate([columns * factors[:, k, None, None] for k in range(factors.shape[1])], axis=2)
 
 

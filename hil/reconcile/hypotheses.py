@@ -270,14 +270,20 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
 
 
 def _irregular_apart(found: Sequence[Hypothesis], visible: Sequence[bool]) -> list[Hypothesis]:
-    """Take the name from values per setpoint of a term whose smooth dependence on temperature the base already has.
+    """Take the name from values per setpoint of a term that the base already has as one number.
 
-    What is left is irregular: certain perhaps, but no effect of the catalogue, so it belongs to the second tier.
+    What is left is irregular: certain perhaps, but it follows temperature in no way that an effect of the catalogue
+    does, so it belongs to the second tier. A term that the base lacks altogether is itself at every setpoint.
     """
-    smooth = {h.name for h, seen_ in zip(found, visible, strict=True) if seen_ and h.candidate.form != "table"}
+    whole = {
+        h.name
+        for h, seen_ in zip(found, visible, strict=True)
+        if seen_ and h.candidate.form == "constant" and h.candidate.effect is not None
+        if h.candidate.effect.id not in _FOLLOWS
+    }
     out = []
     for hypothesis in found:
-        irregular = hypothesis.tier == 1 and hypothesis.candidate.form == "table" and hypothesis.name not in smooth
+        irregular = hypothesis.tier == 1 and hypothesis.candidate.form == "table" and hypothesis.name not in whole
         apart = replace(hypothesis, tier=2, name=f"{hypothesis.name} × setpoint by setpoint")
         out.append(apart if irregular else hypothesis)
     return out

@@ -14,7 +14,7 @@ from hil.effects.empirical import empirical
 from hil.linear_forms import LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
 from hil.reconcile.calibration import PerTemperatureForm
-from hil.reconcile.candidates import Candidate
+from hil.reconcile.candidates import POWERS, Candidate
 from hil.reconcile.fit import Added, Fit
 from hil.reconcile.hypotheses import Unit
 from hil.reconcile.problem import SensorProblem
@@ -55,7 +55,7 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     """Which power of temperature, or which setpoint, a column's value belongs to."""
     if candidate.form == "constant":
         return 0, ""
-    repeats = {"line": 2, "quadratic": 3}.get(candidate.form, len(candidate.stations_degC))
+    repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
     part = number // (candidate.size // repeats)
     if candidate.form == "table":
         return 0, f"{candidate.stations_degC[part]:.1f} degC"
@@ -179,7 +179,7 @@ def _curves(candidate: Candidate, found: Mapping[int, tuple[float, float]]) -> d
             candidate.parameters[k].name: Constant(unit=candidate.parameters[k].unit, value=value, se=error)
             for k, (value, error) in found.items()
         }
-    repeats = {"line": 2, "quadratic": 3}.get(candidate.form, len(candidate.stations_degC))
+    repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
     own = candidate.size // repeats
     curves: dict[str, Curve] = {}
     for first in sorted({k % own for k in found}):

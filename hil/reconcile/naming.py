@@ -14,6 +14,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.reconcile.blocks import Block
+from hil.reconcile.candidates import POWERS
 from hil.reconcile.fit import Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.search import Scan
 
@@ -260,11 +261,7 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
         candidate = added.units[u].candidate
         number = added.units[u].parameters[k]
         low, high = candidate.parameters[number].typical
-        power = (
-            number // (candidate.size // {"line": 2, "quadratic": 3}[candidate.form])
-            if candidate.form in {"line", "quadratic"}
-            else 0
-        )
+        power = number // (candidate.size // POWERS[candidate.form]) if candidate.form in POWERS else 0
         typical.append((high if 0 < high < np.inf else 1.0) * _SPAN_DEGC**-power)
         switch.append(low == high and power == 0)
     design = np.vstack(seen) * np.array(typical)
