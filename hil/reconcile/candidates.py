@@ -27,6 +27,7 @@ _REMEMBERS = frozenset({"hyst", "soak_insufficient"})
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
 _ROOM_DEGC = 20.0
+_SLOPE = "dTdt_degC_per_min"
 _COLD_DEGC = -80.0
 _HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
 """Where a unit with hysteresis may have come from before the first collect: the room, or somewhere colder."""
@@ -235,6 +236,8 @@ def drivers(conditions: Conditions) -> list[Driver]:
             expressions += [
                 (f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)
             ]
+    if any(name == _SLOPE for name, _ in expressions):
+        expressions.append((f"{_SLOPE}^2", "condition"))
     expressions += [("start_s", "time"), ("start_s^2", "time")]
     runs = list(dict.fromkeys(conditions.run.tolist()))
     if len(runs) > 5:

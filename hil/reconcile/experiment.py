@@ -3,7 +3,7 @@
 For every feasible addition to the campaign (another index position, another heading, the present positions again, the
 temperatures in reverse order) the surviving names are worked out on the enlarged design. What the leader would add,
 less what the rival together with a refitted base can imitate, in units of the noise, is the non-centrality of telling
-them apart.
+them apart; what counts is by how much the addition raises it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def next_experiment(
     naming: Naming, sensors: Mapping[int, SensorProblem], sigma: Mapping[int, float]
 ) -> dict[str, Any] | None:
     """Return the addition that separates the leader from its strongest rival, or say that none of those tried does."""
-    rivals = [rival for rival in naming.rivals if rival.tier == 1]
+    rivals = [rival for rival in naming.rivals if rival.tier == 1 or rival.remedy]
     leader = naming.leader
     if leader.tier != 1 or not rivals:
         return None
@@ -50,10 +50,11 @@ def next_experiment(
     touched = [unit.candidate.sensor for unit in leader.added.units]
     sensor = sensors[next((number for number in touched if number in rival.same_on), touched[0])]
     scored = []
+    present = separation(leader, rival, sensor, None, sigma[sensor.number])
     for addition in additions(sensor):
         outcome = separation(leader, rival, sensor, addition, sigma[sensor.number])
-        if outcome is not None:
-            scored.append((*outcome, addition))
+        if outcome is not None and present is not None:  # what counts is what the new rows add to those at hand
+            scored.append((outcome[0] - present[0], outcome[1], addition))
     if not scored:
         return None
     enough = [s for s in scored if s[0] >= _EASY]
@@ -123,18 +124,21 @@ def additions(sensor: SensorProblem) -> list[Addition]:
 
 
 def separation(
-    leader: Weighed, rival: Weighed, sensor: SensorProblem, addition: Addition, sigma: float
+    leader: Weighed, rival: Weighed, sensor: SensorProblem, addition: Addition | None, sigma: float
 ) -> tuple[float, float] | None:
-    """Return non-centrality and largest difference in deg/hr after an addition; None where columns are lacking."""
+    """Return non-centrality and largest difference in deg/hr, after an addition or with the rows at hand (None).
+
+    None where columns are lacking.
+    """
     before = sensor.collects.conditions
-    both = joined(before, addition.rows)
+    both = before if addition is None else joined(before, addition.rows)
     base = sensor.base_on(both)
     truth = _signal(leader, sensor.number, both, base)
     other = _columns(rival, sensor.number, both, base)
     if truth is None or other is None:
         return None
     measured = np.isfinite(sensor.collects.rates_deg_per_hr)
-    mask = np.vstack([measured, np.ones((len(addition.rows), truth.shape[1]), dtype=bool)])
+    mask = np.vstack([measured, np.ones((len(both) - len(before), truth.shape[1]), dtype=bool)])
     design = np.concatenate([sensor.form.columns(both), other], axis=2)[mask]
     target = truth[mask]
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)

@@ -13,7 +13,7 @@ from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.noise import covariances
 
-_UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own
+UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _least_squares(
     span = left[:, singular > 1e-7 * singular.max(initial=0.0)]
     rest = added - span @ (span.T @ added)
     norm = np.linalg.norm(added, axis=0)
-    rest[:, np.linalg.norm(rest, axis=0) < _UNSEEN * norm] = 0.0
+    rest[:, np.linalg.norm(rest, axis=0) < UNSEEN * norm] = 0.0
     scale = np.where(
         np.isfinite(typical[cut:]),
         1.0 / np.where(np.isfinite(typical[cut:]), typical[cut:], 1.0),

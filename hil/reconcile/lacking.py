@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.effects.catalogue import effect_by_id
-from hil.reconcile.naming import Naming, with_rivals
+from hil.reconcile.naming import Naming, Weighed, with_rivals
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
 _SPELLINGS = {
@@ -32,6 +32,27 @@ _KIN: Mapping[str, tuple[str, ...]] = {
     "bias_grad": ("bias_Tdot",),
 }
 """Names of one history in time that only a further condition tells apart."""
+
+
+def _zone(columns: FloatArray, conditions: Conditions) -> str:
+    """The range of temperatures in which alone, and always, a step's bias stands; empty where no range is that."""
+    temperature = conditions.columns.get("temperature_degC")
+    there = np.any(columns, axis=(1, 2))
+    if temperature is None or not np.all(np.isfinite(temperature)) or there.all() or not there.any():
+        return ""
+    inside = temperature[there]
+    outside = temperature[~there]
+    if np.any((outside >= inside.min()) & (outside <= inside.max())):
+        return ""
+    below, above = outside[outside < inside.min()], outside[outside > inside.max()]
+    if not len(above):
+        return f"B × temperature_degC>{0.5 * (below.max() + inside.min()):.1f}"
+    if not len(below):
+        return f"B × temperature_degC<{0.5 * (above.min() + inside.max()):.1f}"
+    return f"B × temperature_degC[{inside.min() - 1.0:.1f}..{inside.max() + 1.0:.1f}]"
+
+
+_NO_LAW = 0.25  # what no effect describes, against what one does: 20 to 80, as in the search
 
 
 def with_stand_ins(campaign: Campaign) -> Campaign:
@@ -69,27 +90,54 @@ def _known(values: FloatArray | None) -> bool:
     return values is not None and bool(np.all(np.isfinite(values)))
 
 
+@dataclass(frozen=True)
+class _Unasked:
+    """A name beside the leader: what would tell them apart, and how probable it is before the data, the leader's 1."""
+
+    name: str
+    title: str
+    remedy: str
+    weight: float = 1.0
+    tier: int = 1
+
+
 def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Naming:
-    """Share a name's probability evenly with those of the same history that this data leaves unasked."""
+    """Share a name's probability with those of the same history that this data leaves unasked."""
     leader = naming.leader
     if leader.tier != 1:
         return naming
-    candidate = leader.added.hypothesis.candidate
-    remedies = {}
-    within_runs = leader.name == "drift" and not candidate.shape.get("through_runs")
-    for name in () if within_runs else _KIN.get(leader.name, ()):
-        needs = effect_by_id(name).missing(conditions[candidate.sensor])
-        if needs:
-            remedies[name] = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
-    titles = {name: effect_by_id(name).title for name in remedies}
-    if candidate.shape.get("runs_held"):
-        remedies["turnon"] = "repeat the run; a state of the bearing comes back, what scatters does not"
-        titles["turnon"] = "Turn-on bias"
-    if not remedies:
+    unasked = list(_unasked(leader, conditions[leader.added.hypothesis.candidate.sensor]))
+    if not unasked:
         return naming
-    share = 1.0 / (1 + len(remedies))
+    share = 1.0 / (1.0 + sum(one.weight for one in unasked))
     others = [
-        replace(leader, name=name, title=titles[name], probability=leader.probability * share, overlap=1.0, remedy=what)
-        for name, what in remedies.items()
+        replace(
+            leader,
+            name=one.name,
+            title=one.title,
+            tier=one.tier,
+            probability=leader.probability * share * one.weight,
+            overlap=1.0,
+            remedy=one.remedy,
+        )
+        for one in unasked
     ]
     return with_rivals(naming, share, others)
+
+
+def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
+    """Yield the names of the leader's history in time that nothing recorded tells from it."""
+    candidate = leader.added.hypothesis.candidate
+    within_runs = leader.name == "drift" and not candidate.shape.get("through_runs")
+    for name in () if within_runs else _KIN.get(leader.name, ()):
+        effect = effect_by_id(name)
+        needs = effect.missing(here)
+        if needs:
+            remedy = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
+            yield _Unasked(name, effect.title, remedy)
+    if candidate.shape.get("runs_held"):
+        yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
+    zone = _zone(candidate.columns, here) if leader.name == "jump" else ""
+    if zone:
+        title = f"Bias follows {zone.removeprefix('B × ')}"
+        yield _Unasked(zone, title, "visit the temperatures in another order", _NO_LAW, 2)

@@ -232,7 +232,10 @@ def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArra
 
 
 def rich_columns(block: Block, conditions: Conditions) -> list[FloatArray]:
-    """Return flexible models of the means for one block: per setpoint, and smooth over time; each (N, p)."""
+    """Return flexible models of the means for one block, each (N, p): what of the scatter may be no noise.
+
+    Per setpoint, smooth over time, per position, and with all that was recorded: earth rate and conditions.
+    """
     targets = [np.ones((len(block.y), 1))]
     f = conditions.f_g[block.rows]
     targets += [f[:, k : k + 1] for k in range(3) if np.std(f[:, k]) > 0.05]
@@ -253,4 +256,16 @@ def rich_columns(block: Block, conditions: Conditions) -> list[FloatArray]:
     labels = np.unique(conditions.position[block.rows])
     if 1 < len(labels) < 0.5 * len(block.y):
         out.append((conditions.position[block.rows][:, None] == labels).astype(np.float64))
+    out.append(independent_columns(np.hstack([target, _recorded(block, conditions)]), 1e-3))
     return out
+
+
+def _recorded(block: Block, conditions: Conditions) -> FloatArray:
+    """Earth rate and conditions at a block's rows, each of unit size, as many as a third of the rows bears, (N, k)."""
+    known = [np.nan_to_num(conditions.w_deg_per_hr[block.rows])]
+    known += [values[block.rows, None] for values in conditions.columns.values() if np.all(np.isfinite(values))]
+    columns = np.hstack(known)
+    columns = columns - columns.mean(axis=0)
+    size = np.linalg.norm(columns, axis=0)
+    varies = size > 1e-9 * np.sqrt(len(columns))
+    return np.asarray((columns / np.where(varies, size, 1.0))[:, varies][:, : len(block.y) // 3])

@@ -14,7 +14,7 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
-from hil.reconcile.fit import Added, BlockNoise, Fit, chosen_units, refit
+from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, build_evidence
 
 _FLIPS = 2000
@@ -175,14 +175,23 @@ def _is_beyond(design: FloatArray, held: BoolArray) -> bool:
 def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: BoolArray) -> float:
     """Sum of squares that noise alone leaves on held-out rows when everything is refitted on the others."""
     extra = [columns for effect in added if (columns := effect.columns(count)[b]) is not None]
-    design = independent_columns(np.hstack([block.base, *extra]), 1e-6)
     kept = ~held
+    design = independent_columns(np.hstack([block.base, *(_seen_beside(block.base, e, kept) for e in extra)]), 1e-6)
     white = noise.take(kept).whitening
     fitted = np.linalg.pinv(white @ design[kept], rcond=1e-8) @ white
     error = np.zeros((int(held.sum()), len(block.y)))
     error[:, held] = np.eye(int(held.sum()))
     error[:, kept] = -design[held] @ fitted
     return float(np.trace(error @ noise.covariance @ error.T))
+
+
+def _seen_beside(base: FloatArray, columns: FloatArray, kept: BoolArray) -> FloatArray:
+    """What of an effect the kept rows show beside the base, (N, k): the fit gives the rest to the base."""
+    span, _ = np.linalg.qr(base[kept])
+    norm = np.linalg.norm(columns[kept], axis=0)
+    scaled = columns / np.where(norm > 0.0, norm, 1.0)
+    _, singular, v = np.linalg.svd(scaled[kept] - span @ (span.T @ scaled[kept]), full_matrices=False)
+    return np.asarray(scaled @ v[singular > UNSEEN].T)
 
 
 def _select(

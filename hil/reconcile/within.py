@@ -10,7 +10,7 @@ settling or a tone that no single collect proves shows there. All effects share 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.campaign_reader import read_series
 from hil.effects.base import SeriesEffect, SeriesFinding
+from hil.effects.catalogue import effect_by_id
 from hil.reconcile.result import FoundEffect, Rival
 
 _LEAST_P = 1e-300
@@ -26,7 +27,7 @@ _ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
 _CERTAIN = 0.8
 RAMP = "drift"
-"""A slope inside a collect is what every slow effect looks like there: it is told, and named by the averages only."""
+"""A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
 
 @dataclass
@@ -100,15 +101,18 @@ def _finding(asked: _Asked, alpha: float, tests: int) -> dict[str, Any] | None:
     }
 
 
-def named_within(findings: Sequence[dict[str, Any]], effects: Sequence[SeriesEffect]) -> list[FoundEffect]:
+def named_within(
+    findings: Sequence[dict[str, Any]], effects: Sequence[SeriesEffect], in_averages: Collection[str] = ()
+) -> list[FoundEffect]:
     """Return what the findings are called: per sensor, the strongest of each group that can be taken for one another.
 
-    The share of a name among its rivals is that of its Bayes factor's bound, 1/(−e p ln p) (Sellke, Bayarri, Berger).
+    The share of a name among its rivals is that of its Bayes factor's bound, 1/(−e p ln p) (Sellke, Bayarri, Berger). A
+    slope inside the collects is the slow effect's that the averages show (`in_averages`), and ambiguous where none is.
     """
     by_id = {effect.id: effect for effect in effects}
     out = []
     for sensor in dict.fromkeys(f["sensor"] for f in findings):
-        left = [f for f in findings if f["sensor"] == sensor and f["id"] != RAMP]
+        left = [f for f in findings if f["sensor"] == sensor and (f["id"] != RAMP or not in_averages)]
         while left:
             leader = left[0]
             alike = [f for f in left if f["id"] == leader["id"] or _confusable(by_id, leader["id"], f["id"])]
@@ -128,6 +132,9 @@ def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[
         weight[finding["id"]] = max(weight.get(finding["id"], 0.0), -1.0 / (np.e * p * np.log(p)))
     total = 1.0 + sum(weight.values())  # 1: that nothing is there
     effect = by_id[leader["id"]]
+    if effect.id == RAMP:
+        slow = {name: weight[RAMP] for name in effect.confusable_with if name not in weight}
+        weight, total = {**weight, **slow}, total + sum(slow.values())
     probability = float(weight.pop(effect.id) / total)
     return FoundEffect(
         id=effect.id,
@@ -135,13 +142,17 @@ def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[
         equation=effect.equation,
         parameters=[_parameter(name, value, leader) for name, value in leader["estimates"].items() if name != _ERROR],
         probability=probability,
-        confusable_with=[Rival(name, float(w / total), 0.0, by_id[name].title) for name, w in weight.items()],
+        confusable_with=[Rival(name, float(w / total), 0.0, _title(name, by_id)) for name, w in weight.items()],
         kind="named" if probability >= _CERTAIN else "ambiguous",
         sensors=(leader["sensor"],),
         physics=f"{' '.join((type(effect).__doc__ or '').split())} {effect.signature} {leader['sentence']}.",
         experiment=effect.experiment,
         inside_collects=True,
     )
+
+
+def _title(name: str, by_id: Mapping[str, SeriesEffect]) -> str:
+    return by_id[name].title if name in by_id else effect_by_id(name).title
 
 
 def _parameter(name: str, value: float, finding: dict[str, Any]) -> dict[str, Any]:

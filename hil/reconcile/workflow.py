@@ -121,7 +121,9 @@ def reconcile(
     found = found or places(blocks, noise, conditions, [step.added for step in kept], final, chance, alpha)
     found = found or channels_touched(blocks, noise, conditions, final, chance)
     named_inside = [
-        effect for effect in named_within(inside, SERIES_EFFECTS) if not chosen.knows_inside(effect.id, effect.sensors)
+        effect
+        for effect in named_within(inside, SERIES_EFFECTS, [s.naming.leader.name for s in kept])
+        if not chosen.knows_inside(effect.id, effect.sensors)
     ]
     verdict = verdict_of(kept, named_inside, unresolved=certain, swapped=bool(faults["exchanges"]))
     gap = gap_of(proof, noise, blocks, reverted=reverted, unjudged=unjudged, rng=rng)
