@@ -117,6 +117,7 @@ def additions(sensor: SensorProblem) -> list[Addition]:
     if np.any(conditions.w_deg_per_hr):
         rows = _turned_heading(conditions)
         out.append(Addition("the same positions at a heading 90 deg on", rows, 3.0, _described(rows)))
+    out.append(Addition("the same collects once more, afterwards", _later(conditions), 1.8, _described(conditions)))
     if len(np.unique(conditions.run)) > 1:
         rows = _reversed(conditions)
         out.append(Addition("the same runs in reverse order of temperature and time", rows, 2.5, _described(rows)))

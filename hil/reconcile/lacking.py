@@ -14,6 +14,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.effects.catalogue import effect_by_id
+from hil.reconcile.blocks import stations
 from hil.reconcile.naming import Naming, Weighed, with_rivals
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
@@ -35,14 +36,15 @@ _KIN: Mapping[str, tuple[str, ...]] = {
 
 
 def _zone(columns: FloatArray, conditions: Conditions) -> str:
-    """The range of temperatures in which alone, and always, a step's bias stands; empty where no range is that."""
+    """The range of setpoints in which alone, and always, a step's bias stands; empty where no range is that."""
     temperature = conditions.columns.get("temperature_degC")
     there = np.any(columns, axis=(1, 2))
     if temperature is None or not np.all(np.isfinite(temperature)) or there.all() or not there.any():
         return ""
-    inside = temperature[there]
-    outside = temperature[~there]
-    if np.any((outside >= inside.min()) & (outside <= inside.max())):
+    inside, outside = temperature[there], temperature[~there]
+    setpoint = stations(conditions)
+    first, last = setpoint[there].min(), setpoint[there].max()
+    if np.any((setpoint[~there] >= first) & (setpoint[~there] <= last)):
         return ""
     below, above = outside[outside < inside.min()], outside[outside > inside.max()]
     if not len(above):

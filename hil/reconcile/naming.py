@@ -40,6 +40,7 @@ _INCIDENTAL = frozenset(
 Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
+_NEARLY = 7.0  # and within which a usual term withholds the name from an unusual one
 _SLIVER = 0.04
 LARGE = 3.0
 _UNHEARD_OF = 20.0
@@ -105,6 +106,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         same += [w for w in stronger if w not in same]
         withholds = _MENTIONED if leader.excess >= LARGE else _WITHHOLDS
         same += [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > withholds and w not in same]
+        same += [w for w in rivals if w not in same and _usual_and_as_good(leader, w)]
         possible = [
             w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
         ]
@@ -166,6 +168,12 @@ def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
 
 def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
     return rival.overlap > SAME and _as_narrow(leader, rival, blocks, noise)
+
+
+def _usual_and_as_good(leader: Weighed, rival: Weighed) -> bool:
+    """Whether a term of the standard model, at a usual size, reproduces an unusual leader nearly as probably."""
+    usual = rival.name in _STANDARD_TERMS and leader.name not in _STANDARD_TERMS and rival.excess < _TYPICAL
+    return usual and rival.overlap > SAME and leader.log_evidence - rival.log_evidence < _NEARLY
 
 
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:

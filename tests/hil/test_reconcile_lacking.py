@@ -137,3 +137,34 @@ def test_bursts_are_neither_settling_nor_a_step(effect: SettlingInCollect | Jump
         rates += rng.normal(0.0, 60.0, (60, 2)) * (rng.random((60, 2)) < 0.08)
         p_values += [finding.p_value for finding in effect.test(Series(np.arange(60.0), rates), ROTOR)]
     assert np.mean(np.array(p_values) < 0.001) < 0.004
+
+
+def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
+    """In one rising sweep `from run 9 on` and `above 14.8 degC` are one column: another order of temperatures tells."""
+    result = reconcile(
+        hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+    )
+    assert result.effects[0].id == "jump"
+    assert result.verdict == "ambiguous"
+    assert any(rival.id.startswith("empirical: B × temperature_degC>") for rival in result.effects[0].confusable_with)
+    assert result.next_experiment is not None
+    assert "another order" in result.next_experiment["why"]
+
+
+def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
+    """From run 8 on, the second of its temperature's two."""
+    result = reconcile(
+        hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+    )
+    assert [effect.id for effect in result.effects] == ["jump"]
+    assert result.verdict == "named"
+
+
+def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
+    """A bias that follows temperature, or ages: whatever is proposed is another time, not another position."""
+    night = {"temperatures": tuple(np.arange(-30.0, 61.0, 6.0)), "runs_each": 1}
+    campaign = hidden_campaign(7, lambda r: both(r.start_s / r.start_s.max(), 40.0, -40.0), thermal=False, **night)
+    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    assert result.next_experiment is not None
+    assert "Collect" not in result.next_experiment.get("what", "")
+    assert "upside down" not in result.next_experiment.get("what", "")

@@ -25,7 +25,7 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
     ("name", "hidden", "model", "thermal"),
     [
         ("supply", lambda r: both(r.supply - 28.0, 14.0, -13.0), "matrix-6-thermal", True),
-        ("jump", lambda r: both(r.run > 8, 12.0, -11.0), "matrix-6-thermal", True),
+        ("jump", lambda r: both(r.run > 7, 12.0, -11.0), "matrix-6-thermal", True),
         ("warmup", lambda r: both(np.exp(-r.start_s / 2400.0), 90.0, -100.0), "matrix-6-thermal", True),
         ("bias_T", lambda r: both(r.temperature - 20.0, 0.2, 0.5), "matrix-6", False),
         ("GS_T", lambda r: both(r.f[:, 0] * (r.temperature - 20.0), 0.1, 0.06), "matrix-6", False),
