@@ -3,7 +3,8 @@
 A cell is a set of rows that share a channel and a position, a range of temperatures, a range of runs, or both. Its
 score is the estimate of one extra offset in these rows beside the fitted base, over its standard error; the largest
 scores that noise alone would give over all cells are simulated, so that a stated q-value holds for the map as a whole.
-Cells are taken greedily, each beside those already taken, so that one fault is reported once.
+Cells are taken greedily, each beside those already taken, so that one fault is reported once. This is for a
+disagreement to which no effect could be added; where one was added, `places` says where it acts.
 """
 
 from __future__ import annotations
