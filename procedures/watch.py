@@ -86,7 +86,7 @@ class Watch:
         self._progress_s = -np.inf
         self._drained_s = clock.now()
         self._last_frame_s = clock.now()
-        self._wall_jumped = False
+        self._wall_off_s = 0.0  # as it was last recorded
         self.look: Look | None = None
         self.commanded_degC: float | None = None
         self.arrived = False
@@ -300,14 +300,11 @@ class Watch:
         self._compare_clocks()
 
     def _compare_clocks(self) -> None:
-        """Record once that somebody set the wall clock; campaign time goes on by the monotonic one."""
-        wall_s = (self._devices.clock.utc() - self._began).total_seconds()
-        jumped = abs(wall_s - self.campaign_s()) > _WALL_JUMP_S
-        if jumped and not self._wall_jumped:
-            self.event(
-                "wall-clock-jump", f"the wall clock is off by {wall_s - self.campaign_s():+.0f} s since the start"
-            )
-        self._wall_jumped = jumped
+        """Record each time that somebody set the wall clock; campaign time goes on by the monotonic one."""
+        off_s = (self._devices.clock.utc() - self._began).total_seconds() - self.campaign_s()
+        if abs(off_s - self._wall_off_s) > _WALL_JUMP_S:
+            self.event("wall-clock-jump", f"the wall clock is off by {off_s:+.0f} s since the start")
+            self._wall_off_s = off_s
 
     def _snapshot(self, look: Look, block: SampleBlock) -> None:
         if self._position is None or look.time_s - self._progress_s < self._polling.progress_s:
