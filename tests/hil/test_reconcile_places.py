@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.model import load_model
 from hil.reconcile import Disagreement, reconcile
+from hil.reconcile.branches import posed
+from hil.reconcile.fit import estimate_noise
 from hil.reconcile.page import _place, page
+from hil.reconcile.where import disagreements
 from tests.hil.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
 DRAWS = 150
@@ -113,3 +117,21 @@ def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() ->
     assert many.count("sensor 2, channel RA, position 3") == 12
     assert "and 18 smaller ones, in reconciliation.json" in many
     assert "smaller ones" not in page(result)
+
+
+def scanned(campaign: Campaign) -> list[Disagreement]:
+    """The scan of cells, for a disagreement to which nothing could be added."""
+    problem, tables, _ = posed(campaign, load_model("matrix-6-thermal"), ())
+    known = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
+    noises = [estimate_noise(block, table) for block, table in zip(problem.blocks, tables, strict=True)]
+    return disagreements(problem.blocks, noises, known, 0.05, np.random.default_rng(0))
+
+
+def test_a_scan_without_any_effect_finds_the_corner_and_nothing_in_noise() -> None:
+    """The cell of the fault stands out with its size; on noise alone no cell does."""
+    corner, _ = with_hidden(one_position_cold)
+    first = scanned(corner)[0]
+    assert (first.where["channel"], first.where["position"]) == ("RA", "3")
+    assert abs(first.size_deg_per_hr - 9.0) < 3.0 * first.se_deg_per_hr
+    assert first.q_value < 0.01
+    assert not scanned(with_hidden(lambda r: np.zeros((len(r), 2)))[0])
