@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from rich.console import Console
 from hil.errors import InputError
 
 _WIDE = 200
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
 Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
@@ -36,8 +38,17 @@ def always_writable() -> None:
             stream.reconfigure(errors="replace")
 
 
+def harmless(text: str) -> str:
+    """Return `text` without what would steer a terminal: a title may come from somebody else's file."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
 class Lasting(Console):
     """A console that outlives its reader: a night is not over because nobody looks any more."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as any console does, text without control characters."""
+        super().print(*(harmless(each) if isinstance(each, str) else each for each in objects), **options)
 
     def on_broken_pipe(self) -> None:
         """Say nothing more where whoever read (head, a pager) has gone; the interpreter's last flush goes nowhere."""

@@ -9,6 +9,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from hil.cli.output import harmless
 from hil.step_words import hours_minutes, step_in_words
 from procedures.progress import Snapshot
 
@@ -26,12 +27,12 @@ class Panel:
 
     def __rich__(self) -> Group:
         """Return what is to be drawn, in whatever width."""
-        head = Text(self._headline, style="bold")
+        head = Text(harmless(self._headline), style="bold")
         if self._simulated:
             head.append("  SIMULATED", style="bold magenta")
         parts: list[Text | Table] = [head]
         if self._trouble:
-            parts.append(Text(self._trouble, style="bold red"))
+            parts.append(Text(harmless(self._trouble), style="bold red"))
         if self._now is not None:
             parts.append(_table(self._now))
         return Group(*parts)
@@ -44,7 +45,7 @@ def _table(now: Snapshot) -> Table:
     table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
     table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
     for label, text in _rows(now):
-        table.add_row(label, text)
+        table.add_row(label, Text(harmless(text)))
     return table
 
 

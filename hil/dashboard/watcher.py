@@ -87,7 +87,8 @@ class Watcher:
                 changed = self.look()
                 self._hand_over(self._send, self._frame(changed), self._frame(self._whole()) if wanted else b"")
             except Exception as error:  # no file can be opened any more, say: pages are told, and the next look may do
-                self._hand_over(self._send_problem, self._frame({}, problem=f"{type(error).__name__}: {error}"))
+                said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+                self._hand_over(self._send_problem, self._frame({}, problem=said))
             self._wake.wait(self._every_s)
             self._wake.clear()
 
@@ -109,7 +110,9 @@ class Watcher:
         return changed
 
     def _discover(self) -> None:
-        """Find the nights that are there, and keep those that are shown."""
+        """Find the nights that are there, and keep those that are shown; raise `InputError` if the folder has gone."""
+        if not self._root.is_dir():  # deleted, or on a disk that is not there any more: its nights have not ended
+            raise InputError(f"{self._root}: there is no such folder any more")
         found = {self._name(path.parent): path.parent for path in self._journals()}
         self._found = list(found)
         for identity in set(self._nights) - set(found):

@@ -23,6 +23,7 @@ from drivers.imu import SensorChannels
 from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
 from hil.dashboard.watcher import MOST_NIGHTS, Watcher
+from hil.errors import InputError
 from hil.export import campaign_of_night
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile
 from hil.journal_reader import JOURNAL_NAME, open_readonly
@@ -302,6 +303,19 @@ def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(night: Watched, t
         frame = watcher._frame(watcher.look())
     assert b"NaN" not in frame
     assert b"Infinity" not in frame
+
+
+def test_a_folder_that_has_gone_is_not_taken_for_one_without_nights(night: Watched, tmp_path: Path) -> None:
+    """Nothing is known of its nights any more, which is another thing than that there are none."""
+    shutil.copytree(night[0], tmp_path / "nights" / "a")
+    watcher = Watcher(tmp_path / "nights")
+    assert set(watcher.look()) == {"a"}
+    (tmp_path / "nights").rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="there is no such folder any more"):
+        watcher.look()
+    (tmp_path / "elsewhere").rename(tmp_path / "nights")
+    watcher.look()
+    assert json.loads(watcher._frame({})[6:])["shown"] == ["a"]
 
 
 def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_it_can(

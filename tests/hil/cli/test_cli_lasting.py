@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli.output import Lasting
+from hil.cli.panel import Panel
 from hil.verify import verify_night
 
 
@@ -23,6 +26,18 @@ def test_a_console_outlives_its_reader() -> None:
         console.print("not seen")
         console.print("nor this")
         assert console.quiet
+
+
+def test_what_a_file_says_steers_no_terminal() -> None:
+    """A title from somebody else's campaign could else clear the screen, or write into the window's title."""
+    shown = io.StringIO()
+    console = Lasting(file=shown, force_terminal=True, width=80, markup=False, highlight=False)
+    nasty = "a\x1b[2J\x1b]0;b\x07\x9bc\rd"
+    console.print(nasty)
+    console.print(Panel(nasty, None, nasty, simulated=False))
+    told = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what rich itself colours with
+    assert told.count("a\N{REPLACEMENT CHARACTER}[2J") == 3
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", told)
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
