@@ -20,6 +20,7 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.effects.base import Base
 from hil.effects.geometry import local_frame
+from hil.errors import InputError
 from hil.linear_forms import LinearForm, default_form
 from hil.model import Model, load_model
 from hil.planned import planned_conditions
@@ -31,6 +32,9 @@ from procedures.settings import Restabilisation
 
 _SAME_G = 0.05
 """g: an orientation of the bench file is a collect's where gravity lies along the same axes to this."""
+
+_LARGEST_NOISE = 1e9
+"""deg/hr: an average with more is none."""
 
 _UNIFORM = 1.0 / np.sqrt(3.0)
 """Standard deviation of what may be anything within ±1."""
@@ -79,6 +83,8 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         base, origin = _base(conditions, model)
         # deg/√hr over T seconds: N / √(T / 3600)
         sigma = np.repeat(60.0 * walk / np.sqrt(conditions.duration_s)[:, None], len(conditions.sensor.channels), 1)
+        if np.any(sigma > _LARGEST_NOISE):
+            raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
         axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
         found[number] = [

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.audit.printed import check_units, find_table
+from hil.audit.printed import check_sizes, check_units, find_table
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.collects_table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
@@ -104,6 +104,8 @@ def _read(path: Path) -> dict[tuple[float, str], _Cell]:
     table.require(_COLUMNS)
     check_units(table)
     temperatures, means, sigmas = (table.numbers(name, required=True) for name in _COLUMNS[:1] + _COLUMNS[2:4])
+    for name, values in (("mean_printed", means), ("sigma_printed", sigmas)):
+        check_sizes(table, name, values)
     counts = _counts(table)
     flags = table.texts("flag") if "flag" in table.header else [""] * len(table)
     cells: dict[tuple[float, str], _Cell] = {}

@@ -2,7 +2,7 @@
 
 Table 1 has one line per temperature and parameter (`parameter`, `mean_printed`, `sigma_printed`, `n_stated`, and
 `temperature_F` or `temperature_C`). Table A-1 has one line per run with the seven biases `A27_printed` … `A33_printed`.
-Other columns are not looked at: an audit trusts the digits, not what somebody has already concluded from them.
+Of the others only `unit` is looked at: an audit trusts the digits, not what somebody has already concluded from them.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from hil.campaign import FloatArray
 from hil.collects_table import Table
 from hil.config.files import config_folders
 from hil.errors import InputError
@@ -22,6 +25,7 @@ SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 
 _PARAMETER = re.compile(r"(MUA|MUB)(\d*)(?:_matrix)?|(BA|BB)(\d*)_(matrix|collins)")
 _UNITS = {"", "deg/h", "deg/h/g", "°/h", "°/h/g"}
+_LARGEST = 1e9  # deg/hr
 _TEMPERATURES = {
     "temperature_F": "degF",
     "temperature_degF": "degF",
@@ -170,8 +174,14 @@ def check_units(table: Table) -> None:
             raise table.complaint(line, "unit", f"{unit}: biases in deg/hr and MU in deg/hr/g are needed; convert them")
 
 
+def check_sizes(table: Table, column: str, values: FloatArray) -> None:
+    """Refuse a number that no table prints: an exponent slipped in."""
+    for line in np.flatnonzero(np.abs(values) > _LARGEST):
+        raise table.complaint(int(line), column, f"{values[line]:g} deg/hr cannot be")
+
+
 def _cells(table: Table, column: str, what: str, *, required: bool = True) -> list[Cell]:
-    table.numbers(column, required=required)  # refuses what is no number, naming the cell
+    check_sizes(table, column, table.numbers(column, required=required))
     return [Cell(text, row, column, what) for text, row in zip(table.texts(column), table.rows, strict=True)]
 
 

@@ -26,7 +26,7 @@ from hil.thermal.estimate import Estimates, Layout, estimate, repeatability
 from hil.thermal.forms import MONOTONE, monotone
 from hil.thermal.improvement import Improvement, improvement, nested_errors
 from hil.thermal.noise import RateNoise, rate_noise
-from hil.thermal.stations import APART_DEGC, Stations, find_stations
+from hil.thermal.stations import APART_DEGC, Stations, find_stations, refuse_impossible
 
 HIGHEST_ORDER = 5
 _RARE, _CHANGED = 0.4, 0.05
@@ -237,6 +237,7 @@ def _choices(
 
 def _layout(number: int, collects: Collects, model_name: str | None, apart_degC: float) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which not every parameter can be told are left out."""
+    refuse_impossible(collects)
     conditions = collects.conditions
     temperature = conditions.columns.get("temperature_degC")
     notes = []

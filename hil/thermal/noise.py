@@ -13,13 +13,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.campaign import Collects, FloatArray, IntArray, TextArray
-from hil.errors import InputError
 from hil.reconcile.blocks import Block, sensor_blocks
 from hil.reconcile.calibration import is_repeated
 from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid
 
-_LEAST_SE = 1e-12
 _CELLS = 4_000_000  # of the grid's matrices in memory at a time
 
 
@@ -54,15 +52,9 @@ class RateNoise:
 def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs: int) -> RateNoise:
     """Estimate the noise of a sensor's rates beside the columns `free` (n, c, q); channels have noise of their own.
 
-    `repeated_runs` is how many runs there are beyond one per temperature (and direction). Raises `InputError` for a
-    standard error that nothing can have.
+    `repeated_runs` is how many runs there are beyond one per temperature (and direction).
     """
     conditions = collects.conditions
-    stated = collects.rates_se_deg_per_hr
-    certain = np.flatnonzero(np.any((stated > 0.0) & (stated < _LEAST_SE), axis=1))
-    if len(certain):
-        collect = conditions.collect[certain[0]]
-        raise InputError(f"sensor {number}: collect {collect}: a standard error below {_LEAST_SE:g} deg/hr cannot be")
     channels = free.shape[1]
     # A copy of every column for each channel: so no column ties two channels, and each is a block.
     apart = np.concatenate([free * (np.arange(channels) == c)[None, :, None] for c in range(channels)], axis=2)
@@ -74,7 +66,7 @@ def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs:
     if alone:
         white = _levelled(white, blocks, conditions.position)
     rows_left = sum(len(block.y) - block.base.shape[1] for block in blocks)
-    all_stated = all(block.sigma_stated for block in blocks)
+    stated = all(block.sigma_stated for block in blocks)
     return RateNoise(
         row=np.concatenate([block.rows for block in blocks]),
         channel=np.concatenate([block.channel for block in blocks]),
@@ -82,8 +74,8 @@ def rate_noise(number: int, collects: Collects, free: FloatArray, repeated_runs:
         run=block_diag(*(run[0] for _, run in parts)),
         rows_left=max(rows_left - repeated_runs * channels, 0),
         runs_left=repeated_runs,
-        stated=all_stated and rows_left <= 0,
-        known=all_stated or rows_left > 0,
+        stated=stated and rows_left <= 0,
+        known=stated or rows_left > 0,
     )
 
 

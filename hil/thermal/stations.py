@@ -7,13 +7,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.errors import InputError
 
 APART_DEGC = 4.0
 """How far apart two temperatures are at least, so that they count as two."""
 
-_LONGEST_S = 1e12
+_MOST = 1e12
+_LEAST_SE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,8 @@ def find_stations(conditions: Conditions, apart_degC: float = APART_DEGC) -> Sta
     """Group rows by temperature: a step of more than `apart_degC` begins a new one.
 
     A group that is wider (a slow drift instead of setpoints) is cut into equal parts no wider than that. Raises
-    `InputError` where the rows have no temperature, or a time that no campaign reaches.
+    `InputError` where the rows have no temperature.
     """
-    late = np.flatnonzero(np.abs(conditions.start_s) > _LONGEST_S)
-    if len(late):
-        collect, start_s = conditions.collect[late[0]], conditions.start_s[late[0]]
-        raise InputError(f"sensor {conditions.sensor.number}: collect {collect}: start_s {start_s:g} s cannot be")
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         what = "lacks the column temperature_degC" if temperature is None else "has rows without temperature_degC"
@@ -59,6 +56,24 @@ def find_stations(conditions: Conditions, apart_degC: float = APART_DEGC) -> Sta
     _, number = np.unique(number, return_inverse=True)
     centre = np.array([np.mean(temperature[number == place]) for place in range(number.max() + 1)])
     return Stations(number, centre, _directions(conditions, number))
+
+
+def refuse_impossible(collects: Collects) -> None:
+    """Raise `InputError` for numbers that no bench gives and arithmetic does not bear, naming the collect."""
+    conditions, se = collects.conditions, collects.rates_se_deg_per_hr
+    large = {
+        "start_s": conditions.start_s[:, None],
+        "a rate": collects.rates_deg_per_hr,
+        "a standard error": se,
+        "an earth rate": conditions.w_deg_per_hr,
+    }
+    found = [(what, np.any(np.abs(values) > _MOST, axis=1), f"above {_MOST:g}") for what, values in large.items()]
+    found.append(("a standard error", np.any((se > 0.0) & (se < _LEAST_SE), axis=1), f"below {_LEAST_SE:g} deg/hr"))
+    for what, rows, how in found:
+        for row in np.flatnonzero(rows)[:1]:
+            raise InputError(
+                f"sensor {conditions.sensor.number}: collect {conditions.collect[row]}: {what} {how} cannot be"
+            )
 
 
 def _edges(rising: FloatArray, apart_degC: float) -> FloatArray:

@@ -22,6 +22,8 @@ from hil.campaign import Campaign
 from hil.campaign_reader import read_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
+from hil.config.sweep import parse_sweep
+from hil.errors import InputError
 
 FEW = Asked(draws=2000)
 
@@ -63,6 +65,14 @@ def test_before_a_night_sizes_come_from_the_files_and_say_so() -> None:
         next(e for e in x if e["id"] == "heading")["parameters"]["MUB"] for x in (small, sensor["sources"])
     )
     assert after["analytic"] == pytest.approx(4.0 * before["analytic"], rel=0.05)
+
+
+def test_a_collect_too_short_to_average_anything_is_refused() -> None:
+    """A slip of the pen in the sweep: the file and the key are named."""
+    sweep = yaml.safe_load(load_sweep("rd-gc-86-1").text)
+    sweep["collect"]["duration"] = "1e-320 s"
+    with pytest.raises(InputError, match="averages no noise"):
+        planned_scenes(parse_sweep(yaml.safe_dump(sweep), "slip.yaml"), load_bench("simulated"))
 
 
 def test_the_default_noise_is_that_of_the_reports_quiet_cells() -> None:
