@@ -26,7 +26,7 @@ _FEWEST = 16  # samples (or blocks) below which nothing is asked
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
 _FEWEST_BESIDE = 6  # ordinates on a side below which nothing is asked: a tone has at least so many cycles in a collect
-_BURST = 3.0  # standard deviations from the middle beyond which a block counts no more
+_BURST = 2.5  # standard deviations from the middle beyond which a block counts no more
 _RATE = "deg/hr"
 
 
@@ -44,7 +44,7 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     """Return index, coefficient and p-value of the candidate, of (n, k), that explains most beside `nuisance` (n, m).
 
     The p-value is the F test's, with residual variance widened by positive lag-1 correlation, times k. What stands out
-    of the middle by more than three standard deviations counts as three: one burst is no settling and no step.
+    of the middle by more than two and a half standard deviations counts as that: one burst is no settling and no step.
     """
     basis, _ = np.linalg.qr(nuisance)
     plain = rates - basis @ (basis.T @ rates)
