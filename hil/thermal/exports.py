@@ -65,6 +65,10 @@ def bias_polynomials(fit: SensorFit) -> BiasPolynomials:
                 f"{each.name}: {each.form} is what the data ask for; the best these files hold is {name}, held-out "
                 f"error {each.choice.errors[name]:.3g} instead of {each.choice.errors[each.form]:.3g} deg/hr"
             )
+        if each.finding == "undescribed":
+            notes.append(f"{each.name}: differs between temperatures, and no form describes how; {name} is held here")
+        elif each.finding == "modelled" and not each.is_confirmed:
+            notes.append(f"{each.name}: temperatures that did not choose its form do not confirm it")
     low, high = fit.range_degC
     return BiasPolynomials(np.array(rows), fit.layout.middle_degC, (low, high), tuple(errors), tuple(notes))
 

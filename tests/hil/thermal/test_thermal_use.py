@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -219,3 +220,18 @@ def test_table_1s_steepest_segment_is_that_of_the_soaks_bound(reference: Path) -
     assert np.max(list(slopes.values())) == slopes["BB2_matrix"][1] == pytest.approx(1.848, abs=1e-3)
     assert slopes["BB2_matrix"][0] == pytest.approx(1.57, abs=0.01)
     assert 1.5 * slopes["BB2_matrix"][1] * 0.19 * 2.0 == pytest.approx(1.05, abs=0.01)
+
+
+def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> None:
+    """A confirmed bias has no remark; one that no form describes, and one that nothing confirms, have one each."""
+    assert "confirm" not in px4_parameters(triad)
+    assert "no form describes" not in ardupilot_parameters(triad)
+    jagged = {"BX": lambda t: 40.0 * (np.abs(t - 23.4) < 4.0)}
+    four = np.isin(np.arange(96) // 12, (0, 3, 5, 7))
+    rotating = triad_night(np.random.default_rng(21), {**jagged, "BY": lambda t: 200.0 * scaled(t)})
+    text = px4_parameters(fit_thermal(rotating).sensors[1])
+    assert "# BX: differs between temperatures, and no form describes how; constant is held here" in text
+    few = replace(rotating, sensors={1: rotating.sensors[1].rows(four)})
+    assert "# BY: temperatures that did not choose its form do not confirm it" in ardupilot_parameters(
+        fit_thermal(few).sensors[1]
+    )
