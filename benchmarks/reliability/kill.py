@@ -39,10 +39,15 @@ _NEVER_RECORDED = "-shm"  # SQLite's index of its log: mapped memory, made anew 
 
 @dataclass
 class Findings:
-    """What a campaign of kills found."""
+    """What a campaign of kills found.
+
+    `outlived` counts nights that were over before their kill: the heartbeat is written by the wall clock, so that a
+    night on a busier machine has some operations more.
+    """
 
     kind: str
     kills: int = 0
+    outlived: int = 0
     resumed: int = 0
     states: int = 0
     operations: int = 0
@@ -83,14 +88,14 @@ class Killer:
         for point in chosen:
             with self._root() as root:
                 trace = traced(self._mutated(nights.begin, root), root, kill_at=point)
-                self._killed(trace, findings)
+                self._killed(trace, point, findings)
                 self._judge(root, f"killed before {self.trace.operations[point]}", findings)
 
     def twice(self, chosen: Sequence[int], findings: Findings, draw: random.Random) -> None:
         """Kill before each of the chosen operations, and again at a random operation of the resume."""
         for point in chosen:
             with self._root() as root:
-                self._killed(traced(self._mutated(nights.begin, root), root, kill_at=point), findings)
+                self._killed(traced(self._mutated(nights.begin, root), root, kill_at=point), point, findings)
                 second = draw.randrange(len(self.trace.operations))
                 trace = traced(self._mutated(nights.carry_on, root), root, kill_at=second)
                 what = f"killed before {self.trace.operations[point]}, and at operation {second} of the resume"
@@ -127,7 +132,10 @@ class Killer:
                 findings.kills += 1
                 self._judge(root, f"power lost at operation {point} ({seed})", findings, log)
 
-    def _killed(self, trace: Trace, findings: Findings) -> None:
+    def _killed(self, trace: Trace, point: int, findings: Findings) -> None:
+        if trace.status == 0 and len(trace.operations) <= point:
+            findings.outlived += 1
+            return
         findings.kills += 1
         if trace.status != -signal.SIGKILL:
             findings.problems.append(f"the child was to be killed, and ended with status {trace.status}")

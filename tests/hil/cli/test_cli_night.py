@@ -119,7 +119,6 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
         "eta_utc": "2026-03-01T05:59:43.559+00:00",
         "missing": ["self-calibration 1 at 23.0 °C: all of it"],
         "problems": [],
-        "problems": [],
     }
     monkeypatch.setattr("hil.status.night_status", lambda _folder: told)
     running = hil("status", tmp_path)

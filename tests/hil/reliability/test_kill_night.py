@@ -42,7 +42,8 @@ def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_
     """SIGKILL before every system call that changes a file; each state of journal and files is carried on once."""
     found = campaign("points", "--only-new", "--part", part)
     assert found["problems"] == []
-    assert found["kills"] >= found["operations"] // 3 > 100
+    assert found["kills"] + found["outlived"] >= found["operations"] // 3 > 100
+    assert found["outlived"] < found["operations"] // 50
     assert found["resumed"] > 20
 
 
@@ -50,7 +51,7 @@ def test_a_resume_that_is_killed_as_well_is_carried_on_too() -> None:
     """Killed twice, at places that the seed draws."""
     found = campaign("twice", "--take", "6", "--seed", "3")
     assert found["problems"] == []
-    assert found["kills"] == 6
+    assert found["kills"] + found["outlived"] == 6
 
 
 def test_a_night_killed_at_random_instants_is_carried_on() -> None:
