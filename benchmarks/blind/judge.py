@@ -67,6 +67,24 @@ def ninety_percent_set(document: dict[str, Any]) -> set[str]:
     return chosen
 
 
+def ninety_percent_classes(document: dict[str, Any]) -> list[list[str]]:
+    """The same with names that these collects cannot part (overlap above .95 with the first) as one class."""
+    if not document["effects"]:
+        return []
+    effect = document["effects"][0]
+    same = [r for r in effect["confusable_with"] if r.get("overlap", 0.0) > _SAME]
+    first = [effect["id"], *(r["id"] for r in same)]
+    classes = [(effect["probability"] + sum(r["probability"] for r in same), first)]
+    classes += [(r["probability"], [r["id"]]) for r in effect["confusable_with"] if r["id"] not in first]
+    chosen, total = [], 0.0
+    for probability, names in sorted(classes, reverse=True):
+        chosen.append(names)
+        total += probability
+        if total >= 0.9:
+            break
+    return chosen
+
+
 def places_f1(document: dict[str, Any], case: Case, job: Job) -> dict[str, float]:
     """F1 of the places called disagreeing, against where the hidden terms are above 30 % of their largest.
 

@@ -31,6 +31,7 @@ from benchmarks.blind.judge import (
     confidently_wrong,
     first_is_right,
     follow_up,
+    ninety_percent_classes,
     ninety_percent_set,
     oracle_gap,
     places_f1,
@@ -86,6 +87,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "empirical": document["verdict"] == "empirical",
         "stated": stated(document, job.hidden),
         "set": sorted(ninety_percent_set(document)),
+        "classes": ninety_percent_classes(document),
         "gap_ratio": _ratio(document),
         "worse": gap["after"] > gap["before"] * 1.001,
         "places": document.get("places"),
@@ -135,7 +137,11 @@ def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
     sets = [o for o in named if o["set"]]
     if sets:
         lines.append(f"\n90 % sets hold the truth: {share(set(o['hidden']) <= set(o['set']) for o in sets)}")
-        lines[-1] += f", mean size {np.mean([len(o['set']) for o in sets]):.2f}"
+        lines[-1] += f", mean size {np.mean([len(o['set']) for o in sets]):.2f} names"
+    sets = [o for o in named if o.get("classes")]
+    if sets:
+        held = share(any(o["hidden"][0] in names for names in o["classes"]) for o in sets)
+        lines.append(f"90 % sets of classes hold the truth: {held}, mean size {_mean_size(sets):.2f} classes")
     places = [o["places"] for o in outcomes if o.get("places") and o["effects"]]
     if places:
         means = [f"{reading} {np.mean([p[reading] for p in places]):.2f}" for reading in places[0]]
@@ -150,6 +156,10 @@ def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
         lines[-1] += f"; worse than before in {share(o['worse'] for o in outcomes if o['effects'])}"
     lines.append(f"\nstated {CONFIDENT} or more is right: {share(r for p, r in said if p >= CONFIDENT)}")
     return lines
+
+
+def _mean_size(outcomes: Sequence[dict[str, Any]]) -> float:
+    return float(np.mean([len(o["classes"]) for o in outcomes]))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
