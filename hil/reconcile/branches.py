@@ -82,7 +82,7 @@ class Branch:
         """
         candidates = [step.added.hypothesis.candidate for step in self.steps]
         follow = {c.target or c.name for c in candidates if c.form != "constant" or _TEMPERATURE in c.driver}
-        irregular = any(c.form == "table" or c.name.endswith(f"curve over {_TEMPERATURE}") for c in candidates)
+        irregular = any(c.form == "table" or (c.tier == 2 and _TEMPERATURE in c.driver) for c in candidates)
         return irregular and len(follow) > 1
 
 

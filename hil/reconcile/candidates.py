@@ -158,7 +158,8 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
         return
     reference = float(np.round(np.mean(temperature)))
     for form, values in POWERS.items():
-        if len(centres) >= values + (form == "cubic"):
+        asked = form != "cubic" or plain.name == "bias_T"  # a bias follows temperature as a series in its powers
+        if asked and len(centres) >= values + (form == "cubic"):
             yield _replaced(plain, in_form(plain.columns, conditions, form, reference, ()), form, reference, ())
     if len(centres) > 3:
         yield _replaced(plain, in_form(plain.columns, conditions, "table", None, centres), "table", None, centres)
