@@ -232,7 +232,8 @@ class SimulatedController(ABC):
 
     def _suffer(self, now_s: float) -> None:
         """Let the faults of the chamber happen whose time has come."""
-        for fault in [each for each in self._faults if each.kind not in OF_A_REPLY and each.begins_s <= now_s]:
+        due = [each for each in self._faults if each.kind not in OF_A_REPLY and each.begins_s <= now_s]
+        for fault in sorted(due, key=lambda each: each.begins_s):
             self._faults.remove(fault)
             self._happen(fault)
             self._condition(fault.begins_s)
@@ -256,7 +257,8 @@ class SimulatedController(ABC):
             case ChamberFaultKind.FAHRENHEIT:
                 self.fahrenheit = True
             case ChamberFaultKind.PROGRAM:
-                self.mode = "RUN"
+                if not self._dark(fault.begins_s):
+                    self.mode = "RUN"
             case ChamberFaultKind.SENSOR_FROZEN:
                 self._sensor_degC = self._plant.advance(fault.begins_s)
             case ChamberFaultKind.SENSOR_BROKEN:
@@ -265,6 +267,11 @@ class SimulatedController(ABC):
                 self._plant.go_astray(fault.astray_degC, fault.begins_s)
             case _:
                 self._plant.kill(fault.begins_s)
+
+    def _dark(self, at_s: float) -> bool:
+        """Tell whether its power is gone at that time: nobody starts anything at a panel that is dark."""
+        gone = [each for each in self._going_on if each.kind is ChamberFaultKind.POWER_CYCLE]
+        return any(each.begins_s <= at_s < each.ends_s < math.inf for each in gone)
 
     def _end(self, fault: ChamberFault) -> None:
         """Let a fault of the chamber be over."""

@@ -208,6 +208,15 @@ def test_a_locked_panel_refuses_settings_and_answers_questions() -> None:
     assert _ask(device, b"TEMP?\r\n", 2.0) == b"22.0,25.0,105.0,-75.0\r\n"
 
 
+@pytest.mark.parametrize(("begins_s", "mode"), [(4000.0, "OFF"), (7200.0, "RUN")])
+def test_nobody_starts_a_program_at_a_panel_that_is_dark(begins_s: float, mode: str) -> None:
+    """As long as its power is gone; afterwards it does what the panel says, also where nobody looked meanwhile."""
+    gone = ChamberFault(Fault.POWER_CYCLE, 3600.0, ends_s=7200.0)
+    device = _device(mode="CONSTANT", faults=[ChamberFault(Fault.PROGRAM, begins_s), gone])
+    device.receive(b"", 9000.0)
+    assert device.mode == mode
+
+
 def test_a_power_cycle_switches_it_off_and_loses_setpoint_and_replies() -> None:
     """The air then leaks to ambient."""
     device = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[ChamberFault(Fault.POWER_CYCLE, begins_s=3600.0)])
