@@ -61,6 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
     noise.Drift(),
     noise.Ageing(),
     noise.Jump(),
+    noise.PowerCycleBias(),
     dynamics.IndexSettling(),
     dynamics.SpinSpeed(),
     vibration.VibrationRectification(),

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect, column, per_channel
+from hil.effects.base import (
+    Base,
+    Effect,
+    Parameter,
+    ShapeParameter,
+    VarianceEffect,
+    channel_labels,
+    column,
+    per_channel,
+)
 from hil.effects.history import collect_interval_s, place_in_run
 
 _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _DAY_S = 86400.0
+_FEWEST_CYCLES = 3
 
 
 class Drift(Effect):
@@ -214,6 +225,48 @@ class TurnOnBias(VarianceEffect):
         if np.all(np.isfinite(since)):
             cycle = np.round((conditions.start_s - since) / 60.0)
         return _each_channel(np.equal.outer(cycle, cycle).astype(np.float64), conditions)
+
+
+class PowerCycleBias(Effect):
+    """A bias of its own after each power-on, where several power cycles of several runs each are recorded."""
+
+    id = "turnon"
+    family = "noise"
+    title = "Turn-on bias, one per power cycle"
+    equation = "B of power cycle k = B + b_k"
+    per_channel = True
+    parameters = (
+        Parameter("b", "deg/hr", (1.0, 5.0), {"RLG": (0.001, 0.005), "FOG": (0.1, 1.0), "MEMS": (5.0, 50.0)}),
+    )
+    needs = frozenset({"time_since_power_on_s"})
+    signature = "All positions move together, and stay until the power is cycled; MU not at all."
+    confusable_with = ("bias_T", "rrw", "jump")
+    experiment = "Several power cycles at one temperature."
+
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return how many power cycles there are; none where they are few, or no more than a run or so long."""
+        count = len(np.unique(power_cycles(conditions)))
+        several = _FEWEST_CYCLES <= count <= 0.6 * len(np.unique(conditions.run))
+        return (ShapeParameter("power_cycles", "", (float(count),) if several else ()),)
+
+    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+        """Return b_1_A, b_1_B, b_2_A, …: one per power cycle and channel."""
+        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        cycles = range(1, len(np.unique(power_cycles(conditions))) + 1)
+        return tuple(
+            replace(unit, name=f"b_{cycle}_{label}") for cycle in cycles for label in channel_labels(conditions.sensor)
+        )
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return 1 in the rows of each power cycle, for each channel."""
+        cycle = power_cycles(conditions)
+        return per_channel(np.equal.outer(cycle, np.unique(cycle)).astype(np.float64), conditions.sensor)
+
+
+def power_cycles(conditions: Conditions) -> FloatArray:
+    """Return when each row's power cycle began, in minutes of the campaign, (n,); 0 where no power-on is recorded."""
+    since = column(conditions, "time_since_power_on_s")
+    return np.asarray(np.nan_to_num(np.round((conditions.start_s - since) / 60.0)))
 
 
 class RetainerNoise(VarianceEffect):

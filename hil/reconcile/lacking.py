@@ -14,6 +14,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.effects.catalogue import effect_by_id
+from hil.effects.noise import power_cycles
 from hil.reconcile.blocks import stations
 from hil.reconcile.naming import Naming, Weighed, with_rivals
 
@@ -92,6 +93,12 @@ def _known(values: FloatArray | None) -> bool:
     return values is not None and bool(np.all(np.isfinite(values)))
 
 
+def _cycles_are_setpoints(conditions: Conditions) -> bool:
+    """Whether each power cycle stood at one setpoint, which no other cycle visited."""
+    pairs = set(zip(stations(conditions).tolist(), power_cycles(conditions).tolist(), strict=True))
+    return len(pairs) == len({setpoint for setpoint, _ in pairs}) == len({cycle for _, cycle in pairs})
+
+
 @dataclass(frozen=True)
 class _Unasked:
     """A name beside the leader: what would tell them apart, and how probable it is before the data, the leader's 1."""
@@ -139,6 +146,8 @@ def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
             yield _Unasked(name, effect.title, remedy)
     if candidate.shape.get("runs_held"):
         yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
+    if leader.name == "turnon" and _cycles_are_setpoints(here):
+        yield _Unasked("bias_T", effect_by_id("bias_T").title, "several power cycles at one temperature")
     zone = _zone(candidate.columns, here) if leader.name == "jump" else ""
     if zone:
         title = f"Bias follows {zone.removeprefix('B × ')}"

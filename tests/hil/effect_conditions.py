@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,13 @@ POSITIONS = {**RD_GC_86_1_SENSOR_2, "4": Orientation.from_signed_axes("4", "-3",
 LEVEL = (1.0, 0.0, 0.0)
 W = (8.54, 10.7, 6.2)
 TEMPERATURES = (-29.7, -14.4, -6.8, 6.3, 23.4, 37.8, 48.9, 60.0)
+
+
+def power_cycled(conditions: Conditions) -> Conditions:
+    """The same collects with the power taken away before each change of the chamber's temperature."""
+    plateau = conditions.columns["chamber_degC"]
+    first = np.array([conditions.start_s[plateau == t].min() for t in plateau])
+    return replace(conditions, columns={**conditions.columns, "time_since_power_on_s": conditions.start_s - first})
 
 
 def campaign(

@@ -19,7 +19,7 @@ from hil.effects.history import joined
 from hil.equation import pickoff_rates, rotor_matrix
 from hil.errors import InputError
 from hil.model import Model, Term, built_in_model, load_model, save_model
-from tests.hil.effect_conditions import ROTOR, TERMS, TRIAD, campaign, one_run, triad_poses
+from tests.hil.effect_conditions import ROTOR, TERMS, TRIAD, campaign, one_run, power_cycled, triad_poses
 
 UNITS = {"BA": "deg/hr", "BB": "deg/hr"}
 
@@ -348,6 +348,8 @@ def test_the_example_of_the_reference_page_is_a_model(tmp_path: Path) -> None:
 def test_every_effect_can_be_a_term_and_comes_out_the_same_in_pieces(effect: Effect, tmp_path: Path) -> None:
     """Typical sizes in a model file: finite, not nothing, and collect by collect with its history as all at once."""
     conditions = campaign(("1", "3", "2", "4"), temperatures=(10.0, 40.0, -20.0), runs_each=2, g=(0.99, 0.05, -0.02))
+    if effect.id == "turnon":  # asked about only where the power was cycled
+        conditions = power_cycled(conditions)
     values = {p.name: {"unit": p.unit, "value": p.size} for p in effect.parameters_for(conditions)}
     shape = dict(effect.shape_grid(conditions)[-1])
     simulated = model(

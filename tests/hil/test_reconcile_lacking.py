@@ -168,3 +168,29 @@ def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
     assert result.next_experiment is not None
     assert "Collect" not in result.next_experiment.get("what", "")
     assert "upside down" not in result.next_experiment.get("what", "")
+
+
+def power_cycled(temperatures_per_cycle: int) -> Campaign:
+    """A bias of its own after each power-on, every so many temperatures, with the clock since power-on recorded."""
+    cycle_of_run = (np.arange(17) - 1) // (2 * temperatures_per_cycle)
+    levels = 9.0 * np.random.default_rng(5).normal(size=(17, 2))
+    campaign = hidden_campaign(7, lambda rows: levels[cycle_of_run[rows.run]], thermal=False)
+    known = campaign.sensors[2].conditions
+    first = [known.start_s[cycle_of_run[known.run] == c].min() for c in cycle_of_run[known.run]]
+    return with_columns(campaign, time_since_power_on_s=known.start_s - np.array(first))
+
+
+def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
+    """Two temperatures in each cycle: what changes is the cycle, not the temperature."""
+    result = reconcile(power_cycled(2), "matrix-6", draws=DRAWS, prove=False)
+    assert [effect.id for effect in result.effects] == ["turnon"]
+    assert result.verdict == "named"
+
+
+def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> None:
+    """One cycle at each: ambiguous with bias_T, and several cycles at one temperature are to be measured."""
+    result = reconcile(power_cycled(1), "matrix-6", draws=DRAWS, prove=False)
+    assert result.verdict == "ambiguous"
+    assert {"turnon", "bias_T"} <= names(result)
+    assert result.next_experiment is not None
+    assert "power cycles" in result.next_experiment["why"]
