@@ -42,13 +42,14 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     """The result in a screenful."""
     mark = "  SIMULATED" if document["simulated"] else ""
     yield f"{document['campaign']}, model {document['model_before']}{mark}"
-    yield f"\nverdict: {document['verdict']} (calibration: {document['calibration']})"
+    how = "" if document["calibration"] == "one set" else " (the model calibrated at each temperature)"
+    yield f"\nverdict: {document['verdict']}{how}"
     for each in document["disagreements"][:5]:
         where = ", ".join(f"{name} {value}" for name, value in each["where"].items() if value not in (None, [], ""))
         yield f"  {each['size_deg_per_hr']:+.2f} ± {each['se_deg_per_hr']:.2f} deg/hr  {where}"
     for effect in document["effects"]:
         yield f"\n{effect['id']}: {effect['title']}, probability {effect['probability']:.2f}"
-        yield f"  {effect['equation']}"
+        yield f"  {effect['equation']}{', ' * bool(effect['shape_in_words'])}{effect['shape_in_words']}"
         yield from _values(effect["parameters"])
         for rival in effect["confusable_with"][:4]:
             yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}"

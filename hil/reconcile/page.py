@@ -63,7 +63,8 @@ def summary(result: Reconciliation) -> list[str]:
     said = []
     for effect in result.effects:
         alike = [rival.id for rival in effect.confusable_with if rival.overlap > 0.95]
-        sentence = f"{effect.title} ({effect.id}) is missing from {result.model_before}"
+        when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
+        sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"
         if effect.kind == "ambiguous" and alike:
             sentence += f", or {' or '.join(alike[:3])}: in these collects they look the same"
         elif effect.kind == "ambiguous":

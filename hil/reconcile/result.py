@@ -52,6 +52,13 @@ class Rival:
         return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
 
 
+_SHAPES = {
+    "tau_min": "time constant {:g} min",
+    "tau_s": "time constant {:g} s",
+    "half_width_degC": "half width {:g} °C",
+}
+
+
 @dataclass(frozen=True)
 class FoundEffect:
     """One effect that was added: its name, fitted parameters, stated probability and rivals.
@@ -72,6 +79,14 @@ class FoundEffect:
     experiment: str = ""
     inside_collects: bool = False
 
+    @property
+    def shape_in_words(self) -> str:
+        """From which run a step holds, or what time constant or width fits best; empty where there is none."""
+        run = self.shape.get("from_run")
+        if run is not None:
+            return f"in run {run:g} alone" if self.shape.get("runs_held") else f"from run {run:g} on"
+        return ", ".join(text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape)
+
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
         return {
@@ -80,6 +95,7 @@ class FoundEffect:
             "equation": self.equation,
             "parameters": [dict(parameter) for parameter in self.parameters],
             "shape": dict(self.shape),
+            "shape_in_words": self.shape_in_words,
             "sensors": list(self.sensors),
             "kind": self.kind,
             "inside_collects": self.inside_collects,

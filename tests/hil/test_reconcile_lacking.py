@@ -158,6 +158,7 @@ def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
     )
     assert [effect.id for effect in result.effects] == ["jump"]
     assert result.verdict == "named"
+    assert result.effects[0].shape_in_words == "from run 8 on"
 
 
 def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
