@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import beta
@@ -13,6 +13,7 @@ from benchmarks.blind.cases import Case, base_columns, noise_covariance
 from benchmarks.blind.jobs import Job
 
 CONFIDENT = 0.8
+Name = TypeVar("Name", str, list[str])
 _SAME = 0.95
 
 
@@ -58,13 +59,7 @@ def ninety_percent_set(document: dict[str, Any]) -> set[str]:
         return set()
     effect = document["effects"][0]
     names = [(effect["probability"], effect["id"])] + [(r["probability"], r["id"]) for r in effect["confusable_with"]]
-    chosen, total = set(), 0.0
-    for probability, name in sorted(names, reverse=True):
-        chosen.add(name)
-        total += probability
-        if total >= 0.9:
-            break
-    return chosen
+    return set(_most_probable(names))
 
 
 def ninety_percent_classes(document: dict[str, Any]) -> list[list[str]]:
@@ -76,9 +71,14 @@ def ninety_percent_classes(document: dict[str, Any]) -> list[list[str]]:
     first = [effect["id"], *(r["id"] for r in same)]
     classes = [(effect["probability"] + sum(r["probability"] for r in same), first)]
     classes += [(r["probability"], [r["id"]]) for r in effect["confusable_with"] if r["id"] not in first]
+    return _most_probable(classes)
+
+
+def _most_probable(weighed: list[tuple[float, Name]]) -> list[Name]:
+    """The fewest that together reach 90 %."""
     chosen, total = [], 0.0
-    for probability, names in sorted(classes, reverse=True):
-        chosen.append(names)
+    for probability, one in sorted(weighed, reverse=True):
+        chosen.append(one)
         total += probability
         if total >= 0.9:
             break
