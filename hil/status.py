@@ -62,6 +62,13 @@ class _Facts:
         return cls(journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat)
 
     @property
+    def held_by_another(self) -> bool:
+        """Whether who holds the folder is not the newest controller: it has ended or died, and its watchdog acts."""
+        if self.owner is None or self.controller is None or not self.owner.pid:
+            return False
+        return self.controller.ended is not None or self.owner.pid != self.controller.pid
+
+    @property
     def silence(self) -> str:
         """For how long the living controller has shown no sign of life, in words; empty where it is not too long."""
         now = SystemClock().utc()
@@ -104,8 +111,14 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "readings": dict(heartbeat.readings) if heartbeat else {},
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
-        "problems": [*([facts.changed] if facts.changed else []), *map(str, facts.lost)],
+        "problems": [*([facts.changed] if facts.changed else []), *map(str, facts.lost), *_unsafe(facts)],
     }
+
+
+def _unsafe(facts: _Facts) -> list[str]:
+    """What the chamber's safe state still waits for, where it was not reached."""
+    event = facts.journal.standing("safe-state-not-reached", "safe-state")
+    return [] if event is None else [f"THE CHAMBER IS NOT SAFE: {event.message}; go to the chamber"]
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
@@ -139,17 +152,18 @@ def _state(facts: _Facts) -> tuple[str, str]:
         if lost:
             return "incomplete", f"every planned step was done, but the samples of {lost} collects are lost"
         return "complete", "every planned step is done"
-    if facts.owner is not None:
+    if facts.owner is not None and not facts.held_by_another:
         if facts.silence:
             return "incomplete", f"the controller ({facts.owner}) is there, but {facts.silence}"
         paused = facts.journal.standing("pause", "continue")
         return ("paused", paused.message) if paused else ("running", "")
     if facts.controller is None:
         return "incomplete", "it has not begun"
+    beside = f"; {facts.owner} is at work here, its watchdog or who resumes it" if facts.owner else ""
     if facts.controller.ended is None:
-        return "incomplete", "the controller was killed, or lost its power"
+        return "incomplete", f"the controller was killed, or lost its power{beside}"
     ending, _, reason = facts.controller.ended.partition(": ")
-    return (ending if ending in {"aborted", "failed"} else "incomplete"), reason or ending
+    return (ending if ending in {"aborted", "failed"} else "incomplete"), (reason or ending) + beside
 
 
 def _present(facts: _Facts) -> Attempt | None:

@@ -12,6 +12,7 @@ import pytest
 from drivers.clock import SystemClock, VirtualClock
 from hil.errors import InputError
 from hil.journal import JOURNAL_NAME, SqliteJournal
+from hil.lock import FolderLock
 from hil.status import STALE_AFTER_S, night_status
 from procedures.journal import Outcome, StepResult
 from procedures.plan import Plan
@@ -94,6 +95,20 @@ def test_how_the_last_controller_ended_is_the_state_of_an_unfinished_night(
         journal.finish(ending)
     status = night_status(new_night)
     assert (status["state"], status["reason"]) == (state, reason)
+
+
+def test_a_watchdog_at_work_is_no_running_night(new_night: Path, clock: VirtualClock) -> None:
+    """The controller failed and left its chamber unsafe; its watchdog holds the folder: failed, and not safe."""
+    with SqliteJournal.open(new_night, clock=clock) as journal:
+        journal.event("safe-state-not-reached", "the chamber does not answer")
+        journal.finish("failed: chamber-lost: no answer")
+    with FolderLock(new_night).acquire():
+        status = night_status(new_night)
+    assert status["state"] == "failed"
+    assert status["reason"].startswith("chamber-lost: no answer; ")
+    assert "is at work here" in status["reason"]
+    assert status["problems"] == ["THE CHAMBER IS NOT SAFE: the chamber does not answer; go to the chamber"]
+    assert status["eta_utc"] is None
 
 
 def test_a_night_that_nobody_began_is_incomplete(new_night: Path, plan: Plan) -> None:
