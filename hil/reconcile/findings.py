@@ -169,26 +169,21 @@ def swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
 
 
 def exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
-    """Return where exchanged labels showed, with what the first channel moves when they are put right."""
+    """Return where exchanged labels showed: by how much each channel's rate moves when they are put right."""
     out = []
     for e in found:
-        channel = next(iter(campaign.sensors[e.sensor].conditions.sensor.channels))
-        for position in e.positions:
-            where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
-            out.append(Disagreement(where, _move(e, position, campaign), 0.0, float(np.exp(-e.gain))))
-    return out
-
-
-def _move(exchange: Exchange, position: str, campaign: Campaign) -> float:
-    """By how much the first channel's rate at a position moves when the exchange is undone, deg/hr."""
-    collects = campaign.sensors[exchange.sensor]
-    conditions = collects.conditions
-    rates = {
-        label: collects.rates_deg_per_hr[(conditions.run == exchange.run) & (conditions.position == label), 0][0]
-        for label in exchange.positions
-    }
-    other = next(label for label in exchange.positions if label != position)
-    return float(np.nan_to_num(rates[position] - rates[other]))
+        collects = campaign.sensors[e.sensor]
+        conditions = collects.conditions
+        here, there = (
+            int(np.flatnonzero((conditions.run == e.run) & (conditions.position == label))[0]) for label in e.positions
+        )
+        moves = np.nan_to_num(collects.rates_deg_per_hr[here] - collects.rates_deg_per_hr[there])
+        errors = np.hypot(*np.nan_to_num(collects.rates_se_deg_per_hr[[here, there]]))
+        for channel, move, error in zip(conditions.sensor.channels, moves, errors, strict=True):
+            for position, sign in zip(e.positions, (1.0, -1.0), strict=True):
+                where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
+                out.append(Disagreement(where, sign * float(move), float(error), float(np.exp(-e.gain))))
+    return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
 
 
 def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campaign: Campaign) -> Model:

@@ -30,6 +30,7 @@ _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
 """Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
+_LEADS = 1.5
 _UNLISTED = frozenset({"ageing"})
 """Names that the published list of effects has not: they lead where nothing of it explains as much."""
 _INCIDENTAL = frozenset(
@@ -156,7 +157,9 @@ def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Nami
 
 
 def _standing(name: str) -> float:
-    if name in _OUTSIDE_CAUSES or name in _UNLISTED:
+    if name in _UNLISTED:
+        return 1.0 / _LEADS
+    if name in _OUTSIDE_CAUSES:
         return 1.0 / _STANDARD
     return _STANDARD if name in _STANDARD_TERMS else 1.0
 
