@@ -219,7 +219,7 @@ class Watchdog:
             return Watched(message, 1 if problem else 3)
 
     def _make_safe(self, why: str) -> str:
-        """Try for minutes; return why the safe state was not reached, or nothing."""
+        """Try for minutes, or until it is told to end; return why the safe state was not reached, or nothing."""
         self._say(f"{why}; the chamber is being brought to its safe state")
         until_s = self._clock.now() + self._patience.safe_state_s
         while True:
@@ -232,7 +232,7 @@ class Watchdog:
             else:
                 return ""
             self._say(f"not yet: {problem}")
-            if self._clock.now() >= until_s:
+            if self._clock.now() >= until_s or self._stop.requested:
                 return problem
             self._clock.sleep(self._patience.retry_s)
 

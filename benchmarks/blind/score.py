@@ -133,7 +133,7 @@ def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
         inside = [(p, right) for p, right in said if low <= p < high]
         mean = f", mean {np.mean([p for p, _ in inside]):.2f}" if inside else ""
         lines.append(f"| {low:g} to {min(high, 1.0):g}{mean} | {len(inside)} | {share(r for _, r in inside)} |")
-    named = [o for o in outcomes if len(o["hidden"]) == 1 and o["row"].startswith(("one effect", "MU", "earth"))]
+    named = [o for o in outcomes if len(o["hidden"]) == 1 and o["row"].startswith(("one effect", "MU,", "earth"))]
     sets = [o for o in named if o["set"]]
     if sets:
         lines.append(f"\n90 % sets hold the truth: {share(set(o['hidden']) <= set(o['set']) for o in sets)}")

@@ -60,6 +60,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
         return Exit.DONE
     except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
         return _say(f"the journal: {error}", Exit.FAILED)
+    except sqlite3.DatabaseError as error:
+        return _say(f"the journal is damaged ({error}); hil verify says how far", Exit.BAD_INPUT)
     except OSError as error:
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", Exit.FAILED)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory

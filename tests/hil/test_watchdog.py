@@ -18,17 +18,18 @@ import pytest
 import yaml
 
 from drivers.clock import SystemClock, VirtualClock
+from drivers.errors import DeviceError
 from hil.bench import open_chamber
 from hil.bench_lock import bench_lock
 from hil.cli.watchdog import WatchdogBeside
-from hil.config import Bench, load_bench, load_sweep, parse_bench
+from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
 from hil.control import request
 from hil.errors import InputError
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.journal_records import Night
-from hil.lock import LOCK_NAME, Owner, process_start
+from hil.lock import LOCK_NAME, FolderLock, Owner, process_start
 from hil.night import start_night
 from hil.simulate import Simulation, client_bench, served
 from hil.status import night_status
@@ -36,6 +37,7 @@ from hil.watchdog import Patience, Watchdog, Watched
 from procedures.control import RequestKind
 from procedures.plan import make_plan
 from procedures.progress import Snapshot
+from procedures.stop import StopRequest
 
 SWEEP = """
 title: A soak that outlasts the test
@@ -377,6 +379,34 @@ def test_a_watchdog_that_died_is_replaced(
     clock.sleep(59.0)
     beside.update(snapshot)
     assert len(Started.every) == 2
+
+
+def test_a_watchdog_that_is_told_to_end_does_not_try_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chamber that does not answer is tried once more at most, and the folder's lock is given back."""
+
+    def deaf(*_arguments: object) -> None:
+        raise DeviceError("no answer")
+
+    monkeypatch.setattr("hil.watchdog.open_chamber", deaf)
+    bench, clock, stop = load_bench("simulated"), VirtualClock(), StopRequest()
+    night = start_night(tmp_path / "night", parse_sweep(SWEEP, "sweep.yaml"), bench, who="rk").folder
+    with SqliteJournal.open(night, clock=clock) as journal:
+        journal.event("safe-state-not-reached", "no answer")
+        journal.finish("failed: chamber-lost: no answer")
+    said: list[str] = []
+
+    def say(words: str) -> None:
+        said.append(words)
+        if words.startswith("not yet"):
+            stop.request("stopped by SIGTERM")
+
+    began_s = clock.now()
+    watched = Watchdog(night, bench, say=say, stop=stop, clock=clock).run()
+    assert watched.exit_status == 1
+    assert "GO TO THE CHAMBER" in watched.message
+    assert clock.now() - began_s < Patience().retry_s
+    assert [words for words in said if words.startswith("not yet")] == ["not yet: no answer"]
+    FolderLock(night).acquire().release()
 
 
 def test_an_owner_is_told_from_another_process_with_its_number() -> None:

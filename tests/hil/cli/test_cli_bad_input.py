@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
+from hil.cli.ending import run_to_exit
 from hil.config import find_config
 from hil.journal import SqliteJournal
 
@@ -113,3 +114,15 @@ def test_a_disk_without_room_for_the_journal_is_one_sentence(
     out = tmp_path / "night"
     refused(hil("run", "quick", "--bench", "simulated", "--out", out), str(out), "disk is full")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_journal_that_cannot_be_read_is_bad_input_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    """Bytes gone wrong in the middle of the file are no defect of the program."""
+
+    def malformed() -> None:
+        raise sqlite3.DatabaseError("database disk image is malformed")
+
+    assert run_to_exit(malformed) == 2
+    assert capsys.readouterr().err == (
+        "hil: the journal is damaged (database disk image is malformed); hil verify says how far\n"
+    )
