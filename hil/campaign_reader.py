@@ -21,7 +21,7 @@ import pyarrow.parquet
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign_header import Header, read_header
 from hil.campaign_warnings import F_LIMITS_G, suspicions
-from hil.collects_table import Table, rows_in_words
+from hil.collects_table import LARGEST, Table, rows_in_words
 from hil.errors import InputError
 
 HEADER_FILE = "campaign.yaml"
@@ -283,8 +283,8 @@ def _finite(path: Path, table: pa.Table) -> dict[str, FloatArray]:
         if not (pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)):
             raise InputError(f"{path}, column {name}: it does not hold numbers")
         values = np.asarray(table[name].cast(pa.float64()).to_numpy(), dtype=np.float64)
-        if np.any(np.isinf(values)):
-            row = int(np.flatnonzero(np.isinf(values))[0]) + 2
-            raise InputError(f"{path}, row {row}, column {name}: the value is not finite")
+        if np.any(np.abs(values) > LARGEST):
+            row = int(np.flatnonzero(np.abs(values) > LARGEST)[0]) + 2
+            raise InputError(f"{path}, row {row}, column {name}: the value is not finite, or no measured one")
         columns[name.removeprefix("\ufeff")] = values
     return columns

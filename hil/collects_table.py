@@ -17,6 +17,9 @@ from hil.errors import InputError
 
 ABSOLUTE_ZERO_DEGC = -273.15
 
+LARGEST = 1e12
+"""What no cell exceeds, whatever its unit: arithmetic does not bear much more."""
+
 
 class Table:
     """The cells of one file: `header`, `lines`, and their `rows` as a spreadsheet numbers them (the header is 1)."""
@@ -115,6 +118,8 @@ class Table:
             raise self.complaint(
                 line, column, f"{text!r} is not finite; leave the cell empty where nothing was measured"
             )
+        if abs(value) > LARGEST:
+            raise self.complaint(line, column, f"{text!r} is larger than anything that is measured ({LARGEST:g})")
         return value
 
 

@@ -175,6 +175,10 @@ REFUSED_TABLES = {
     "text in a condition": (cell(5, "supply_V", "low"), r"row 5, column supply_V: 'low' is not a number"),
     "infinite": (cell(3, "RB_deg_per_hr", "inf"), r"row 3, column RB_deg_per_hr: 'inf' is not finite"),
     "nan": (cell(3, "RB_deg_per_hr", "NaN"), r"row 3, column RB_deg_per_hr: 'NaN' is not finite"),
+    "far too large": (
+        cell(3, "RB_deg_per_hr", "1e308"),
+        r"row 3, column RB_deg_per_hr: '1e308' is larger than anything",
+    ),
     "infinite condition": (cell(6, "supply_V", "1e999"), r"row 6, column supply_V: '1e999' is not finite"),
     "duplicate collect": (cell(6, "collect", "2"), r"row 6, column collect: collect 2 already stands in row 3"),
     "collect not whole": (cell(6, "collect", "2.5"), r"row 6, column collect: '2\.5' is not a whole number"),
