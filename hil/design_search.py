@@ -34,6 +34,7 @@ DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
 MOST_REPEATS = 8
 _UNIFORM = 1.0 / np.sqrt(3.0)
 _FEWEST = 3
+_LEAST_TARGET = 1e-6  # deg/hr: nothing that turns with the earth is known so well
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,11 @@ def parse_target(text: str) -> tuple[str, float]:
         raise InputError(
             f"{text!r} is no target; write a parameter and its uncertainty, 'MU 0.5 deg/hr' ({error})"
         ) from error
-    if not name or value <= 0.0:
-        raise InputError(f"{text!r} is no target; write a parameter and a positive uncertainty, 'MU 0.5 deg/hr'")
+    if not name or not _LEAST_TARGET <= value < np.inf:
+        raise InputError(
+            f"{text!r} is no target; write a parameter and an uncertainty of {_LEAST_TARGET:g} deg/hr or more, "
+            "'MU 0.5 deg/hr'"
+        )
     return name, value
 
 

@@ -223,6 +223,8 @@ def _text(path: Path, delimiter: str | None) -> _Columns:
     """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
     with path.open(encoding="utf-8-sig") as file:
         first = next((line for line in file if line.strip() and not line.startswith("#")), "")
+    if not first:
+        raise ValueError("it is empty")
     cells = [cell.strip() for cell in first.split(delimiter)]
     named = not all(_is_number(cell) for cell in cells)
     names = cells if named else [str(place + 1) for place in range(len(cells))]

@@ -32,7 +32,7 @@ def budget(
     ] = None,
     run: Annotated[int | None, typer.Option(help="Which self-calibration; default: the worst.")] = None,
     repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: the sweep's, else 3.")] = None,
-    draws: Annotated[int, typer.Option(min=100, help="Monte Carlo draws per source.")] = 100_000,
+    draws: Annotated[int, typer.Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
     as_json: JsonFlag = False,
 ) -> None:

@@ -244,7 +244,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(sweep: Any) -> None:
     with pytest.raises(InputError, match="allow more time"):
         propose(sweep, bench, Goal({}, time_s=3600.0))
     assert parse_target("MU 0.5 deg/hr/g") == parse_target("MU 0.5 deg/hr") == ("MU", 0.5)
-    for text in ("MU", "MU 0.5", "0.5 deg/hr", "MU 3 kg", "MU -1 deg/hr"):
+    for text in ("MU", "MU 0.5", "0.5 deg/hr", "MU 3 kg", "MU -1 deg/hr", "MU 1e-300 deg/hr"):
         with pytest.raises(InputError, match="no target"):
             parse_target(text)
 

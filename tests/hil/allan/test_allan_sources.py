@@ -136,6 +136,7 @@ def test_bad_usage_ends_with_2_and_writes_nothing(
     ("name", "content", "words"),
     [
         ("bad.npz", b"PK\x03\x04garbage", "cannot be read as a table of numbers"),
+        ("nothing.txt", b"", "it is empty"),
         ("empty.csv", b"t_s,rate_deg_per_hr\n", "it has no column of numbers"),
         ("huge.csv", b"t_s,rate_deg_per_hr\n0,1e300\n1,-1e300\n2,1e299\n3,1\n4,2\n", "is the unit"),
     ],
