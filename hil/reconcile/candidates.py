@@ -23,6 +23,7 @@ from hil.reconcile.blocks import stations
 _TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
 _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
 """Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
+_TITLES = {"bias": "Bias that follows temperature"}  # as every model has one that does not
 _REMEMBERS = frozenset({"hyst", "soak_insufficient"})
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
@@ -110,7 +111,7 @@ def _of_shape(
             columns=columns,
             parameters=effect.parameters_for(conditions),
             shape=shape,
-            title=effect.title,
+            title=_TITLES.get(effect.id, effect.title),
             equation=effect.equation,
             effect=effect,
             sensor_axes=conditions.sensor.axes,

@@ -306,7 +306,7 @@ def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Se
     )
     total = float(target @ target)
     span = _span(rival.added, blocks, noise)
-    return float(np.sqrt(np.sum((span.T @ target) ** 2) / total)) if total > 0 else 0.0
+    return min(float(np.sqrt(np.sum((span.T @ target) ** 2) / total)), 1.0) if total > 0 else 0.0
 
 
 def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
@@ -323,7 +323,7 @@ def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: 
             continue
         here, loud = [blocks[b] for b in own], [noise[b] for b in own]
         span, mine = _span(theirs, here, loud), _span(ours, here, loud)
-        alike = float(np.sqrt(np.sum((span.T @ target) ** 2) / (target @ target)))
+        alike = min(float(np.sqrt(np.sum((span.T @ target) ** 2) / (target @ target))), 1.0)
         if alike > SAME and span.shape[1] <= mine.shape[1]:
             found.append(number)
             largest = max(largest, alike)
