@@ -55,7 +55,7 @@ def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
         ([], "no rows"),
         ([*ROWS[:-1], "20.0,BB2_collins,nan,2.0,3,ok"], "row 5, column mean_printed: 'nan' is not finite"),
         ([*ROWS[:-1], "20.0,BB2_collins,1.0,inf,3,ok"], "row 5, column sigma_printed: 'inf' is not finite"),
-        ([*ROWS[:-1], "20.0,BB2_collins,1.0,1e308,3,ok"], "row 5, column sigma_printed: 1e.308 deg/hr cannot be"),
+        ([*ROWS[:-1], "20.0,BB2_collins,1.0,1e10,3,ok"], "row 5, column sigma_printed: 1e.10 deg/hr cannot be"),
         ([*ROWS[:-1], "20.0,BB2_collins,1.0,2.0,nan,ok"], "row 5, column n_stated: 'nan' is not finite"),
         ([*ROWS[:-1], "20.0,BB2_collins,1.0,2.0,2.5,ok"], "2.5 is not a number of runs"),
         ([*ROWS, "20.0,BB2_collins,1.0,2.0,3,ok"], "BB2_collins at 20 °C stands there twice"),
