@@ -28,22 +28,6 @@ REJECTED = [("self-calibration 4: Collect 3 at 30.0 °C, attempt 1", "failed")]
 """What the stationarity of so short a collect rejects on the simulated bench: always the same, by its seed."""
 
 
-@pytest.fixture(scope="module")
-def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A complete night of two temperatures, two self-calibrations each."""
-    folder = tmp_path_factory.mktemp("reported") / "night"
-    assert start_night(folder, TWO, load_bench("simulated"), who="rk").state == "complete"
-    return folder
-
-
-@pytest.fixture(scope="module")
-def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Its report, written by the command."""
-    out = tmp_path_factory.mktemp("report") / "report.html"
-    assert hil(["report", str(night), "--out", str(out)]) == 0
-    return out.read_text()
-
-
 def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: str) -> None:
     """Before any table: asked, done, solved, missing, stream."""
     first = re.sub(r"<[^>]+>", " ", page[page.index("<main>") : page.index("<table")])

@@ -8,25 +8,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli.app import run as hil
-from hil.config import load_bench
-from hil.night import start_night
-from tests.hil.report_pages import TWO, Tables, solved
-
-
-@pytest.fixture(scope="module")
-def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A complete night of two temperatures, two self-calibrations each."""
-    folder = tmp_path_factory.mktemp("reported") / "night"
-    assert start_night(folder, TWO, load_bench("simulated"), who="rk").state == "complete"
-    return folder
-
-
-@pytest.fixture(scope="module")
-def page(night: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Its report, written by the command."""
-    out = tmp_path_factory.mktemp("report") / "report.html"
-    assert hil(["report", str(night), "--out", str(out)]) == 0
-    return out.read_text()
+from tests.hil.report_pages import Tables, solved
 
 
 def test_every_number_of_the_self_calibrations_is_that_of_hil_solve(
