@@ -164,11 +164,11 @@ def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Sea
     """
     steps = _one_by_one(search, first, threshold)
     odd = {step.naming.leader.name for step in steps if step.naming.leader.excess > LARGE}
-    if not odd:
-        return steps, search
     others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd])
+    if not odd or not others.hypotheses:
+        return steps, search
     scan = others.scan()
-    ordinary = _one_by_one(others, scan, threshold) if others.hypotheses and scan.statistic > threshold else []
+    ordinary = _one_by_one(others, scan, threshold) if scan.statistic > threshold else []
     if not ordinary:
         return steps, search
     lead = _plausible_weight(search, steps) - _plausible_weight(search, ordinary)
