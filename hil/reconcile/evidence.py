@@ -22,6 +22,7 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid, whiteners
+from hil.reconcile.whitened import Whitened
 
 _G = (8.0, 64.0, 512.0, 4096.0)
 _STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
@@ -59,9 +60,9 @@ class NoiseTable:
 
 @dataclass(frozen=True)
 class Projection:
-    """Rows whitened with the base projected out: maker M (t, N, N), the base's span (t, N, p), log weights (t,)."""
+    """Rows whitened with the base projected out: whitening (t, N, N), base's span (t, N, p), log weights (t,)."""
 
-    maker: FloatArray
+    whitening: FloatArray
     basis: FloatArray
     log_weight: FloatArray
     freedom: int
@@ -74,8 +75,7 @@ class Projection:
             return cls(noise.whitening, np.zeros((len(log_weight), base.shape[0], 0)), log_weight, base.shape[0])
         q, r = np.linalg.qr(noise.whitening @ base)
         log_weight = log_weight - np.sum(np.log(np.abs(np.diagonal(r, axis1=1, axis2=2))), axis=1)
-        maker = noise.whitening - q @ (np.swapaxes(q, 1, 2) @ noise.whitening)
-        return cls(maker, q, log_weight, base.shape[0] - base.shape[1])
+        return cls(noise.whitening, q, log_weight, base.shape[0] - base.shape[1])
 
     def beside(self, white: FloatArray) -> FloatArray:
         """Return whitened columns (t, N, k) less their part in the base."""
@@ -83,7 +83,7 @@ class Projection:
 
     def log_null(self, y: FloatArray, prior: ScalePrior) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return residuals (t, N, m), RSS (t, m) and the log marginal likelihood of the base alone (t, m)."""
-        residual = self.maker @ y
+        residual = self.beside(self.whitening @ y)
         rss = np.sum(residual**2, axis=1)
         power = prior.a + 0.5 * self.freedom
         return residual, rss, self.log_weight[:, None] - power * np.log(prior.b + 0.5 * rss)
@@ -139,47 +139,19 @@ class BlockEvidence:
         self,
         block: Block,
         noise: NoiseTable,
-        columns: Sequence[FloatArray],
+        columns: Sequence[FloatArray] | Whitened,
         rich: Sequence[FloatArray] = (),
         *,
         keep_all: bool = False,
     ) -> None:
+        """`columns` (N, q) of every candidate; where they are whitened already, every point of `noise` is kept."""
         self.block = block
         self.prior = ScalePrior.of(block)
-        self.points = np.arange(len(noise.grid)) if keep_all else relevant_points(block, noise, rich)
-        self.noise = noise.take(self.points)
+        all_points = keep_all or isinstance(columns, Whitened)
+        self.noise = noise if all_points else noise.take(relevant_points(block, noise, rich))
         self.projection = Projection.of(self.noise, block.base)
-        self.sizes = np.array([c.shape[1] for c in columns], dtype=np.int64)
-        self._groups = [self._group(columns, size) for size in sorted(set(self.sizes.tolist())) if size > 0]
-        self.kept = np.zeros(len(columns))
-        for members, _, _, _, kept in self._groups:
-            self.kept[members] = kept
-
-    def _group(
-        self, columns: Sequence[FloatArray], size: int
-    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Members of one size: projected columns (t, N, j·q), inverse Gram (t, j, q, q), rank (t, j), kept (j,)."""
-        members = np.flatnonzero(self.sizes == size)
-        stacked = np.concatenate([columns[int(j)] for j in members], axis=1)
-        white = self.noise.whitening @ stacked
-        before = np.sqrt(np.einsum("tnk,tnk->tk", white, white))
-        scaled = self.projection.beside(white)
-        scaled /= np.where(before > 0, before, 1.0)[:, None, :]
-        t, n, _ = scaled.shape
-        if size == 1:
-            gram = np.einsum("tnk,tnk->tk", scaled, scaled)[:, :, None, None]
-        else:
-            z = np.ascontiguousarray(scaled.reshape(t, n, len(members), size).transpose(0, 2, 1, 3))
-            gram = np.swapaxes(z, 2, 3) @ z
-        if size == 1:
-            values, vectors = gram[..., 0], np.ones_like(gram)
-        else:
-            values, vectors = np.linalg.eigh(gram)
-        usable = values > _INVISIBLE**2
-        weights = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
-        inverse = (vectors * weights[:, :, None, :]) @ np.swapaxes(vectors, 2, 3)
-        kept = np.sqrt(np.clip(values[0, :, -1], 0.0, 1.0))
-        return members, scaled, inverse, usable.sum(axis=2).astype(np.float64), kept
+        self.white = columns if isinstance(columns, Whitened) else Whitened.of(self.noise.whitening, columns)
+        self._inverse = [_pseudo_inverse(group.beside(self.projection.basis)) for group in self.white.groups]
 
     def log_null(self, y: FloatArray) -> FloatArray:
         """Log marginal likelihood of the base alone, averaged over the noise, shape (m,)."""
@@ -187,7 +159,7 @@ class BlockEvidence:
 
     def log_factors(self, y: FloatArray) -> FloatArray:
         """Log Bayes factor of every candidate against the base alone, for data sets `y` (N, m), shape (j, m)."""
-        out = np.zeros((len(self.sizes), y.shape[1]))
+        out = np.zeros((self.white.count, y.shape[1]))
         for begin in range(0, y.shape[1], 128):
             out[:, begin : begin + 128] = self._log_factors(y[:, begin : begin + 128])
         return out
@@ -197,11 +169,9 @@ class BlockEvidence:
         power = self.prior.a + 0.5 * self.projection.freedom
         offset = self.prior.b + 0.5 * rss
         weight = np.exp(log_null - _log_sum(log_null))
-        out = np.zeros((len(self.sizes), y.shape[1]))
-        for members, scaled, inverse, rank, _ in self._groups:
-            score = np.swapaxes(scaled, 1, 2) @ residual
-            t, _, m = score.shape
-            score = score.reshape(t, len(members), -1, m)
+        out = np.zeros((self.white.count, y.shape[1]))
+        for group, (inverse, rank) in zip(self.white.groups, self._inverse, strict=True):
+            score = group.scores(residual)
             explained = (
                 score[:, :, 0] ** 2 * inverse[:, :, 0]
                 if inverse.shape[-1] == 1
@@ -215,7 +185,7 @@ class BlockEvidence:
             peak = np.max([term.max(axis=0) for term in terms], axis=0)
             total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)
             visible = rank.max(axis=0) > 0
-            out[members] = np.where(visible[:, None], peak + np.log(np.maximum(total, 1e-300)), 0.0)
+            out[group.members] = np.where(visible[:, None], peak + np.log(np.maximum(total, 1e-300)), 0.0)
         return out
 
     def simulate(self, y: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
@@ -244,6 +214,18 @@ class BlockEvidence:
         point = int(np.argmax(log_null[:, 0]))
         scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom, 0.5)
         return point, float(scale)
+
+
+def _pseudo_inverse(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Inverse (t, j, q, q) in the directions of which something is left, and how many these are, (t, j)."""
+    if gram.shape[-1] == 1:
+        usable = gram > _INVISIBLE**2
+        return np.where(usable, 1.0 / np.where(usable, gram, 1.0), 0.0), usable[:, :, 0, 0].astype(np.float64)
+    values, vectors = np.linalg.eigh(gram)
+    usable = values > _INVISIBLE**2
+    weights = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
+    inverse = (vectors * weights[:, :, None, :]) @ np.swapaxes(vectors, 2, 3)
+    return inverse, usable.sum(axis=2).astype(np.float64)
 
 
 def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> IntArray:

@@ -16,7 +16,9 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
-from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, NoiseTable, _log_sum
+from hil.reconcile.evidence import _INVISIBLE, BlockEvidence, NoiseTable, relevant_points
+from hil.reconcile.joint import JointColumns, JointEvidence
+from hil.reconcile.whitened import Whitened
 
 _ACTS = 0.03  # a parameter that moves a block less than this, beside the block it moves most, does not tie the two
 _SAME = 0.98
@@ -89,127 +91,112 @@ def _units(candidate: Candidate, blocks: Sequence[Block]) -> list[Unit]:
     ]
 
 
+@dataclass(frozen=True)
+class Layout:
+    """The columns of all units, whitened at the noise points of every block: made once, for many bases and data sets.
+
+    Units are numbered hypothesis by hypothesis: those of the h-th are `starts[h]` to `starts[h + 1]`. `units[b]` (j,)
+    are the units that one block has for itself, in the order of `own[b]`.
+    """
+
+    hypotheses: Sequence[Hypothesis]
+    tables: Sequence[NoiseTable]
+    starts: IntArray
+    units: Sequence[IntArray]
+    own: Sequence[Whitened]
+    joint: Sequence[JointColumns]
+
+    @classmethod
+    def of(cls, found: Sequence[Hypothesis], tables: Sequence[NoiseTable]) -> Layout:
+        """Number all units and whiten their columns."""
+        starts = np.cumsum([0, *(len(h.units) for h in found)])
+        numbered = list(enumerate(unit for h in found for unit in h.units))
+        by_block = [[(i, u) for i, u in numbered if u.blocks == (b,)] for b in range(len(tables))]
+        own = [
+            Whitened.of(table.whitening, [unit.columns[0] for _, unit in members])
+            for table, members in zip(tables, by_block, strict=True)
+        ]
+        shared: dict[tuple[tuple[int, ...], int], list[tuple[int, Unit]]] = {}
+        for i, unit in numbered:
+            if unit.is_joint:
+                shared.setdefault((unit.blocks, unit.columns[0].shape[1]), []).append((i, unit))
+        joint = []
+        for (blocks, _), members in shared.items():
+            parts = [
+                Whitened.of(tables[b].whitening, [unit.columns[k] for _, unit in members]).groups[0]
+                for k, b in enumerate(blocks)
+            ]
+            joint.append(JointColumns(np.array([i for i, _ in members]), blocks, tuple(parts)))
+        return cls(
+            found,
+            tables,
+            starts,
+            [np.array([i for i, _ in members], dtype=np.int64) for members in by_block],
+            own,
+            joint,
+        )
+
+    def take(self, index: Sequence[int]) -> Layout:
+        """Return the layout of some of the hypotheses."""
+        kept = np.concatenate([np.arange(self.starts[h], self.starts[h + 1]) for h in index])
+        number = np.full(self.starts[-1], -1)
+        number[kept] = np.arange(len(kept))
+        here = [np.flatnonzero(number[units] >= 0) for units in self.units]
+        joint = []
+        for columns in self.joint:
+            places = np.flatnonzero(number[columns.units] >= 0)
+            if len(places):
+                joint.append(columns.take(places, number[columns.units[places]]))
+        return Layout(
+            [self.hypotheses[h] for h in index],
+            self.tables,
+            np.cumsum([0, *(len(self.hypotheses[h].units) for h in index)]),
+            [number[units[places]] for units, places in zip(self.units, here, strict=True)],
+            [white.take(places) for white, places in zip(self.own, here, strict=True)],
+            joint,
+        )
+
+    def beside(self, blocks: Sequence[Block]) -> Evidence:
+        """Return the evidence beside the bases that the blocks have now."""
+        evidence = [
+            BlockEvidence(block, table, white)
+            for block, table, white in zip(blocks, self.tables, self.own, strict=True)
+        ]
+        return Evidence(evidence, self)
+
+
 class Evidence:
     """Evidence for all hypotheses over all blocks."""
 
-    def __init__(
-        self, blocks: Sequence[BlockEvidence], found: Sequence[Hypothesis], places: Sequence[tuple[int, ...]]
-    ) -> None:
+    def __init__(self, blocks: Sequence[BlockEvidence], layout: Layout) -> None:
         self.blocks = blocks
-        self.hypotheses = found
-        self._places = places
+        self.layout = layout
 
     def log_factors(self, y: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
         """Return log Bayes factors (h, m), and those of each one's units (u, m), for data sets `y[block]` (N, m)."""
-        per_block = [block.log_factors(values) for block, values in zip(self.blocks, y, strict=True)]
-        joint = (
-            JointEvidence(self.blocks, y) if any(unit.is_joint for h in self.hypotheses for unit in h.units) else None
-        )
-        totals, parts = [], []
-        for hypothesis, places in zip(self.hypotheses, self._places, strict=True):
-            units = np.array(
-                [
-                    per_block[unit.blocks[0]][place] if not unit.is_joint else joint.log_factor(unit)  # type: ignore[union-attr]
-                    for unit, place in zip(hypothesis.units, places, strict=True)
-                ]
-            )
-            parts.append(units)
-            totals.append(_inclusion(units))
-        return np.array(totals), parts
+        starts = self.layout.starts
+        units = np.zeros((starts[-1], y[0].shape[1]))
+        for block, places, values in zip(self.blocks, self.layout.units, y, strict=True):
+            units[places] = block.log_factors(values)
+        if self.layout.joint:
+            joint = JointEvidence(self.blocks, y)
+            for columns in self.layout.joint:
+                units[columns.units] = joint.log_factors(columns)
+        counts = np.diff(starts)
+        totals = np.zeros((len(counts), units.shape[1]))
+        for count in np.unique(counts):
+            some = np.flatnonzero(counts == count)
+            totals[some] = _inclusion(units[starts[some][:, None] + np.arange(count)])
+        return totals, np.split(units, starts[1:-1])
 
 
 def _inclusion(units: FloatArray) -> FloatArray:
-    """Combine units, each touched or not with even odds and at least one touched, (u, m) → (m,)."""
-    count = len(units)
+    """Combine units, each touched or not with even odds and at least one touched, (h, u, m) → (h, m)."""
+    count = units.shape[1]
     if count == 1:
-        return np.asarray(units[0])
-    log_all = np.sum(np.logaddexp(0.0, units), axis=0)  # sum over all subsets, the empty one included
+        return np.asarray(units[:, 0])
+    log_all = np.sum(np.logaddexp(0.0, units), axis=1)  # sum over all subsets, the empty one included
     return np.asarray(log_all + np.log(-np.expm1(-np.maximum(log_all, 1e-12))) - np.log(2.0**count - 1.0))
-
-
-class JointEvidence:
-    """Evidence for parameters shared by several blocks, at the few noise points of each block that matter for them."""
-
-    def __init__(self, blocks: Sequence[BlockEvidence], y: Sequence[FloatArray]) -> None:
-        self.blocks = blocks
-        self._states = [block.projection.log_null(values, block.prior) for block, values in zip(blocks, y, strict=True)]
-
-    def log_factor(self, unit: Unit) -> FloatArray:
-        """Return the log Bayes factor of one unit, shape (m,): all combinations of the blocks' noise points at once."""
-        pieces = [self._pieces(b, columns) for b, columns in zip(unit.blocks, unit.columns, strict=True)]
-        places = np.indices([len(piece.before) for piece in pieces]).reshape(len(pieces), -1)
-        chosen = [piece.take(place) for piece, place in zip(pieces, places, strict=True)]
-        weight = np.sum([piece.log_weight for piece in chosen], axis=0)
-        return _log_sum(weight + _joint_factors(chosen)) - _log_sum(weight)
-
-    def _pieces(self, b: int, columns: FloatArray) -> _Piece:
-        """What the block says of the unit at its best noise points, without and with the unit."""
-        block = self.blocks[b]
-        residual, rss, log_null = self._states[b]
-        white = block.noise.whitening @ columns
-        projected = block.projection.beside(white)
-        gram = np.swapaxes(projected, 1, 2) @ projected
-        score = np.swapaxes(projected, 1, 2) @ residual
-        before = np.einsum("tnk,tnk->tk", white, white)
-        power = block.prior.a + 0.5 * block.projection.freedom
-        offset = block.prior.b + 0.5 * rss
-        ridge = gram + 1e-6 * before.max() * np.eye(gram.shape[1])
-        explained = np.einsum("tqm,tqm->tm", score, np.linalg.solve(ridge, score))
-        with_unit = log_null - power * np.log1p(-np.clip(0.5 * explained / offset, 0.0, 1.0 - 1e-9))
-        order_null, order_unit = np.argsort(-log_null.mean(axis=1)), np.argsort(-with_unit.mean(axis=1))
-        best = dict.fromkeys([int(order_null[0]), int(order_unit[0]), int(order_unit[min(1, len(order_unit) - 1)])])
-        return _Piece(gram, score, before, offset, log_null, power).take(np.array(list(best)))
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """One block at several noise points: Gram (t, q, q), score (t, q, m), norms (t, q), offset and weight (t, m)."""
-
-    gram: FloatArray
-    score: FloatArray
-    before: FloatArray
-    offset: FloatArray
-    log_weight: FloatArray
-    power: float
-
-    def take(self, place: IntArray) -> _Piece:
-        """Return some points, in this order, repeated where asked for."""
-        gram, score, before = self.gram[place], self.score[place], self.before[place]
-        return _Piece(gram, score, before, self.offset[place], self.log_weight[place], self.power)
-
-
-def _joint_factors(chosen: Sequence[_Piece]) -> FloatArray:
-    """Log Bayes factors (t, m); the scale of each block is re-estimated with the candidate in place."""
-    offsets = [c.offset for c in chosen]
-    changes = [np.zeros_like(c.offset) for c in chosen]
-    before = np.sum([c.before for c in chosen], axis=0)
-    normal = 1.0 / np.sqrt(np.where(before > 0, before, 1.0))
-    rank = np.zeros_like(chosen[0].offset)
-    for _ in range(2):
-        precision = [c.power / offset for offset, c in zip(offsets, chosen, strict=True)]
-        pairs = list(zip(precision, chosen, strict=True))
-        scaled = normal[:, :, None] * normal[:, None, :]
-        gram = np.sum([p[:, :, None, None] * (c.gram * scaled)[:, None] for p, c in pairs], axis=0)
-        whole = np.sum([p.mean(axis=1)[:, None] * c.before for p, c in pairs], axis=0) * normal**2
-        score = np.sum([p[:, :, None] * np.swapaxes(c.score * normal[:, :, None], 1, 2) for p, c in pairs], axis=0)
-        values, vectors = np.linalg.eigh(gram)
-        usable = values > _INVISIBLE**2 * np.maximum(whole.max(axis=1), 1e-300)[:, None, None]
-        inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
-        turned = inverse[..., None] * (np.swapaxes(vectors, 2, 3) @ score[..., None])
-        fit = (vectors @ turned)[..., 0] * normal[:, None]
-        rank = usable.sum(axis=2).astype(np.float64)
-        changes = [2.0 * np.einsum("tmq,tqm->tm", fit, c.score) - np.sum((fit @ c.gram) * fit, axis=2) for c in chosen]
-        offsets = [
-            np.maximum(c.offset - 0.5 * change, 1e-9 * c.offset) for c, change in zip(chosen, changes, strict=True)
-        ]
-    terms = []
-    for g in _G:
-        total = -0.5 * rank * np.log1p(g) - np.log(len(_G))
-        for c, change in zip(chosen, changes, strict=True):
-            share = 0.5 * change / c.offset * (g / (1.0 + g))
-            total = total - c.power * np.log1p(-np.clip(share, None, 1.0 - 1e-9))
-        terms.append(total)
-    return np.where(rank > 0, _log_sum(np.array(terms)), 0.0)
 
 
 def build_evidence(
@@ -220,26 +207,16 @@ def build_evidence(
     *,
     keep_all: bool = False,
 ) -> Evidence:
-    """Lay out the columns of all units block by block and compute their evidence tables.
+    """Lay out the columns of all units and compute their evidence at the noise points that matter for these data.
 
     `keep_all` keeps every noise point of the tables, whatever these data say (a layout that many units share).
     """
-    columns: list[list[FloatArray]] = [[] for _ in blocks]
-    places: list[tuple[int, ...]] = []
-    for hypothesis in found:
-        here = []
-        for unit in hypothesis.units:
-            if unit.is_joint:
-                here.append(-1)
-            else:
-                here.append(len(columns[unit.blocks[0]]))
-                columns[unit.blocks[0]].append(unit.columns[0])
-        places.append(tuple(here))
-    evidence = [
-        BlockEvidence(block, table, cols, extra, keep_all=keep_all)
-        for block, table, cols, extra in zip(blocks, tables, columns, rich, strict=True)
-    ]
-    return Evidence(evidence, found, places)
+    if not keep_all:
+        tables = [
+            table.take(relevant_points(block, table, extra))
+            for block, table, extra in zip(blocks, tables, rich, strict=True)
+        ]
+    return Layout.of(found, tables).beside(blocks)
 
 
 def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesis]:

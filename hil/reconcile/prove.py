@@ -15,7 +15,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
-from hil.reconcile.hypotheses import Hypothesis, build_evidence
+from hil.reconcile.hypotheses import Hypothesis, Layout
 
 _FLIPS = 2000
 _ENOUGH_FOLDS = 6
@@ -125,11 +125,11 @@ def held_out(
     ]
     sums = np.zeros((max(steps, 1), 5, len(whole)))
     rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
-    few = [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)]
-    many = [table.take(point) for table, point in zip(tables, points, strict=True)]
+    few = Layout.of(hypotheses, [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)])
+    many = Layout.of(hypotheses, [table.take(point) for table, point in zip(tables, points, strict=True)])
     for i, fold in enumerate(whole):
         keep = [~held for held in fold]
-        added = _select(keep, blocks, few, many, hypotheses, steps)
+        added = _select(keep, blocks, few, many, steps)
         plain = refit(blocks, noise, [], keep)
         for k in range(len(sums)):
             some = added[: k + 1]
@@ -194,14 +194,7 @@ def _seen_beside(base: FloatArray, columns: FloatArray, kept: BoolArray) -> Floa
     return np.asarray(scaled @ v[singular > UNSEEN].T)
 
 
-def _select(
-    keep: Sequence[BoolArray],
-    blocks: Sequence[Block],
-    few: Sequence[NoiseTable],
-    many: Sequence[NoiseTable],
-    hypotheses: Sequence[Hypothesis],
-    steps: int,
-) -> list[Added]:
+def _select(keep: Sequence[BoolArray], blocks: Sequence[Block], few: Layout, many: Layout, steps: int) -> list[Added]:
     """Search again on the rows that are kept, for as many effects as all rows show, at few and then at many noises.
 
     A row with a base column of its own says nothing of anything else, so that the tables made for all rows serve.
@@ -211,10 +204,12 @@ def _select(
     for _ in range(steps):
         if min(len(b.y) - b.base.shape[1] for b in present) < _LEAST_FREEDOM:
             break
-        likely = [h for h in _strongest(hypotheses, present, few) if _shows(h, keep)]
-        if not likely:
+        strongest = np.sort(np.argsort(-_weighed(few, present)[0])[:_LOOKED_AT])
+        shown = [i for i in strongest.tolist() if _shows(many.hypotheses[i], keep)]
+        if not shown:
             break
-        posterior, units = _weighed(likely, present, many)
+        likely = [many.hypotheses[i] for i in shown]
+        posterior, units = _weighed(many.take(shown), present)
         best = _best(likely, posterior)
         alike = [h for h, value in zip(likely, posterior, strict=True) if posterior[best] - value < _ALIKE]
         added.append(chosen_units(_average(likely[best], alike), units[best][:, 0]))
@@ -241,14 +236,6 @@ def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
     return (hypothesis.name, hypothesis.candidate.form, *(unit.blocks for unit in hypothesis.units))
 
 
-def _strongest(
-    hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]
-) -> list[Hypothesis]:
-    """The hypotheses that can win, by a look at a few noise models, in the order given."""
-    posterior, _ = _weighed(hypotheses, blocks, tables)
-    return [hypotheses[i] for i in np.sort(np.argsort(-posterior)[:_LOOKED_AT])]
-
-
 def _shows(hypothesis: Hypothesis, keep: Sequence[BoolArray]) -> bool:
     """Whether most of an effect lies in the kept rows: from its last traces nobody could tell its size elsewhere."""
     return all(
@@ -258,13 +245,10 @@ def _shows(hypothesis: Hypothesis, keep: Sequence[BoolArray]) -> bool:
     )
 
 
-def _weighed(
-    hypotheses: Sequence[Hypothesis], blocks: Sequence[Block], tables: Sequence[NoiseTable]
-) -> tuple[FloatArray, list[FloatArray]]:
+def _weighed(layout: Layout, blocks: Sequence[Block]) -> tuple[FloatArray, list[FloatArray]]:
     """Log posterior odds of each hypothesis (h,), and the log Bayes factors of its units."""
-    evidence = build_evidence(hypotheses, blocks, tables, [() for _ in blocks], keep_all=True)
-    factors, units = evidence.log_factors([block.y[:, None] for block in blocks])
-    return factors[:, 0] + np.array([h.log_prior for h in hypotheses]), units
+    factors, units = layout.beside(blocks).log_factors([block.y[:, None] for block in blocks])
+    return factors[:, 0] + np.array([h.log_prior for h in layout.hypotheses]), units
 
 
 def _best(hypotheses: Sequence[Hypothesis], posterior: FloatArray) -> int:
