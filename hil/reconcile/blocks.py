@@ -99,19 +99,19 @@ def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatAr
         left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
         if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
             return columns.astype(np.float64)
-    kept: list[FloatArray] = []
-    basis: list[FloatArray] = []
-    for column in columns.T:
+    kept: list[int] = []
+    basis = np.zeros(columns.shape)
+    for place, column in enumerate(columns.T):
+        directions = basis[:, : len(kept)]
         remainder = column.astype(np.float64)
         size = np.linalg.norm(column)
         for _ in range(2):
-            for direction in basis:
-                remainder = remainder - direction * (direction @ remainder)
+            remainder = remainder - directions @ (directions.T @ remainder)
         norm = np.linalg.norm(remainder)
         if size > 0 and norm > tolerance * size:
-            basis.append(remainder / norm)
-            kept.append(column)
-    return np.array(kept).T if kept else np.zeros((columns.shape[0], 0))
+            basis[:, len(kept)] = remainder / norm
+            kept.append(place)
+    return columns[:, kept].astype(np.float64)
 
 
 def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:

@@ -73,9 +73,13 @@ class Projection:
         log_weight = noise.grid.log_prior - noise.half_log_det
         if base.shape[1] == 0:
             return cls(noise.whitening, np.zeros((len(log_weight), base.shape[0], 0)), log_weight, base.shape[0])
-        q, r = np.linalg.qr(noise.whitening @ base)
-        log_weight = log_weight - np.sum(np.log(np.abs(np.diagonal(r, axis1=1, axis2=2))), axis=1)
-        return cls(noise.whitening, q, log_weight, base.shape[0] - base.shape[1])
+        span, r = np.linalg.qr(base)
+        white = noise.whitening @ span
+        factor = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
+        log_weight = log_weight - np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+        log_weight = log_weight - np.sum(np.log(np.abs(np.diagonal(r))))
+        basis = white @ np.swapaxes(np.linalg.inv(factor), 1, 2)
+        return cls(noise.whitening, basis, log_weight, base.shape[0] - base.shape[1])
 
     def beside(self, white: FloatArray) -> FloatArray:
         """Return whitened columns (t, N, k) less their part in the base."""
@@ -151,7 +155,11 @@ class BlockEvidence:
         self.noise = noise if all_points else noise.take(relevant_points(block, noise, rich))
         self.projection = Projection.of(self.noise, block.base)
         self.white = columns if isinstance(columns, Whitened) else Whitened.of(self.noise.whitening, columns)
-        self._inverse = [_pseudo_inverse(group.beside(self.projection.basis)) for group in self.white.groups]
+        self.rank = np.zeros((len(self.noise.grid), self.white.count))
+        self._inverse = []
+        for group in self.white.groups:
+            inverse, self.rank[:, group.members] = _pseudo_inverse(group.beside(self.projection.basis))
+            self._inverse.append(inverse)
 
     def log_null(self, y: FloatArray) -> FloatArray:
         """Log marginal likelihood of the base alone, averaged over the noise, shape (m,)."""
@@ -167,26 +175,20 @@ class BlockEvidence:
     def _log_factors(self, y: FloatArray) -> FloatArray:
         residual, rss, log_null = self.projection.log_null(y, self.prior)
         power = self.prior.a + 0.5 * self.projection.freedom
-        offset = self.prior.b + 0.5 * rss
         weight = np.exp(log_null - _log_sum(log_null))
-        out = np.zeros((self.white.count, y.shape[1]))
-        for group, (inverse, rank) in zip(self.white.groups, self._inverse, strict=True):
-            score = group.scores(residual)
-            explained = (
-                score[:, :, 0] ** 2 * inverse[:, :, 0]
-                if inverse.shape[-1] == 1
-                else np.einsum("tjqm,tjqm->tjm", score, inverse @ score)
-            )
-            share = np.clip(0.5 * explained / offset[:, None, :], 0.0, 1.0 - 1e-12)
-            terms = [
-                -0.5 * rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G))
-                for g in _G
-            ]
-            peak = np.max([term.max(axis=0) for term in terms], axis=0)
-            total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)
-            visible = rank.max(axis=0) > 0
-            out[group.members] = np.where(visible[:, None], peak + np.log(np.maximum(total, 1e-300)), 0.0)
-        return out
+        share = np.zeros((len(rss), self.white.count, y.shape[1]))
+        for group, inverse in zip(self.white.groups, self._inverse, strict=True):
+            share[:, group.members] = _explained(group.scores(residual), inverse)
+        share *= (0.5 / (self.prior.b + 0.5 * rss))[:, None, :]
+        np.clip(share, 0.0, 1.0 - 1e-12, out=share)
+        terms = [
+            -0.5 * self.rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G))
+            for g in _G
+        ]
+        peak = np.max([term.max(axis=0) for term in terms], axis=0)
+        total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)
+        visible = self.rank.max(axis=0) > 0
+        return np.where(visible[:, None], peak + np.log(np.maximum(total, 1e-300)), 0.0)
 
     def simulate(self, y: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
         """Draw data sets (N, draws) without a missing effect, from the noise that this block's own data suggest.
@@ -226,6 +228,13 @@ def _pseudo_inverse(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
     inverse = (vectors * weights[:, :, None, :]) @ np.swapaxes(vectors, 2, 3)
     return inverse, usable.sum(axis=2).astype(np.float64)
+
+
+def _explained(score: FloatArray, inverse: FloatArray) -> FloatArray:
+    """How much of the residuals candidates explain, (t, j, m), by scores (t, j, q, m) and inverses (t, j, q, q)."""
+    if inverse.shape[-1] == 1:
+        return np.asarray(score[:, :, 0] ** 2 * inverse[:, :, 0])
+    return np.asarray(np.einsum("tjqm,tjqm->tjm", score, inverse @ score))
 
 
 def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> IntArray:

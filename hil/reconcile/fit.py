@@ -92,7 +92,8 @@ def refit(
 ) -> Fit:
     """Fit the base of every block and all added effects together, on the rows where `rows[b]` is true (all, if None).
 
-    Predictions and residuals are for every row. Directions that the rows cannot support get the smallest solution.
+    `noise[b]` is that of these rows; predictions and residuals are for every row. Directions that the rows cannot
+    support get the smallest solution.
     """
     keep = [np.ones(len(b.y), dtype=bool) for b in blocks] if rows is None else list(rows)
     owner = [
@@ -114,9 +115,8 @@ def refit(
             if b in unit.blocks:
                 design[:, sum(base_sizes) + place] = unit.columns[unit.blocks.index(b)][:, k]
         full.append(design)
-        whitening = noise[b].whitening if np.all(keep[b]) else noise[b].take(keep[b]).whitening
-        designs.append(whitening @ design[keep[b]])
-        targets.append(whitening @ block.y[keep[b]])
+        designs.append(noise[b].whitening @ design[keep[b]])
+        targets.append(noise[b].whitening @ block.y[keep[b]])
     cut = sum(base_sizes)
     solution, covariance = _least_squares(np.vstack(designs), np.concatenate(targets), typical, cut)
     predicted = [design @ solution for design in full]

@@ -130,23 +130,30 @@ def held_out(
     for i, fold in enumerate(whole):
         keep = [~held for held in fold]
         added = _select(keep, blocks, few, many, steps)
-        plain = refit(blocks, noise, [], keep)
+        kept_noise = [n.take(rows) for n, rows in zip(noise, keep, strict=True)]
+        held_noise = [n.take(held) for n, held in zip(noise, fold, strict=True)]
+        plain = refit(blocks, kept_noise, [], keep)
         for k in range(len(sums)):
+            if k and k >= len(added):  # nothing more was found: as with one effect fewer
+                sums[k, :, i] = sums[k - 1, :, i]
+                continue
             some = added[: k + 1]
-            full = refit(blocks, noise, some, keep) if some else plain
+            full = refit(blocks, kept_noise, some, keep) if some else plain
             for b, held in enumerate(fold):
                 if np.any(held):
-                    sums[k, :4, i] += _errors(plain, full, noise[b], b, held)
-                    sums[k, 4, i] += _expected(blocks[b], noise[b], some, b, len(blocks), held)
+                    sums[k, :4, i] += _errors(plain, full, held_noise[b], b, held)
+                    sums[k, 4, i] += _expected(blocks[b], noise[b], kept_noise[b], some, b, len(blocks), held)
     return [HeldOut.of(part, rows) for part in sums]
 
 
 def _errors(before: Fit, after: Fit, noise: BlockNoise, b: int, held: BoolArray) -> FloatArray:
-    """Squared errors of one block's held-out rows: raw before and after, standardised before and after, (4,)."""
-    whitening = noise.take(held).whitening
+    """Squared errors of one block's held-out rows, raw before and after, standardised before and after, (4,).
+
+    `noise` is that of the held-out rows.
+    """
     errors = (before.residual[b][held], after.residual[b][held])
     raw = [float(error @ error) for error in errors]
-    return np.array(raw + [float(np.sum((whitening @ error) ** 2)) for error in errors])
+    return np.array(raw + [float(np.sum((noise.whitening @ error) ** 2)) for error in errors])
 
 
 def in_sample(blocks: Sequence[Block], noise: Sequence[BlockNoise], steps: Sequence[Added]) -> HeldOut:
@@ -172,12 +179,17 @@ def _is_beyond(design: FloatArray, held: BoolArray) -> bool:
     return bool(np.linalg.norm(rest) > 0.1 * np.linalg.norm(rows))
 
 
-def _expected(block: Block, noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: BoolArray) -> float:
-    """Sum of squares that noise alone leaves on held-out rows when everything is refitted on the others."""
+def _expected(
+    block: Block, noise: BlockNoise, kept_noise: BlockNoise, added: Sequence[Added], b: int, count: int, held: BoolArray
+) -> float:
+    """Sum of squares that noise alone leaves on held-out rows when everything is refitted on the others.
+
+    `noise` is that of all rows, `kept_noise` that of the others.
+    """
     extra = [columns for effect in added if (columns := effect.columns(count)[b]) is not None]
     kept = ~held
     design = independent_columns(np.hstack([block.base, *(_seen_beside(block.base, e, kept) for e in extra)]), 1e-6)
-    white = noise.take(kept).whitening
+    white = kept_noise.whitening
     fitted = np.linalg.pinv(white @ design[kept], rcond=1e-8) @ white
     error = np.zeros((int(held.sum()), len(block.y)))
     error[:, held] = np.eye(int(held.sum()))
@@ -239,10 +251,14 @@ def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
 def _shows(hypothesis: Hypothesis, keep: Sequence[BoolArray]) -> bool:
     """Whether most of an effect lies in the kept rows: from its last traces nobody could tell its size elsewhere."""
     return all(
-        np.linalg.norm(columns[keep[b]]) > _MOST * np.linalg.norm(columns)
+        _square(columns[keep[b]]) > _MOST**2 * _square(columns)
         for unit in hypothesis.units
         for b, columns in zip(unit.blocks, unit.columns, strict=True)
     )
+
+
+def _square(columns: FloatArray) -> float:
+    return float(np.einsum("nk,nk->", columns, columns))
 
 
 def _weighed(layout: Layout, blocks: Sequence[Block]) -> tuple[FloatArray, list[FloatArray]]:
