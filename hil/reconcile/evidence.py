@@ -15,7 +15,7 @@ loop.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,15 +32,20 @@ _DEPTH = 9.0  # noise points this much (in log probability) below the best are l
 _MOST_POINTS = 36
 _OUT_OF_THE_QUESTION = 15.0
 _MOST_KEPT = 160
+_LEAST_FREEDOM = 4
 
 
 @dataclass(frozen=True)
 class NoiseTable:
-    """A block's noise models: whitening matrices W (t, N, N) and half log determinants (t,), made once."""
+    """A block's noise models: whitening matrices W (t, N, N) and half log determinants (t,), made once.
+
+    `known` is what the block's data say of them under rich models of the means, where that has been asked.
+    """
 
     grid: NoiseGrid
     whitening: FloatArray
     half_log_det: FloatArray
+    known: list[RichMeans] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def of(cls, block: Block) -> NoiseTable:
@@ -91,6 +96,19 @@ class Projection:
         rss = np.sum(residual**2, axis=1)
         power = prior.a + 0.5 * self.freedom
         return residual, rss, self.log_weight[:, None] - power * np.log(prior.b + 0.5 * rss)
+
+    def log_null_beside(self, further: FloatArray, y: FloatArray, prior: ScalePrior) -> FloatArray:
+        """Log marginal likelihood (t,) of one data set y (N, 1), the base with further columns, orthonormal to it."""
+        residual, rss, log_null = self.log_null(y, prior)
+        if further.shape[1] == 0:
+            return log_null[:, 0]
+        white = self.beside(self.whitening @ further)
+        factor = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
+        score = np.linalg.solve(factor, np.swapaxes(white, 1, 2) @ residual)
+        log_weight = self.log_weight - np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+        left = np.maximum(rss - np.sum(score**2, axis=1), 1e-12 * rss)[:, 0]
+        power = prior.a + 0.5 * (self.freedom - further.shape[1])
+        return np.asarray(log_weight - power * np.log(prior.b + 0.5 * left))
 
 
 @dataclass(frozen=True)
@@ -243,7 +261,9 @@ def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray])
     A missing effect looks like run-to-run noise to the base alone; a flexible model of the means shows how quiet the
     unit might really be. What lies between is judged by evidence.
     """
-    best = _best_of_any(block, noise, rich)
+    if not (noise.known and noise.known[0].serves(block, rich)):
+        noise.known[:] = [RichMeans.of(block, noise, rich)]
+    best = noise.known[0].best_of_any(block.base)
     keep = np.zeros(len(noise.grid), dtype=bool)
     order = np.argsort(-best)
     keep[order[:_MOST_POINTS]] = True
@@ -259,13 +279,62 @@ def pruned(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> Noise
 
 def _best_of_any(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> FloatArray:
     """Log probability of each noise point below the best, under whichever model of the means suits it most, (t,)."""
+    found = restricted_likelihood(noise, _bases(block, rich), block.y, ScalePrior.of(block))
+    return np.asarray(np.max([log_null - log_null.max() for log_null, _ in found], axis=0))
+
+
+def _bases(block: Block, rich: Sequence[FloatArray]) -> list[FloatArray]:
+    """The base alone, and with each rich model of the means that leaves some freedom, (N, p) each."""
     bases = []
     for extra in ([np.zeros((len(block.y), 0))], *[[columns] for columns in rich]):
         base = independent_columns(np.hstack([block.base, *extra]), 1e-6)
-        if len(block.y) - base.shape[1] >= 4 or not extra[0].shape[1]:
+        if _leaves_freedom(base) or not extra[0].shape[1]:
             bases.append(base)
-    found = restricted_likelihood(noise, bases, block.y, ScalePrior.of(block))
-    return np.asarray(np.max([log_null - log_null.max() for log_null, _ in found], axis=0))
+    return bases
+
+
+def _leaves_freedom(base: FloatArray) -> bool:
+    return base.shape[0] - base.shape[1] >= _LEAST_FREEDOM
+
+
+@dataclass(frozen=True)
+class RichMeans:
+    """A block with its base, alone and within each rich model of its means, projected out at every noise point.
+
+    Kept, because a base that has grown by a few columns then needs these few only. `spans` (N, p) are orthonormal.
+    """
+
+    block: Block
+    rich: Sequence[FloatArray]
+    spans: Sequence[FloatArray]
+    projections: Sequence[Projection]
+
+    @classmethod
+    def of(cls, block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> RichMeans:
+        """Project the base out, alone and with each of the rich models."""
+        spans = [np.linalg.qr(base)[0] for base in _bases(block, rich)]
+        return cls(block, tuple(rich), spans, [Projection.of(noise, span) for span in spans])
+
+    def serves(self, block: Block, rich: Sequence[FloatArray]) -> bool:
+        """Whether it is about these data and rich models, and a base that only has further columns."""
+        known = self.block.base
+        same = len(rich) == len(self.rich) and all(a is b for a, b in zip(rich, self.rich, strict=True))
+        same = same and ScalePrior.of(block) == ScalePrior.of(self.block)
+        pairs = ((block.y, self.block.y), (block.base[:, : known.shape[1]], known))
+        return same and all(np.array_equal(a, b) for a, b in pairs)
+
+    def best_of_any(self, base: FloatArray) -> FloatArray:
+        """Log probability of each noise point below the best, under whichever model suits it most, (t,)."""
+        prior, y = ScalePrior.of(self.block), self.block.y[:, None]
+        further = base[:, self.block.base.shape[1] :]
+        out = []
+        for place, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
+            p = span.shape[1]
+            whole = independent_columns(np.hstack([span, further]), 1e-6)
+            if place == 0 or _leaves_freedom(whole):
+                log_null = projection.log_null_beside(np.linalg.qr(whole)[0][:, p:], y, prior)
+                out.append(log_null - log_null.max())
+        return np.asarray(np.max(out, axis=0))
 
 
 def _log_sum(values: FloatArray) -> FloatArray:
