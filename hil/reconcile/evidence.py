@@ -294,7 +294,7 @@ def _bases(block: Block, rich: Sequence[FloatArray]) -> list[FloatArray]:
 
 
 def _leaves_freedom(base: FloatArray) -> bool:
-    return base.shape[0] - base.shape[1] >= _LEAST_FREEDOM
+    return bool(base.shape[0] - base.shape[1] >= _LEAST_FREEDOM)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, ndtri
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Base
@@ -60,7 +60,8 @@ def next_experiment(
     enough = [s for s in scored if s[0] >= _EASY]
     best = min(enough, key=lambda s: (s[2].effort, -s[0])) if enough else max(scored, key=lambda s: s[0])
     noncentrality, difference, addition = best
-    power = float(stats.ncx2.sf(stats.chi2.isf(0.01, 1), 1, noncentrality))
+    shift, limit = np.sqrt(max(noncentrality, 0.0)), -ndtri(0.005)
+    power = float(ndtr(shift - limit) + ndtr(-shift - limit))
     if noncentrality < 1.0:
         return {
             "why": f"no stationary collect that was tried separates {leader.name} from {rival.name}; {_remedy(leader)}",

@@ -26,7 +26,7 @@ from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import BlockEvidence, NoiseTable, _log_sum
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
 from hil.reconcile.problem import pose
-from hil.reconcile.search import _TAIL, _tail
+from hil.reconcile.search import _TAIL, _tail, false_discovery
 
 _POINTS = 48  # noise models: fewer, and units with an unusual noise are found too often
 _NULL_DRAWS = 2000
@@ -121,7 +121,7 @@ class Screen:
         posterior = self._weighed(_rates(campaigns, self.blocks, self.conditions))
         statistic = _log_sum(posterior)
         p_values = _p_values(self.null, statistic)
-        q_values = _false_discovery(p_values)
+        q_values = false_discovery(p_values)
         by_name = self._by_name(posterior) + self._log_names()[:, None]
         leaders = np.argmax(by_name, axis=0)
         names = self.names
@@ -256,13 +256,3 @@ def _likely(every: BlockEvidence, y: FloatArray) -> NoiseTable:
     by_prior = np.argsort(-every.noise.grid.log_prior)
     spread = by_prior[np.linspace(0, len(by_prior) - 1, min(_POINTS // 2, len(by_prior))).astype(np.int64)]
     return every.noise.take(np.unique(np.concatenate([probable, spread])))
-
-
-def _false_discovery(p_values: FloatArray) -> FloatArray:
-    """Benjamini–Hochberg q-values."""
-    order = np.argsort(p_values)
-    scaled = p_values[order] * len(p_values) / np.arange(1, len(p_values) + 1)
-    q = np.minimum.accumulate(scaled[::-1])[::-1]
-    out = np.empty_like(q)
-    out[order] = np.minimum(q, 1.0)
-    return out

@@ -14,7 +14,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.reconcile.blocks import Block
@@ -60,7 +60,7 @@ def find_outliers(
 def _of_block(block: Block, table: NoiseTable) -> list[dict[str, Any]]:
     kept = np.ones(len(block.y), dtype=bool)
     found: list[dict[str, Any]] = []
-    limit = max(float(stats.norm.isf(_LEVEL / 2 / len(block.y))), _LEAST_SCORE)
+    limit = max(float(-ndtri(_LEVEL / 2 / len(block.y))), _LEAST_SCORE)
     for _ in range(max(1, int(_SHARE * len(block.y)))):
         rows = np.flatnonzero(kept)
         less = block.take(kept)
@@ -106,7 +106,7 @@ def studentised(block: Block, noise: BlockNoise) -> tuple[FloatArray, FloatArray
     seen = diagonal > 1e-3 * np.diagonal(precision)
     scale = np.maximum((rss - squared) / max(freedom - 1, 1), 1e-12)
     t = np.where(seen, gradient / np.sqrt(diagonal) / np.sqrt(scale), 0.0)
-    normal = np.sign(t) * stats.norm.isf(np.clip(stats.t.sf(np.abs(t), max(freedom - 1, 1)), 1e-300, 0.5))
+    normal = np.sign(t) * -ndtri(np.clip(stdtr(max(freedom - 1, 1), -np.abs(t)), 1e-300, 0.5))
     return normal, size
 
 

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray
 from hil.reconcile.fit import Added, BlockNoise, Fit
 from hil.reconcile.result import Disagreement
+from hil.reconcile.search import false_discovery
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
 _DETERMINED = 0.1  # of an effect, in every direction of its values, what the base must leave to be known by itself
@@ -101,8 +102,8 @@ def _least_left(columns: FloatArray, rest: FloatArray) -> float:
 def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[Disagreement]:
     """Give every place its q-value, and keep those that hold."""
     scores = [abs(d.size_deg_per_hr) / max(d.se_deg_per_hr, 1e-300) for d in found]
-    chances = 2.0 * stats.norm.sf(np.array(scores))
-    q_values = stats.false_discovery_control(chances) if len(found) else chances
+    chances = 2.0 * ndtr(-np.array(scores))
+    q_values = false_discovery(chances) if len(found) else chances
     return [
         Disagreement(d.where, d.size_deg_per_hr, d.se_deg_per_hr, float(max(q, p_value)))
         for d, q in zip(found, q_values, strict=True)

@@ -102,6 +102,16 @@ def p_value(null: FloatArray, statistic: float) -> float:
     return float(np.clip(_TAIL * np.exp(-(statistic - start) / mean_excess), _RESOLVED, 1.0))
 
 
+def false_discovery(p_values: FloatArray) -> FloatArray:
+    """Benjamini–Hochberg q-values."""
+    order = np.argsort(p_values)
+    scaled = p_values[order] * len(p_values) / np.arange(1, len(p_values) + 1)
+    q = np.minimum.accumulate(scaled[::-1])[::-1]
+    out = np.empty_like(q)
+    out[order] = np.minimum(q, 1.0)
+    return out
+
+
 def _tail(null: FloatArray) -> tuple[float, float]:
     """Where the tail begins, and how far its values lie beyond that on average."""
     start = float(np.quantile(null, 1.0 - _TAIL))

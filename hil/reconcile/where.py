@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr
 
 from hil.campaign import Conditions, FloatArray
 from hil.reconcile.blocks import Block
@@ -91,7 +91,7 @@ def _report(
             place = base.shape[1] + k
             if len(here) > 1 and abs(values[place]) < 2.0 * errors[place]:
                 continue  # what it showed is told by the other places
-            q = -np.expm1(tests * np.log1p(-min(2.0 * float(stats.norm.sf(abs(score))), 0.999999)))
+            q = -np.expm1(tests * np.log1p(-min(2.0 * float(ndtr(-abs(score))), 0.999999)))
             out.append(
                 (
                     abs(score),
@@ -119,7 +119,7 @@ def _largest_by_chance(
             draws = rng.standard_normal((len(r), _DRAWS))
             largest = np.maximum(largest, np.abs(np.array(here) @ draws).max(axis=0))
     limit = float(np.quantile(largest, 1.0 - alpha))
-    single = 2.0 * float(stats.norm.sf(limit))
+    single = 2.0 * float(ndtr(-limit))
     return limit, float(np.log1p(-alpha) / np.log1p(-single))
 
 
