@@ -95,10 +95,15 @@ def _levels(values: FloatArray, apart: float) -> IntArray:
 
 def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
     """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
+    return columns[:, independent(columns, tolerance)].astype(np.float64)
+
+
+def independent(columns: FloatArray, tolerance: float) -> list[int]:
+    """Return the places of the columns that are no combinations of earlier ones."""
     if 0 < columns.shape[1] <= columns.shape[0]:
         left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
         if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
-            return columns.astype(np.float64)
+            return list(range(columns.shape[1]))
     kept: list[int] = []
     basis = np.zeros(columns.shape)
     for place, column in enumerate(columns.T):
@@ -111,7 +116,7 @@ def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatAr
         if size > 0 and norm > tolerance * size:
             basis[:, len(kept)] = remainder / norm
             kept.append(place)
-    return columns[:, kept].astype(np.float64)
+    return kept
 
 
 def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent_columns
+from hil.reconcile.blocks import Block, independent, independent_columns
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid, whiteners
 from hil.reconcile.whitened import Whitened
 
@@ -33,6 +33,9 @@ _MOST_POINTS = 36
 _OUT_OF_THE_QUESTION = 15.0
 _MOST_KEPT = 160
 _LEAST_FREEDOM = 4
+_AT_ONCE = 128  # data sets weighed together: memory, not speed
+
+State = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -97,17 +100,19 @@ class Projection:
         power = prior.a + 0.5 * self.freedom
         return residual, rss, self.log_weight[:, None] - power * np.log(prior.b + 0.5 * rss)
 
-    def log_null_beside(self, further: FloatArray, y: FloatArray, prior: ScalePrior) -> FloatArray:
-        """Log marginal likelihood (t,) of one data set y (N, 1), the base with further columns, orthonormal to it."""
-        residual, rss, log_null = self.log_null(y, prior)
-        if further.shape[1] == 0:
-            return log_null[:, 0]
-        white = self.beside(self.whitening @ further)
-        factor = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
-        score = np.linalg.solve(factor, np.swapaxes(white, 1, 2) @ residual)
-        log_weight = self.log_weight - np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-        left = np.maximum(rss - np.sum(score**2, axis=1), 1e-12 * rss)[:, 0]
-        power = prior.a + 0.5 * (self.freedom - further.shape[1])
+    def log_null_with(self, white: FloatArray, residual: FloatArray, rss: FloatArray, prior: ScalePrior) -> FloatArray:
+        """Log marginal likelihood (t,), up to a constant, with further whitened columns (t, N, k) in the base.
+
+        For one data set: `residual` (t, N) is what the base leaves of it, `rss` (t,) its square.
+        """
+        log_weight, left = self.log_weight, rss
+        if white.shape[2]:
+            own = self.beside(white)
+            factor = np.linalg.cholesky(np.swapaxes(own, 1, 2) @ own)
+            score = np.linalg.solve(factor, np.einsum("tnk,tn->tk", own, residual)[..., None])[..., 0]
+            log_weight = log_weight - np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+            left = np.maximum(rss - np.sum(score**2, axis=1), 1e-12 * rss)
+        power = prior.a + 0.5 * (self.freedom - white.shape[2])
         return np.asarray(log_weight - power * np.log(prior.b + 0.5 * left))
 
 
@@ -179,22 +184,24 @@ class BlockEvidence:
             inverse, self.rank[:, group.members] = _pseudo_inverse(group.beside(self.projection.basis))
             self._inverse.append(inverse)
 
-    def log_null(self, y: FloatArray) -> FloatArray:
-        """Log marginal likelihood of the base alone, averaged over the noise, shape (m,)."""
-        return _log_sum(self.projection.log_null(y, self.prior)[2])
+    def state(self, y: FloatArray) -> State:
+        """What the base leaves of data sets `y` (N, m): residuals (t, N, m), RSS (t, m), log likelihood (t, m)."""
+        return self.projection.log_null(y, self.prior)
 
     def log_factors(self, y: FloatArray) -> FloatArray:
         """Log Bayes factor of every candidate against the base alone, for data sets `y` (N, m), shape (j, m)."""
-        out = np.zeros((self.white.count, y.shape[1]))
-        for begin in range(0, y.shape[1], 128):
-            out[:, begin : begin + 128] = self._log_factors(y[:, begin : begin + 128])
-        return out
+        return self.log_factors_of(self.state(y))
 
-    def _log_factors(self, y: FloatArray) -> FloatArray:
-        residual, rss, log_null = self.projection.log_null(y, self.prior)
+    def log_factors_of(self, state: State) -> FloatArray:
+        """Log Bayes factors (j, m) of data sets of which the base has been taken off."""
+        starts = range(0, state[1].shape[1], _AT_ONCE)
+        parts = [self._log_factors(*(values[..., i : i + _AT_ONCE] for values in state)) for i in starts]
+        return np.concatenate(parts, axis=1)
+
+    def _log_factors(self, residual: FloatArray, rss: FloatArray, log_null: FloatArray) -> FloatArray:
         power = self.prior.a + 0.5 * self.projection.freedom
         weight = np.exp(log_null - _log_sum(log_null))
-        share = np.zeros((len(rss), self.white.count, y.shape[1]))
+        share = np.zeros((len(rss), self.white.count, rss.shape[1]))
         for group, inverse in zip(self.white.groups, self._inverse, strict=True):
             share[:, group.members] = _explained(group.scores(residual), inverse)
         share *= (0.5 / (self.prior.b + 0.5 * rss))[:, None, :]
@@ -227,13 +234,6 @@ class BlockEvidence:
             factor = np.linalg.cholesky(covariance)
             out[:, where] = np.sqrt(scale) * (factor @ rng.standard_normal((out.shape[0], len(where))))
         return out
-
-    def best_noise(self, y: FloatArray) -> tuple[int, float]:
-        """Return the most probable noise point for the base alone (index into `noise`) and its scale s²."""
-        _, rss, log_null = self.projection.log_null(y[:, None], self.prior)
-        point = int(np.argmax(log_null[:, 0]))
-        scale = (self.prior.b + 0.5 * rss[point, 0]) / max(self.prior.a + 0.5 * self.projection.freedom, 0.5)
-        return point, float(scale)
 
 
 def _pseudo_inverse(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -288,32 +288,36 @@ def _bases(block: Block, rich: Sequence[FloatArray]) -> list[FloatArray]:
     bases = []
     for extra in ([np.zeros((len(block.y), 0))], *[[columns] for columns in rich]):
         base = independent_columns(np.hstack([block.base, *extra]), 1e-6)
-        if _leaves_freedom(base) or not extra[0].shape[1]:
+        if len(base) - base.shape[1] >= _LEAST_FREEDOM or not extra[0].shape[1]:
             bases.append(base)
     return bases
-
-
-def _leaves_freedom(base: FloatArray) -> bool:
-    return bool(base.shape[0] - base.shape[1] >= _LEAST_FREEDOM)
 
 
 @dataclass(frozen=True)
 class RichMeans:
     """A block with its base, alone and within each rich model of its means, projected out at every noise point.
 
-    Kept, because a base that has grown by a few columns then needs these few only. `spans` (N, p) are orthonormal.
+    Kept, because a base that has grown by a few columns then needs these few only. `spans` (N, p) are orthonormal,
+    `residuals` (t, N) what each projection leaves of the data, `squares` (t,) their sums of squares.
     """
 
     block: Block
     rich: Sequence[FloatArray]
+    whitening: FloatArray
     spans: Sequence[FloatArray]
     projections: Sequence[Projection]
+    residuals: Sequence[FloatArray]
+    squares: Sequence[FloatArray]
 
     @classmethod
     def of(cls, block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> RichMeans:
         """Project the base out, alone and with each of the rich models."""
         spans = [np.linalg.qr(base)[0] for base in _bases(block, rich)]
-        return cls(block, tuple(rich), spans, [Projection.of(noise, span) for span in spans])
+        projections = [Projection.of(noise, span) for span in spans]
+        white = noise.whitening @ block.y[:, None]
+        residuals = [projection.beside(white)[:, :, 0] for projection in projections]
+        squares = [np.sum(residual**2, axis=1) for residual in residuals]
+        return cls(block, tuple(rich), noise.whitening, spans, projections, residuals, squares)
 
     def serves(self, block: Block, rich: Sequence[FloatArray]) -> bool:
         """Whether it is about these data and rich models, and a base that only has further columns."""
@@ -325,14 +329,14 @@ class RichMeans:
 
     def best_of_any(self, base: FloatArray) -> FloatArray:
         """Log probability of each noise point below the best, under whichever model suits it most, (t,)."""
-        prior, y = ScalePrior.of(self.block), self.block.y[:, None]
-        further = base[:, self.block.base.shape[1] :]
+        prior, further = ScalePrior.of(self.block), base[:, self.block.base.shape[1] :]
+        white = self.whitening @ (further / np.maximum(np.linalg.norm(further, axis=0), 1e-300))
         out = []
-        for place, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
+        for k, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
             p = span.shape[1]
-            whole = independent_columns(np.hstack([span, further]), 1e-6)
-            if place == 0 or _leaves_freedom(whole):
-                log_null = projection.log_null_beside(np.linalg.qr(whole)[0][:, p:], y, prior)
+            new = [place - p for place in independent(np.hstack([span, further]), 1e-6) if place >= p]
+            if k == 0 or len(span) - p - len(new) >= _LEAST_FREEDOM:
+                log_null = projection.log_null_with(white[:, :, new], self.residuals[k], self.squares[k], prior)
                 out.append(log_null - log_null.max())
         return np.asarray(np.max(out, axis=0))
 

@@ -176,10 +176,11 @@ class Evidence:
         """Return log Bayes factors (h, m), and those of each one's units (u, m), for data sets `y[block]` (N, m)."""
         starts = self.layout.starts
         units = np.zeros((starts[-1], y[0].shape[1]))
-        for block, places, values in zip(self.blocks, self.layout.units, y, strict=True):
-            units[places] = block.log_factors(values)
+        states = [block.state(values) for block, values in zip(self.blocks, y, strict=True)]
+        for block, places, state in zip(self.blocks, self.layout.units, states, strict=True):
+            units[places] = block.log_factors_of(state)
         if self.layout.joint:
-            joint = JointEvidence(self.blocks, y)
+            joint = JointEvidence(self.blocks, states)
             for columns in self.layout.joint:
                 units[columns.units] = joint.log_factors(columns)
         counts = np.diff(starts)

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, _log_sum
+from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, State, _log_sum
 from hil.reconcile.whitened import Group
 
 
@@ -34,11 +34,11 @@ class JointColumns:
 
 
 class JointEvidence:
-    """Evidence for joint units beside the bases of their blocks, for data sets `y[block]` (N, m)."""
+    """Evidence for joint units beside the bases of their blocks, for what these leave of the data (`states[block]`)."""
 
-    def __init__(self, blocks: Sequence[BlockEvidence], y: Sequence[FloatArray]) -> None:
+    def __init__(self, blocks: Sequence[BlockEvidence], states: Sequence[State]) -> None:
         self.blocks = blocks
-        self._states = [block.projection.log_null(values, block.prior) for block, values in zip(blocks, y, strict=True)]
+        self._states = states
 
     def log_factors(self, columns: JointColumns) -> FloatArray:
         """Return the log Bayes factors of units of one size, shape (j, m)."""

@@ -134,8 +134,15 @@ def _listed(numbers: Sequence[int]) -> str:
 def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Standardised residuals by run (in order of temperature) and position, before and after, on one scale."""
     channels = list(dict.fromkeys((r["sensor"], r["channel"]) for r in rows))
-    figure = Figure(figsize=(11.0, 1.2 + 1.5 * len(channels)), layout="constrained")
-    axes = figure.subplots(len(channels), 2, squeeze=False, sharey="row")
+    longest = max(len(str(r["position"])) for r in rows)
+    one_run = len({r["run"] for r in rows}) == 1  # positions then stand below, not beside
+    below = 0.2 + 0.045 * (longest if one_run else 10)  # inches, of labels that stand on end
+    width, height = 11.0, 0.3 + (0.95 + below) * len(channels)
+    figure = Figure(figsize=(width, height))  # in stated places: a layout that is sought takes as long as all the rest
+    gap = {"hspace": (0.25 + below) / 0.85, "wspace": 0.03}
+    left = (0.15 + 0.07 * (0 if one_run else longest)) / width
+    places = {"left": left, "right": 0.89, "bottom": below / height, "top": 1.0 - 0.3 / height}
+    axes = figure.subplots(len(channels), 2, squeeze=False, sharey="row", gridspec_kw={**places, **gap})
     image: AxesImage | None = None
     for i, (sensor, channel) in enumerate(channels):
         own = [r for r in rows if (r["sensor"], r["channel"]) == (sensor, channel)]
@@ -143,7 +150,7 @@ def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:
             image = _panel(axes[i, j], own, when)
             axes[i, j].set_title(f"sensor {sensor}, {channel}: {when}", fontsize=9)
     if image is not None:
-        bar = figure.colorbar(image, ax=axes, shrink=0.8)
+        bar = figure.colorbar(image, cax=figure.add_axes((0.92, 0.5 - 0.5 * 0.6, 0.016, 0.6)))
         bar.set_label("residual / σ", fontsize=8)
     return figure
 
@@ -175,8 +182,8 @@ def _run_labels(rows: Sequence[Mapping[str, Any]], runs: Sequence[int]) -> list[
 
 def _gap(result: Reconciliation) -> Figure:
     """Held-out gap before and after, beside the noise floor."""
-    figure = Figure(figsize=(6.0, 1.9), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(6.0, 1.9))
+    axes = figure.subplots(gridspec_kw={"left": 0.16, "right": 0.98, "bottom": 0.28, "top": 0.97})
     names = ["noise floor", "after", "before"]
     values = [result.gap.noise_floor, result.gap.after, result.gap.before]
     axes.barh(names, values, color=["0.7", "tab:green", "tab:red"])
