@@ -33,7 +33,7 @@ _MOST_POINTS = 36
 _OUT_OF_THE_QUESTION = 15.0
 _MOST_KEPT = 160
 _LEAST_FREEDOM = 4
-_AT_ONCE = 128  # data sets weighed together: memory, not speed
+_AT_ONCE = 32  # data sets weighed together: as many as stay close to the processor
 
 State = tuple[FloatArray, FloatArray, FloatArray]
 

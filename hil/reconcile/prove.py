@@ -125,12 +125,13 @@ def held_out(
     ]
     sums = np.zeros((max(steps, 1), 5, len(whole)))
     rows = np.array([sum(int(held.sum()) for held in fold) for fold in whole], dtype=np.int64)
-    few = Layout.of(hypotheses, [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)])
-    many = Layout.of(hypotheses, [table.take(point) for table, point in zip(tables, points, strict=True)])
+    asked = hypotheses if steps else ()
+    few = Layout.of(asked, [table.take(point[:_FEW]) for table, point in zip(tables, points, strict=True)])
+    many = Layout.of(asked, [table.take(point) for table, point in zip(tables, points, strict=True)])
     for i, fold in enumerate(whole):
         keep = [~held for held in fold]
         added = _select(keep, blocks, few, many, steps)
-        kept_noise = [n.take(rows) for n, rows in zip(noise, keep, strict=True)]
+        kept_noise = [n.take(own) for n, own in zip(noise, keep, strict=True)]
         held_noise = [n.take(held) for n, held in zip(noise, fold, strict=True)]
         plain = refit(blocks, kept_noise, [], keep)
         for k in range(len(sums)):
