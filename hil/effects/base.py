@@ -68,11 +68,13 @@ class ShapeParameter:
     """A parameter that enters non-linearly (time constant, hysteresis width, lag) with the grid that is searched.
 
     A grid of one value is a reference that must be stored with a fitted term (nominal supply voltage), not searched.
+    A continuous one is searched on the grid first, then between its points.
     """
 
     name: str
     unit: str
     grid: tuple[float, ...]
+    continuous: bool = False
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class IndexSettling(Effect):
     equation = "R += S (slew/90 deg) exp(-t_index/tau)"
     per_channel = True
     parameters = (Parameter("S", "deg/hr", (5.0, 100.0)),)
-    shapes = (ShapeParameter("tau_s", "s", (2.0, 5.0, 10.0, 20.0, 30.0, 60.0)),)
+    shapes = (ShapeParameter("tau_s", "s", (2.0, 5.0, 10.0, 20.0, 30.0, 60.0), continuous=True),)
     needs = frozenset({"time_since_index_s"})
     signature = "Exponential at the beginning of every collect; collect 2, after 180 deg, differs from 1 and 3."
     confusable_with = ("MU_real", "drift", "convection")

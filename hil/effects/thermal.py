@@ -20,7 +20,7 @@ from hil.effects.base import (
 from hil.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.errors import InputError
 
-_SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0))
+_SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
 
 
 class BiasTemperature(Effect):
@@ -140,7 +140,7 @@ class Hysteresis(Effect):
     parameters = (
         Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
     )
-    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0)),)
+    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0), continuous=True),)
     needs = frozenset({"temperature_degC"})
     signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")
@@ -184,7 +184,7 @@ class WarmUp(Effect):
     equation = "B += W exp(-t_on/tau)"
     per_channel = True
     parameters = (Parameter("W", "deg/hr", (5.0, 50.0), {"MEMS": (1.0, 20.0)}),)
-    shapes = (ShapeParameter("tau_min", "min", (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 90.0)),)
+    shapes = (ShapeParameter("tau_min", "min", (3.0, 5.0, 8.0, 12.0, 20.0, 40.0, 90.0), continuous=True),)
     needs = frozenset({"time_since_power_on_s"})
     common_to_sensors = True
     signature = "Tied to power-on, not to the chamber; the same sign always, both sensors if powered together."
@@ -211,7 +211,7 @@ class GasConvection(Effect):
         Parameter("c1", "deg/hr/g", (0.1, 2.0), {"gas": (0.01, 0.5)}),
         Parameter("c3", "deg/hr/g", (0.1, 2.0), {"gas": (0.01, 0.5)}),
     )
-    shapes = (ShapeParameter("tau_min", "min", (1.0, 2.0, 5.0)),)
+    shapes = (ShapeParameter("tau_min", "min", (1.0, 2.0, 5.0), continuous=True),)
     needs = frozenset({"time_since_index_s"})
     signature = "Looks like GS and MU, but approaches its value slowly after each index and thins out with heat."
     confusable_with = ("MU_real", "GS", "MU_T", "GS_T", "mag")

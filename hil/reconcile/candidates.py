@@ -35,6 +35,10 @@ _HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 """Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
+_REFERENCES = frozenset({"nominal_V", "nominal_us", "interval_s", "middle"})
+"""Shape parameters that the rows of a sensor give, not the search."""
+_FEWEST_VALUES = 6
+_CURVE_ORDER = 3
 
 
 BaseBeside = Callable[[Effect, Mapping[str, float]], Base]
@@ -65,6 +69,11 @@ class Candidate:
     sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
     before_degC: float = _ROOM_DEGC
+
+    @property
+    def searched(self) -> tuple[tuple[str, float], ...]:
+        """The shape parameters that were searched for: a reference (the nominal voltage) is each sensor's own."""
+        return tuple((name, value) for name, value in sorted(self.shape.items()) if name not in _REFERENCES)
 
     @property
     def size(self) -> int:
@@ -268,6 +277,11 @@ def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
         if target != "earth rate":
             for power_name, curve in _smooth(conditions):
                 yield _curve(number, conditions, target, unit, power_name, values[:, :, None] * curve[:, None, :])
+        if target == "B":
+            for driver in plain:
+                if _bears_a_curve(driver):
+                    curve = _powers(driver.name, conditions, _CURVE_ORDER)
+                    yield _curve(number, conditions, target, unit, driver.name, values[:, :, None] * curve[:, None, :])
     for place in position_drivers(conditions):
         both = [place.name]
         for zone in zones:
@@ -299,8 +313,14 @@ def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
         yield "start_s", _powers("start_s", conditions)
 
 
-def _powers(name: str, conditions: Conditions) -> FloatArray:
-    return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, 6)], axis=1)
+def _bears_a_curve(driver: Driver) -> bool:
+    """Whether a recorded condition, temperature and time apart, takes enough values for a curve over it."""
+    recorded = driver.kind == "condition" and "^" not in driver.name and driver.name != "temperature_degC"
+    return recorded and len(np.unique(np.round(driver.values, 9))) >= _FEWEST_VALUES
+
+
+def _powers(name: str, conditions: Conditions, order: int = 5) -> FloatArray:
+    return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, order + 1)], axis=1)
 
 
 def _term(number: int, conditions: Conditions, target: str, unit: str, driver: Driver, values: FloatArray) -> Candidate:

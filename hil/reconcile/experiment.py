@@ -60,7 +60,8 @@ def next_experiment(
     enough = [s for s in scored if s[0] >= _EASY]
     best = min(enough, key=lambda s: (s[2].effort, -s[0])) if enough else max(scored, key=lambda s: s[0])
     noncentrality, difference, addition = best
-    shift, limit = np.sqrt(max(noncentrality, 0.0)), -ndtri(0.005)
+    repeats = max(1, int(np.ceil(_EASY / max(noncentrality, 1e-9)))) if noncentrality >= 1.0 else 1
+    shift, limit = np.sqrt(max(noncentrality, 0.0) * repeats), -ndtri(0.005)
     power = float(ndtr(shift - limit) + ndtr(-shift - limit))
     if noncentrality < 1.0:
         return {
@@ -70,7 +71,6 @@ def next_experiment(
             "power": power,
             "impossible": True,
         }
-    repeats = max(1, int(np.ceil(_EASY / noncentrality)))
     return {
         "why": f"separates {leader.name} from {rival.name}",
         "what": addition.name,

@@ -62,7 +62,7 @@ def hypotheses(candidates: Sequence[Candidate], blocks: Sequence[Block]) -> list
     """Merge candidates over sensors, cut them into units, leave out what cannot be seen, and share out the prior."""
     merged: dict[tuple[object, ...], list[Candidate]] = {}
     for candidate in candidates:
-        shape = (*sorted(candidate.shape.items()), candidate.before_degC)
+        shape = (candidate.searched, candidate.before_degC)
         key = (candidate.tier, candidate.name, shape, candidate.form)
         merged.setdefault(key, []).append(candidate)
     found = []

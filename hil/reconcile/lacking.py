@@ -36,6 +36,10 @@ _KIN: Mapping[str, tuple[str, ...]] = {
 """Names of one history in time that only a further condition tells apart."""
 
 
+_OF_A_FIRST_RUN = ("warmup", "soak_insufficient")
+"""Names of which only the first run may show much."""
+
+
 def _zone(columns: FloatArray, conditions: Conditions) -> str:
     """The range of setpoints in which alone, and always, a step's bias stands; empty where no range is that."""
     temperature = conditions.columns.get("temperature_degC")
@@ -144,6 +148,12 @@ def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
         if needs:
             remedy = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
             yield _Unasked(name, effect.title, remedy)
+    if leader.name == "jump" and candidate.shape.get("from_run") == np.unique(here.run)[1]:
+        for name in _OF_A_FIRST_RUN:
+            effect = effect_by_id(name)
+            if effect.missing(here):
+                needs = " and ".join(need.replace("|", " or ") for need in effect.missing(here))
+                yield _Unasked(name, effect.title, f"record {needs}")
     if candidate.shape.get("runs_held"):
         yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
     if leader.name == "turnon" and _cycles_are_setpoints(here):

@@ -20,7 +20,7 @@ from hil.reconcile.search import Scan
 
 NAMED = 0.8
 SAME = 0.95
-_DECADES = 0.3  # a size this many decades beyond the typical range is one standard deviation implausible
+_DECADES = 0.5  # a size half a decade beyond the typical range is one standard deviation implausible
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
@@ -43,6 +43,7 @@ _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _NEARLY = 7.0  # and within which a usual term withholds the name from an unusual one
 _SLIVER = 0.04
+_IDEAL = 0.04  # a catalogue's column is an idealisation: the true one differs from it by so much of its norm
 LARGE = 3.0
 _UNHEARD_OF = 20.0
 _CLEAR = 5.0
@@ -89,10 +90,9 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     names = list(scan.shares)
     first_tier = [n for n in names if scan.shares[n] > _HOPELESS and scan.best(n)[0].tier == 1][:limit]
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
-    weighed = [_fitted(name, scan, blocks, noise) for name in considered]
-    weights = np.array(
-        [max(w.probability, 1e-300) * np.exp(plausibility(w.excess)) * _standing(w.name) for w in weighed]
-    )
+    weighed = _tempered([_fitted(name, scan, blocks, noise) for name in considered])
+    logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
+    weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
     ranked = sorted(
         (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
@@ -113,10 +113,21 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         ]
         stated = leader.probability * certainty(scan)
         kind = "ambiguous" if possible or stated < NAMED else "named"
-        shown = [w for w in rivals if w in same or w.probability > 0.005]
+        alike = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_good(leader, w)]
+        shown = [w for w in rivals if w in same or w in alike or w.probability > 0.005]
     else:
         shown = [w for w in rivals if w.probability > 0.01]
     return Naming(kind, leader, shown[:8])
+
+
+def _tempered(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Draw the evidence of all names together as far as columns that are only nearly true leave them undecided.
+
+    What is left of an effect of norm d by a column that is off by a share s is s d, and has evidence of its own.
+    """
+    most = max(w.log_evidence for w in weighed)
+    temper = 1.0 + 2.0 * _IDEAL**2 * max(most, 0.0)
+    return [replace(w, log_evidence=most - (most - w.log_evidence) / temper) for w in weighed]
 
 
 def _more_plausible(
@@ -179,9 +190,13 @@ def _usual_and_as_good(leader: Weighed, rival: Weighed) -> bool:
     return usual and rival.overlap > SAME and leader.log_evidence - rival.log_evidence < _NEARLY
 
 
+def _as_good(leader: Weighed, rival: Weighed) -> bool:
+    return leader.log_evidence - rival.log_evidence < _CLOSE
+
+
 def _as_narrow(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
     """Whether the rival explains as much with no more freedom: a broad effect around a narrow one is not the same."""
-    if leader.log_evidence - rival.log_evidence > _CLOSE:
+    if not _as_good(leader, rival):
         return False
     return bool(_span(rival.added, blocks, noise).shape[1] <= _span(leader.added, blocks, noise).shape[1])
 
@@ -282,13 +297,12 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
     sizes = inverse @ (design.T @ np.concatenate(target))
     errors = np.sqrt(np.clip(np.diag(inverse @ gram @ inverse), 0.0, None))
     worst = 1.0
-    for size, error, is_switch in zip(np.abs(sizes), errors, switch, strict=True):
+    for size, error, is_switch in zip(sizes, errors, switch, strict=True):
         if is_switch and error < _UNDETERMINED:
-            away = min(abs(size - 1.0), size)
-            neither = away > 5.0 * error + 0.1 or size < 0.5 < 3.0 * error + size
-            worst = max(worst, _IMPOSSIBLE * 2.0 if neither else 1.0)
-        elif not is_switch and size > 3.0 * error:
-            worst = max(worst, float(size - error))
+            away = min(abs(size - 1.0), abs(size)) / float(np.hypot(error, _IDEAL))
+            worst = max(worst, min(10.0 ** (_DECADES * max(away - 1.0, 0.0)), 2.0 * _IMPOSSIBLE))
+        elif not is_switch and abs(size) > 3.0 * error:
+            worst = max(worst, float(abs(size) - error))
     return worst
 
 

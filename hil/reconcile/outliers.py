@@ -25,6 +25,8 @@ _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
 _LEAST_SCORE = 4.5
 _LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
+_PAIRS = 100.0
+_MENDS = 1e-3  # what is left of exchanged collects may be as rare as this
 _LEAST_RUNS = 4
 _LEAST_FREEDOM = 6
 _MOST_EXCHANGES = 3
@@ -114,16 +116,19 @@ def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[Nois
     """Return the pairs of labels in one run that were exchanged: with the rates in each other's place all fits well.
 
     Every run and pair is tried under the noise estimated as the data stand, which an exchange itself inflates: what is
-    compared is the likelihood with the scale of each block refitted.
+    compared is the likelihood with the scale of each block refitted. Two glitches that fit a little better in each
+    other's place are no exchange: that leaves nothing unusual in either collect.
     """
     found: list[Exchange] = []
+    pairs = _pairs(campaign)
+    least = _LEAST_GAIN + float(np.log(max(len(pairs) / _PAIRS, 1.0)))
     noise = [estimate_noise(block, table) for block, table in zip(blocks, tables, strict=True)]
     projectors = [_projector(block, n) for block, n in zip(blocks, noise, strict=True)]
     y = [block.y for block in blocks]
     while len(found) < _MOST_EXCHANGES:
         before = _log_likelihood(blocks, projectors, y)
-        best: tuple[float, Exchange, list[FloatArray]] | None = None
-        for sensor, run, i, j in _pairs(campaign):
+        best: tuple[float, Exchange, list[FloatArray], tuple[int, int]] | None = None
+        for sensor, run, i, j in pairs:
             labels = campaign.sensors[sensor].conditions.position
             moved = [
                 _exchanged(block, values, i, j, campaign.sensors[sensor]) if block.sensor == sensor else values
@@ -131,12 +136,32 @@ def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[Nois
             ]
             gain = _log_likelihood(blocks, projectors, moved) - before
             if best is None or gain > best[0]:
-                best = (gain, Exchange(sensor, run, (str(labels[i]), str(labels[j])), gain), moved)
-        if best is None or best[0] < _LEAST_GAIN:
+                best = (gain, Exchange(sensor, run, (str(labels[i]), str(labels[j])), gain), moved, (i, j))
+        if best is None or best[0] < least or not _is_mended(blocks, projectors, best[2], best[1].sensor, best[3]):
             break
         found.append(best[1])
         y = best[2]
     return found
+
+
+def _is_mended(
+    blocks: Sequence[Block],
+    projectors: Sequence[FloatArray],
+    y: Sequence[FloatArray],
+    sensor: int,
+    pair: tuple[int, int],
+) -> bool:
+    """Whether two collects in each other's place are as the others predict them, all channels together."""
+    squares, cells = 0.0, 0
+    for block, projector, values in zip(blocks, projectors, y, strict=True):
+        own = np.flatnonzero(np.isin(block.rows, pair)) if block.sensor == sensor else np.zeros(0, dtype=np.int64)
+        gradient = projector @ values
+        score = gradient / np.sqrt(np.clip(np.diagonal(projector), 1e-12, None))
+        scale = max(float(np.median(np.abs(score))) / stats.norm.ppf(0.75), 1e-12)
+        inner = projector[np.ix_(own, own)]
+        squares += float(gradient[own] @ np.linalg.pinv(inner, rcond=1e-6) @ gradient[own]) / scale**2
+        cells += len(own)
+    return squares < float(stats.chi2.isf(_MENDS, max(cells, 1)))
 
 
 def _pairs(campaign: Campaign) -> list[tuple[int, int, int, int]]:
