@@ -103,12 +103,12 @@ def collect_interval_s(conditions: Conditions) -> float:
 def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     """Return how many collect intervals after its run's first collect each row was taken: 0, 1, 2; shape (n,).
 
-    Counted by time, so that a missing collect does not move the others.
+    Counted by time, so that a missing collect does not move the others, in whole collects: d is per collect.
     """
     place = np.zeros(len(conditions))
     for run in np.unique(conditions.run):
         rows = conditions.run == run
-        place[rows] = (conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s
+        place[rows] = np.round((conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s)
     return place
 
 

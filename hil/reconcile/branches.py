@@ -19,7 +19,7 @@ from hil.reconcile.evidence import NoiseTable, pruned
 from hil.reconcile.findings import Step
 from hil.reconcile.fit import Added, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
-from hil.reconcile.naming import LARGE, Naming, prior_weight, weigh, with_rivals
+from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
 from hil.reconcile.problem import Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 
@@ -27,6 +27,7 @@ _MOST_EFFECTS = 5
 _LEAST_FREEDOM = 3
 _FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
 _ROUNDS = 3
+_EVEN = 1.0  # log evidence by which what has no name must be ahead of names that explain the same
 _TEMPERATURE = "temperature_degC"
 CERTAIN = 4.0  # log evidence above the threshold from which a disagreement is called certain
 
@@ -159,12 +160,14 @@ def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Sea
     """Add what is found, one effect after the other, then look at each again beside all the others.
 
     `threshold` is for every effect after the first: the first has passed its own. One cause of a size that hardly any
-    unit has may stand in for several ordinary ones: these are looked for as well, and weighed against it. Returned with
-    the search that found them, which held-out rows are to repeat.
+    unit has, or one without a name, may stand in for several ordinary ones: these are looked for as well, and weighed
+    against it. Returned with the search that found them, which held-out rows are to repeat.
     """
     steps = _one_by_one(search, first, threshold)
-    odd = {step.naming.leader.name for step in steps if step.naming.leader.excess > LARGE}
-    others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd])
+    leaders = [step.naming.leader for step in steps]
+    odd = {leader.name for leader in leaders if leader.excess > LARGE or leader.tier == 2}
+    tiers = {1} if any(leader.tier == 2 for leader in leaders) else {1, 2}
+    others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd and h.tier in tiers])
     if not odd or not others.hypotheses:
         return steps, search
     scan = others.scan()
@@ -172,10 +175,11 @@ def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Sea
     if not ordinary:
         return steps, search
     lead = _plausible_weight(search, steps) - _plausible_weight(search, ordinary)
-    share = 1.0 / (1.0 + float(np.exp(-abs(lead))))
-    if lead >= 0.0:
+    share = 1.0 / (1.0 + float(np.exp(-lead)))
+    listed = all(step.naming.leader.tier == 1 for step in ordinary) and tiers == {1}
+    if lead >= (_EVEN if listed else 0.0):
         return _beside(steps, ordinary, share), search
-    return _beside(ordinary, steps, share), others
+    return _beside(ordinary, steps, 1.0 - share), others
 
 
 def _beside(chosen: Sequence[Step], left: Sequence[Step], share: float) -> list[Step]:
@@ -204,13 +208,18 @@ def _one_by_one(search: Search, first: Scan, threshold: float) -> list[Step]:
     """Add the most probable name, again and again, until nothing more is found; then name each beside the others."""
     steps: list[Step] = []
     scan, present = first, search
-    while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold):
+    while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold + _left_by(steps)):
         steps.append(Step(scan, _name(scan, present)))
         present = search.with_base(joined_columns([s.added for s in steps], len(search.blocks)))
         if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
             break
         scan = present.scan()
     return _refined(search, steps, threshold) if len(steps) > 1 else steps
+
+
+def _left_by(steps: Sequence[Step]) -> float:
+    """Log evidence that effects of this size leave for another by their columns being only nearly true."""
+    return 0.5 * float(np.sum([(IDEAL * step.naming.leader.norm) ** 2 for step in steps]))
 
 
 def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
@@ -225,7 +234,7 @@ def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
             others = [s.added for i, s in enumerate(steps) if i != place]
             present = search.with_base(joined_columns(others, len(search.blocks)))
             scan = present.scan()
-            if scan.statistic > threshold:
+            if scan.statistic > threshold + _left_by([s for i, s in enumerate(steps) if i != place]):
                 steps[place] = Step(scan, _name(scan, present))
                 place += 1
             else:

@@ -43,7 +43,7 @@ _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _NEARLY = 7.0  # and within which a usual term withholds the name from an unusual one
 _SLIVER = 0.04
-_IDEAL = 0.04  # a catalogue's column is an idealisation: the true one differs from it by so much of its norm
+IDEAL = 0.04  # a catalogue's column is an idealisation: the true one differs from it by so much of its norm
 LARGE = 3.0
 _UNHEARD_OF = 20.0
 _CLEAR = 5.0
@@ -60,7 +60,7 @@ class Weighed:
     """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader.
 
     `same_on` are the sensors of several on which it cannot be told from the leader, `remedy` what
-    would let it be asked about, where this data does not.
+    would let it be asked about, where this data does not; `norm` is the leader's, beside the base, in units of the noise.
     """
 
     name: str
@@ -74,6 +74,7 @@ class Weighed:
     fit: Fit
     same_on: tuple[int, ...] = ()
     remedy: str = ""
+    norm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,9 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     names = list(scan.shares)
     first_tier = [n for n in names if scan.shares[n] > _HOPELESS and scan.best(n)[0].tier == 1][:limit]
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
-    weighed = _tempered([_fitted(name, scan, blocks, noise) for name in considered])
+    weighed = [_fitted(name, scan, blocks, noise) for name in considered]
+    norm = _norm(max(weighed, key=lambda w: w.log_evidence), blocks, noise)
+    weighed = _tempered(weighed, norm)
     logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
@@ -117,16 +120,22 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         shown = [w for w in rivals if w in same or w in alike or w.probability > 0.005]
     else:
         shown = [w for w in rivals if w.probability > 0.01]
-    return Naming(kind, leader, shown[:8])
+    return Naming(kind, replace(leader, norm=norm), shown[:8])
 
 
-def _tempered(weighed: Sequence[Weighed]) -> list[Weighed]:
+def _norm(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
+    """Norm of a fitted effect beside the base, in units of the noise."""
+    parts = [_beside(effect, block, n) for effect, block, n in zip(weighed.fit.effect, blocks, noise, strict=True)]
+    return float(np.linalg.norm(np.concatenate(parts)))
+
+
+def _tempered(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
     """Draw the evidence of all names together as far as columns that are only nearly true leave them undecided.
 
-    What is left of an effect of norm d by a column that is off by a share s is s d, and has evidence of its own.
+    What a column that is off by a share s leaves of an effect of norm d is s d, and has evidence of its own.
     """
     most = max(w.log_evidence for w in weighed)
-    temper = 1.0 + 2.0 * _IDEAL**2 * max(most, 0.0)
+    temper = 1.0 + (IDEAL * norm) ** 2
     return [replace(w, log_evidence=most - (most - w.log_evidence) / temper) for w in weighed]
 
 
@@ -299,7 +308,7 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
     worst = 1.0
     for size, error, is_switch in zip(sizes, errors, switch, strict=True):
         if is_switch and error < _UNDETERMINED:
-            away = min(abs(size - 1.0), abs(size)) / float(np.hypot(error, _IDEAL))
+            away = min(abs(size - 1.0), abs(size)) / float(np.hypot(error, IDEAL))
             worst = max(worst, min(10.0 ** (_DECADES * max(away - 1.0, 0.0)), 2.0 * _IMPOSSIBLE))
         elif not is_switch and abs(size) > 3.0 * error:
             worst = max(worst, float(abs(size) - error))
