@@ -103,12 +103,27 @@ def collect_interval_s(conditions: Conditions) -> float:
 def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     """Return how many collect intervals after its run's first collect each row was taken: 0, 1, 2; shape (n,).
 
-    Counted by time, so that a missing collect does not move the others, in whole collects: d is per collect.
+    Counted by time, so that a missing collect does not move the others, in whole collects. Where the first is missing,
+    the others stand where their positions stand in the other runs.
     """
     place = np.zeros(len(conditions))
-    for run in np.unique(conditions.run):
-        rows = conditions.run == run
+    runs = [conditions.run == run for run in np.unique(conditions.run)]
+    for rows in runs:
         place[rows] = np.round((conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s)
+    most = max((int(rows.sum()) for rows in runs), default=0)
+    whole = np.any([rows for rows in runs if rows.sum() == most], axis=0) if runs else np.zeros(0, dtype=np.bool_)
+    usual = {
+        label: float(np.median(place[whole & (conditions.position == label)]))
+        for label in set(conditions.position[whole].tolist())
+    }
+    for rows in runs:
+        if rows.sum() < most:
+            known = [
+                usual[p] - at
+                for p, at in zip(conditions.position[rows].tolist(), place[rows], strict=True)
+                if p in usual
+            ]
+            place[rows] += max(np.round(np.median(known)), 0.0) if known else 0.0
     return place
 
 

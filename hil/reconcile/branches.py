@@ -20,11 +20,10 @@ from hil.reconcile.findings import Step
 from hil.reconcile.fit import Added, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
 from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
-from hil.reconcile.problem import Problem, pose, rich_columns
+from hil.reconcile.problem import LEAST_FREEDOM, Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 
 _MOST_EFFECTS = 5
-_LEAST_FREEDOM = 3
 _FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
 _ROUNDS = 3
 _EVEN = 1.0  # log evidence by which what has no name must be ahead of names that explain the same
@@ -72,8 +71,15 @@ class Branch:
             return self
         if not self.is_repeated:
             return other if other.is_certain else self
+        if not other.steps and self.is_listed:
+            return self
         in_pieces = self.calibrates_in_pieces and other.log_evidence > 0.0 and len(other.steps) < len(self.steps)
         return other if in_pieces or other.log_evidence > self.log_evidence else self
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether all that was found are effects of the catalogue that follow temperature smoothly or not at all."""
+        return all(s.naming.leader.tier == 1 and s.added.hypothesis.candidate.form != "table" for s in self.steps)
 
     @property
     def calibrates_in_pieces(self) -> bool:
@@ -148,7 +154,7 @@ def detect(
     Whatever noise does, what is less probable than nothing missing is not detected.
     """
     freedom = min(len(b.y) - b.base.shape[1] for b in search.blocks)
-    if not search.hypotheses or freedom < _LEAST_FREEDOM:
+    if not search.hypotheses or freedom < LEAST_FREEDOM:
         return None, np.inf, np.inf, 1.0
     scan = search.scan()
     null = null_statistics(scan, search.blocks, draws, rng)
@@ -211,7 +217,7 @@ def _one_by_one(search: Search, first: Scan, threshold: float) -> list[Step]:
     while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold + _left_by(steps)):
         steps.append(Step(scan, _name(scan, present)))
         present = search.with_base(joined_columns([s.added for s in steps], len(search.blocks)))
-        if min(len(b.y) - b.base.shape[1] for b in present.blocks) < _LEAST_FREEDOM:
+        if min(len(b.y) - b.base.shape[1] for b in present.blocks) < LEAST_FREEDOM:
             break
         scan = present.scan()
     return _refined(search, steps, threshold) if len(steps) > 1 else steps

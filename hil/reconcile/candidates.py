@@ -37,6 +37,7 @@ _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 _NOT_DRIVERS = frozenset({"n_samples"})
 _REFERENCES = frozenset({"nominal_V", "nominal_us", "interval_s", "middle"})
 """Shape parameters that the rows of a sensor give, not the search."""
+_NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
 
@@ -110,7 +111,9 @@ def _of_shape(
     tried: list[FloatArray] = []
     for before_degC in _HISTORIES.get(effect.id, (_ROOM_DEGC,)):
         columns = effect_columns(effect, conditions, base, shape, before_degC)
-        if not np.any(columns) or any(np.allclose(columns, other) for other in tried):
+        parameters = effect.parameters_for(conditions)
+        high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
+        if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or any(np.allclose(columns, o) for o in tried):
             continue
         tried.append(columns)
         plain = Candidate(
@@ -118,7 +121,7 @@ def _of_shape(
             tier=1,
             sensor=number,
             columns=columns,
-            parameters=effect.parameters_for(conditions),
+            parameters=parameters,
             shape=shape,
             title=_TITLES.get(effect.id, effect.title),
             equation=effect.equation,

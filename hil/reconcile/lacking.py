@@ -7,7 +7,7 @@ temperature; where no temperature was recorded, both explain it equally.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,9 @@ _KIN: Mapping[str, tuple[str, ...]] = {
     "ageing": ("bias_T",),
     "drift": ("bias_T",),
     "jump": ("bias_T",),
+    "hyst": ("soak_insufficient", "bias_Tdot", "bias_grad"),
+    "bias_T": ("demod", "warmup"),
+    "warmup": ("soak_insufficient",),
     "soak_insufficient": ("bias_Tdot", "bias_grad"),
     "bias_Tdot": ("bias_grad",),
     "bias_grad": ("bias_Tdot",),
@@ -36,6 +39,9 @@ _KIN: Mapping[str, tuple[str, ...]] = {
 """Names of one history in time that only a further condition tells apart."""
 
 
+_FAR: Mapping[str, tuple[str, ...]] = {"bias_T": ("demod", "warmup"), "warmup": ("soak_insufficient",)}
+"""Of these, names that would have to be of an unusual kind or size to stand in."""
+_UNLIKELY = 0.1
 _OF_A_FIRST_RUN = ("warmup", "soak_insufficient")
 """Names of which only the first run may show much."""
 
@@ -138,6 +144,10 @@ def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Nami
     return with_rivals(naming, share, others)
 
 
+def _record(needs: Sequence[str]) -> str:
+    return f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
+
+
 def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
     """Yield the names of the leader's history in time that nothing recorded tells from it."""
     candidate = leader.added.hypothesis.candidate
@@ -146,14 +156,12 @@ def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
         effect = effect_by_id(name)
         needs = effect.missing(here)
         if needs:
-            remedy = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
-            yield _Unasked(name, effect.title, remedy)
+            yield _Unasked(name, effect.title, _record(needs), _UNLIKELY if name in _FAR.get(leader.name, ()) else 1.0)
     if leader.name == "jump" and candidate.shape.get("from_run") == np.unique(here.run)[1]:
         for name in _OF_A_FIRST_RUN:
             effect = effect_by_id(name)
             if effect.missing(here):
-                needs = " and ".join(need.replace("|", " or ") for need in effect.missing(here))
-                yield _Unasked(name, effect.title, f"record {needs}")
+                yield _Unasked(name, effect.title, _record(effect.missing(here)))
     if candidate.shape.get("runs_held"):
         yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
     if leader.name == "turnon" and _cycles_are_setpoints(here):

@@ -60,7 +60,7 @@ class Weighed:
     """One name in one scan: its probability, its fit alone on top of the base, and how it compares with the leader.
 
     `same_on` are the sensors of several on which it cannot be told from the leader, `remedy` what
-    would let it be asked about, where this data does not; `norm` is the leader's, beside the base, in units of the noise.
+    would let it be asked about, where this data does not; `norm` is the leader's, beside the base, in its noise.
     """
 
     name: str
@@ -130,13 +130,17 @@ def _norm(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]
 
 
 def _tempered(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
-    """Draw the evidence of all names together as far as columns that are only nearly true leave them undecided.
+    """Raise the evidence of the catalogue's names by what columns that are only nearly true cost them.
 
-    What a column that is off by a share s leaves of an effect of norm d is s d, and has evidence of its own.
+    What a column that is off by a share s leaves of an effect of norm d is s d: as much misfit is forgiven.
     """
     most = max(w.log_evidence for w in weighed)
-    temper = 1.0 + (IDEAL * norm) ** 2
-    return [replace(w, log_evidence=most - (most - w.log_evidence) / temper) for w in weighed]
+
+    def forgiven(w: Weighed) -> Weighed:
+        misfit = float(np.sqrt(2.0 * (most - w.log_evidence)))
+        return replace(w, log_evidence=most - 0.5 * max(misfit - IDEAL * norm, 0.0) ** 2)
+
+    return [forgiven(w) if w.tier == 1 else w for w in weighed]
 
 
 def _more_plausible(

@@ -14,7 +14,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri, stdtr
+from scipy.special import chdtri, ndtri, stdtr
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.reconcile.blocks import Block
@@ -157,11 +157,11 @@ def _is_mended(
         own = np.flatnonzero(np.isin(block.rows, pair)) if block.sensor == sensor else np.zeros(0, dtype=np.int64)
         gradient = projector @ values
         score = gradient / np.sqrt(np.clip(np.diagonal(projector), 1e-12, None))
-        scale = max(float(np.median(np.abs(score))) / stats.norm.ppf(0.75), 1e-12)
+        scale = max(float(np.median(np.abs(score))) / float(ndtri(0.75)), 1e-12)
         inner = projector[np.ix_(own, own)]
         squares += float(gradient[own] @ np.linalg.pinv(inner, rcond=1e-6) @ gradient[own]) / scale**2
         cells += len(own)
-    return squares < float(stats.chi2.isf(_MENDS, max(cells, 1)))
+    return squares < float(chdtri(max(cells, 1), _MENDS))
 
 
 def _pairs(campaign: Campaign) -> list[tuple[int, int, int, int]]:

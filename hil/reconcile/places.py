@@ -53,9 +53,11 @@ def places(
     out: list[Disagreement] = []
     for sensor, known in conditions.items():
         own = [b for b, block in enumerate(blocks) if block.sensor == sensor]
+        if not own:
+            continue
         parts = [_described(i, added[i], fit, blocks, noise, own) for i in range(len(added))]
         peaks = [max(float(np.abs(c.values).max(initial=0.0)) for c in part) for part in parts]
-        if not own or not any(peaks):
+        if not any(peaks):
             continue
         least = _MATERIAL * min(peak for peak in peaks if peak > 0.0)
         for place, b in enumerate(own):

@@ -22,9 +22,11 @@ from hil.model import Model
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
 from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, is_repeated, per_temperature
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
+from hil.reconcile.fit import UNSEEN
 
 _RICH_ORDER = 5
 _ROUNDS = 5
+LEAST_FREEDOM = 3
 _BEYOND_DOUBT = 12.0  # log likelihood
 
 
@@ -62,7 +64,8 @@ class SensorProblem:
         rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
         alone = _misfit(plain, rates, _fit(plain, rates, stated))
         for _ in range(_ROUNDS):
-            both = np.concatenate([plain, effect_columns(effect, conditions, base, shape)], axis=2)
+            columns = _not_in(plain, effect_columns(effect, conditions, base, shape), rates)
+            both = np.concatenate([plain, columns], axis=2)
             joint = _fit(both, rates, stated)
             if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
                 return self.base
@@ -94,7 +97,10 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
     `calibration` is one set of values for the campaign, or one per temperature. Raises `InputError` where the form does
     not fit a sensor or needs a column that the campaign lacks.
     """
-    sensors, blocks, candidates, notes = {}, [], [], []
+    sensors: dict[int, SensorProblem] = {}
+    blocks: list[Block] = []
+    candidates: list[Candidate] = []
+    notes: list[str] = []
     for number, collects in campaign.sensors.items():
         form, note = _form(model, collects.conditions)
         notes += note
@@ -106,10 +112,25 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
         own = sensor_blocks(number, collects, sensor.known_rates(), columns)
         alone = calibration == PER_TEMPERATURE and not is_repeated(own)
         blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
+    bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
+    if any(bears):
+        notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]
+        blocks = [block for block, bear in zip(blocks, bears, strict=True) if bear]
+    for number in sorted({block.sensor for block in blocks}):
+        collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form
         asked = _asked(catalogue, form, collects.conditions)
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, asked))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
+
+
+def _starved(block: Block, collects: Collects) -> str:
+    channels = list(collects.conditions.sensor.channels)
+    names = " and ".join(channels[c] for c in np.unique(block.channel))
+    return (
+        f"sensor {block.sensor}, {names}: {len(block.y)} rates for {block.base.shape[1]} values of the model: "
+        "too few to test anything by, so the search is about the others"
+    )
 
 
 def _asked(catalogue: Sequence[Effect], form: LinearForm, conditions: Conditions) -> list[Effect]:
@@ -188,6 +209,21 @@ def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArr
     scale = np.linalg.norm(design, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(np.linalg.lstsq(design / scale, rates[measured] * weight, rcond=1e-3)[0] / scale)
+
+
+def _not_in(base: FloatArray, columns: FloatArray, rates: FloatArray) -> FloatArray:
+    """Leave out columns (n, c, p) that the base can imitate: what they do is the base's to do."""
+    measured = np.isfinite(rates)
+    left, singular, _ = np.linalg.svd(_unit_columns(base[measured]), full_matrices=False)
+    span = left[:, singular > 1e-6 * singular.max(initial=0.0)]
+    seen = _unit_columns(columns[measured])
+    rest = np.linalg.norm(seen - span @ (span.T @ seen), axis=0)
+    return np.asarray(columns[:, :, rest > UNSEEN])
+
+
+def _unit_columns(columns: FloatArray) -> FloatArray:
+    norm = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(norm > 0, norm, 1.0))
 
 
 def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float:

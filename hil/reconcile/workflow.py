@@ -105,6 +105,8 @@ def reconcile(
         proof = (proof[0].without(spoiled), proof[1])
     reverted = bool(steps) and proof is not None and not _shrank(proof)
     notes = [*campaign.warnings, *problem.notes, *_about(branch)]
+    if first is None:
+        notes.append("there are too few rates for the values of the model: nothing could be tested")
     if unjudged and steps:
         notes.append(NOT_HELD_OUT)
     if reverted or unpaid:
@@ -269,7 +271,7 @@ def _next(
                 )
             )
         )
-        for number in problem.sensors
+        for number in {block.sensor for block in blocks}
     }
     for step in steps:
         if step.naming.kind == "ambiguous":
