@@ -17,11 +17,12 @@ from hil.model import Model
 from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, log_evidence, may_differ
 from hil.reconcile.evidence import NoiseTable, pruned
 from hil.reconcile.findings import Step
-from hil.reconcile.fit import Added, estimate_noise
+from hil.reconcile.fit import Added, BlockNoise, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
 from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
 from hil.reconcile.problem import LEAST_FREEDOM, Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
+from hil.reconcile.shapes import between_the_grid
 
 _MOST_EFFECTS = 5
 _FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
@@ -98,7 +99,7 @@ def pursue(problem: Problem, search: Search, alpha: float, draws: int, rng: np.r
     first, threshold, stricter, chance = detect(search, alpha, draws, rng)
     steps: Sequence[Step] = []
     if first is not None and first.statistic > threshold:
-        steps, search = find(search, first, stricter)
+        steps, search = find(problem, search, first, stricter)
     return Branch(ONE_SET, problem, search, first, threshold, chance, steps, _weight(search, steps))
 
 
@@ -162,14 +163,14 @@ def detect(
     return scan, threshold, stricter, p_value(null, scan.statistic)
 
 
-def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Search]:
+def find(problem: Problem, search: Search, first: Scan, threshold: float) -> tuple[list[Step], Search]:
     """Add what is found, one effect after the other, then look at each again beside all the others.
 
     `threshold` is for every effect after the first: the first has passed its own. One cause of a size that hardly any
     unit has, or one without a name, may stand in for several ordinary ones: these are looked for as well, and weighed
     against it. Returned with the search that found them, which held-out rows are to repeat.
     """
-    steps = _one_by_one(search, first, threshold)
+    steps, search = _one_by_one(problem, search, first, threshold)
     leaders = [step.naming.leader for step in steps]
     odd = {leader.name for leader in leaders if leader.excess > LARGE or leader.tier == 2}
     tiers = {1} if any(leader.tier == 2 for leader in leaders) else {1, 2}
@@ -177,9 +178,9 @@ def find(search: Search, first: Scan, threshold: float) -> tuple[list[Step], Sea
     if not odd or not others.hypotheses:
         return steps, search
     scan = others.scan()
-    ordinary = _one_by_one(others, scan, threshold) if scan.statistic > threshold else []
-    if not ordinary:
+    if scan.statistic <= threshold:
         return steps, search
+    ordinary, others = _one_by_one(problem, others, scan, threshold)
     lead = _plausible_weight(search, steps) - _plausible_weight(search, ordinary)
     share = 1.0 / (1.0 + float(np.exp(-lead)))
     listed = all(step.naming.leader.tier == 1 for step in ordinary) and tiers == {1}
@@ -210,17 +211,26 @@ def _beside_another(naming: Naming, chosen: Sequence[Step], left: Sequence[Step]
     return with_rivals(naming, share, instead)
 
 
-def _one_by_one(search: Search, first: Scan, threshold: float) -> list[Step]:
-    """Add the most probable name, again and again, until nothing more is found; then name each beside the others."""
+def _one_by_one(problem: Problem, search: Search, first: Scan, threshold: float) -> tuple[list[Step], Search]:
+    """Add the most probable name, again and again, until nothing more is found; then name each beside the others.
+
+    Returned with the search, which has got the shapes that were found between the points of the grid.
+    """
     steps: list[Step] = []
     scan, present = first, search
     while len(steps) < _MOST_EFFECTS and (not steps or scan.statistic > threshold + _left_by(steps)):
-        steps.append(Step(scan, _name(scan, present)))
+        naming = _name(scan, present)
+        finer = between_the_grid(naming.leader.added, problem, present.blocks, _noise(scan, present))
+        if finer is not None:
+            search, present = search.with_hypothesis(finer), present.with_hypothesis(finer)
+            scan = present.scan()
+            naming = _name(scan, present)
+        steps.append(Step(scan, naming))
         present = search.with_base(joined_columns([s.added for s in steps], len(search.blocks)))
         if min(len(b.y) - b.base.shape[1] for b in present.blocks) < LEAST_FREEDOM:
             break
         scan = present.scan()
-    return _refined(search, steps, threshold) if len(steps) > 1 else steps
+    return _refined(search, steps, threshold) if len(steps) > 1 else steps, search
 
 
 def _left_by(steps: Sequence[Step]) -> float:
@@ -251,12 +261,17 @@ def _refined(search: Search, steps: list[Step], threshold: float) -> list[Step]:
 
 
 def _name(scan: Scan, present: Search) -> Naming:
+    return weigh(scan, present.blocks, _noise(scan, present))
+
+
+def _noise(scan: Scan, present: Search) -> list[BlockNoise]:
+    """The noise of every block as the most probable name leaves it."""
     noise = []
     candidate, _ = scan.best(next(iter(scan.shares)))
     columns = joined_columns([Added(candidate, candidate.units)], len(present.blocks))
     for block, table, extra in zip(present.blocks, present.noise, columns, strict=True):
         noise.append(estimate_noise(block if extra is None else block.with_base(extra), table))
-    return weigh(scan, present.blocks, noise)
+    return noise
 
 
 def joined_columns(added: Sequence[Added], count: int) -> list[FloatArray | None]:

@@ -67,13 +67,14 @@ def hypotheses(candidates: Sequence[Candidate], blocks: Sequence[Block]) -> list
         merged.setdefault(key, []).append(candidate)
     found = []
     for members in merged.values():
-        units = tuple(unit for member in members for unit in _units(member, blocks))
+        units = tuple(unit for member in members for unit in units_of(member, blocks))
         if units:
             found.append(Hypothesis(members[0].name, members[0].tier, units))
     return seen(found, blocks)
 
 
-def _units(candidate: Candidate, blocks: Sequence[Block]) -> list[Unit]:
+def units_of(candidate: Candidate, blocks: Sequence[Block]) -> list[Unit]:
+    """Cut a candidate into units: one per block, or one where a parameter acts on several blocks."""
     own = [b for b, block in enumerate(blocks) if block.sensor == candidate.sensor]
     selected = {b: blocks[b].select(candidate.columns) for b in own}
     norms = {b: np.sqrt(np.mean(selected[b] ** 2, axis=0)) for b in own}

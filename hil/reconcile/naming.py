@@ -20,6 +20,7 @@ from hil.reconcile.search import Scan
 
 NAMED = 0.8
 SAME = 0.95
+_IDENTICAL = 0.995
 _DECADES = 0.5  # a size half a decade beyond the typical range is one standard deviation implausible
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
@@ -111,9 +112,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         withholds = _MENTIONED if leader.excess >= LARGE else _WITHHOLDS
         same += [w for w in rivals if w.tier == 1 and w.overlap > SAME and w.probability > withholds and w not in same]
         same += [w for w in rivals if w not in same and _usual_and_as_good(leader, w)]
-        possible = [
-            w for w in same if (w.excess < _IMPOSSIBLE or leader.excess > 3.0) and not _only_incidental(leader, w)
-        ]
+        possible = [w for w in same if _is_possible(leader, w) and not _only_incidental(leader, w)]
         stated = leader.probability * certainty(scan)
         kind = "ambiguous" if possible or stated < NAMED else "named"
         alike = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_good(leader, w)]
@@ -186,6 +185,13 @@ def _standing(name: str) -> float:
     if name in _OUTSIDE_CAUSES:
         return 1.0 / _STANDARD
     return _STANDARD if name in _STANDARD_TERMS else 1.0
+
+
+def _is_possible(leader: Weighed, rival: Weighed) -> bool:
+    """Whether a rival that reproduces the leader could be it; one that is only nearly the same must be probable."""
+    if rival.overlap < _IDENTICAL and rival.probability < _MENTIONED:
+        return False
+    return rival.excess < _IMPOSSIBLE or leader.excess > LARGE
 
 
 def _only_incidental(leader: Weighed, rival: Weighed) -> bool:

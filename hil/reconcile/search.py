@@ -61,6 +61,10 @@ class Search:
         blocks = [b if e is None else b.with_base(e) for b, e in zip(self.blocks, extra, strict=True)]
         return Search(blocks, self.noise, self.rich, self.hypotheses)
 
+    def with_hypothesis(self, hypothesis: Hypothesis) -> Search:
+        """Return the search with one more hypothesis, which has its own share of the prior."""
+        return Search(self.blocks, self.noise, self.rich, [*self.hypotheses, hypothesis])
+
     def scan(self) -> Scan:
         """Weigh every hypothesis against the present base."""
         evidence = build_evidence(self.hypotheses, self.blocks, self.noise, self.rich)
