@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent, independent_columns
+from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid, whiteners
 from hil.reconcile.whitened import Whitened
 
@@ -33,6 +33,7 @@ _MOST_POINTS = 36
 _OUT_OF_THE_QUESTION = 15.0
 _MOST_KEPT = 160
 _LEAST_FREEDOM = 4
+_DEPENDENT = 1e-6
 _AT_ONCE = 32  # data sets weighed together: as many as stay close to the processor
 
 State = tuple[FloatArray, FloatArray, FloatArray]
@@ -330,13 +331,15 @@ class RichMeans:
     def best_of_any(self, base: FloatArray) -> FloatArray:
         """Log probability of each noise point below the best, under whichever model suits it most, (t,)."""
         prior, further = ScalePrior.of(self.block), base[:, self.block.base.shape[1] :]
-        white = self.whitening @ (further / np.maximum(np.linalg.norm(further, axis=0), 1e-300))
+        further = further / np.maximum(np.linalg.norm(further, axis=0), 1e-300)
+        white = self.whitening @ further
         out = []
         for k, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
-            p = span.shape[1]
-            new = [place - p for place in independent(np.hstack([span, further]), 1e-6) if place >= p]
-            if k == 0 or len(span) - p - len(new) >= _LEAST_FREEDOM:
-                log_null = projection.log_null_with(white[:, :, new], self.residuals[k], self.squares[k], prior)
+            _, singular, v = np.linalg.svd(further - span @ (span.T @ further), full_matrices=False)
+            seen = singular > _DEPENDENT
+            new = white @ (v[seen].T / singular[seen])  # orthonormal beside the span, however alike the columns are
+            if k == 0 or len(span) - span.shape[1] - new.shape[2] >= _LEAST_FREEDOM:
+                log_null = projection.log_null_with(new, self.residuals[k], self.squares[k], prior)
                 out.append(log_null - log_null.max())
         return np.asarray(np.max(out, axis=0))
 

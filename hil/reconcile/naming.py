@@ -26,11 +26,12 @@ _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD = 3.0
+_STANDARD = 5.0
 _STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
 """Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
 """Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
+_EXCLUDED = 3.0
 _LEADS = 1.5
 _UNLISTED = frozenset({"ageing"})
 """Names that the published list of effects has not: they lead where nothing of it explains as much."""
@@ -183,7 +184,7 @@ def _standing(name: str) -> float:
     if name in _UNLISTED:
         return 1.0 / _LEADS
     if name in _OUTSIDE_CAUSES:
-        return 1.0 / _STANDARD
+        return 1.0 / _EXCLUDED
     return _STANDARD if name in _STANDARD_TERMS else 1.0
 
 
