@@ -104,26 +104,23 @@ def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     """Return how many collect intervals after its run's first collect each row was taken: 0, 1, 2; shape (n,).
 
     Counted by time, so that a missing collect does not move the others, in whole collects. Where the first is missing,
-    the others stand where their positions stand in the other runs.
+    the others stand where their positions stand in the runs that miss none.
     """
     place = np.zeros(len(conditions))
-    runs = [conditions.run == run for run in np.unique(conditions.run)]
+    runs = [np.flatnonzero(conditions.run == run) for run in np.unique(conditions.run)]
     for rows in runs:
         place[rows] = np.round((conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s)
-    most = max((int(rows.sum()) for rows in runs), default=0)
-    whole = np.any([rows for rows in runs if rows.sum() == most], axis=0) if runs else np.zeros(0, dtype=np.bool_)
-    usual = {
-        label: float(np.median(place[whole & (conditions.position == label)]))
-        for label in set(conditions.position[whole].tolist())
-    }
+    most = max((len(rows) for rows in runs), default=0)
+    usual: dict[str, list[float]] = {}
     for rows in runs:
-        if rows.sum() < most:
-            known = [
-                usual[p] - at
-                for p, at in zip(conditions.position[rows].tolist(), place[rows], strict=True)
-                if p in usual
-            ]
-            place[rows] += max(np.round(np.median(known)), 0.0) if known else 0.0
+        if len(rows) == most:
+            for label, at in zip(conditions.position[rows].tolist(), place[rows].tolist(), strict=True):
+                usual.setdefault(label, []).append(at)
+    for rows in runs:
+        labels = conditions.position[rows].tolist()
+        if len(rows) < most and all(label in usual for label in labels):
+            later = np.median([float(np.median(usual[label])) for label in labels] - place[rows])
+            place[rows] += max(float(np.round(later)), 0.0)
     return place
 
 
