@@ -23,6 +23,7 @@ from hil.reconcile.naming import Naming, Weighed
 from hil.reconcile.problem import SensorProblem
 
 _EASY = 9.0
+_NEARLY = 0.8
 _INDEX_ANGLES = {"4": 180.0, "at 45 deg": 45.0, "at 135 deg": 135.0}
 
 
@@ -42,8 +43,10 @@ def next_experiment(
     """Return the addition that separates the leader from its strongest rival, or say that none of those tried does."""
     rivals = [rival for rival in naming.rivals if rival.tier == 1 or rival.remedy]
     leader = naming.leader
-    if leader.tier != 1 or not rivals:
+    if leader.tier != 1:
         return None
+    if not rivals:
+        return _once_more(leader, sensors[leader.added.hypothesis.candidate.sensor])
     rival = max(rivals, key=lambda r: (bool(r.same_on), r.probability))
     if rival.remedy:
         return _measured_again(leader, rival, sensors[leader.added.hypothesis.candidate.sensor])
@@ -58,7 +61,9 @@ def next_experiment(
     if not scored:
         return None
     enough = [s for s in scored if s[0] >= _EASY]
-    best = min(enough, key=lambda s: (s[2].effort, -s[0])) if enough else max(scored, key=lambda s: s[0])
+    most = max(s[0] for s in scored)
+    enough = enough or [s for s in scored if s[0] >= min(_NEARLY * most, most)]  # what asks less of the bench and says as much
+    best = min(enough, key=lambda s: (s[2].effort, -s[0]))
     noncentrality, difference, addition = best
     repeats = max(1, int(np.ceil(_EASY / max(noncentrality, 1e-9)))) if noncentrality >= 1.0 else 1
     shift, limit = np.sqrt(max(noncentrality, 0.0) * repeats), -ndtri(0.005)
@@ -78,6 +83,18 @@ def next_experiment(
         "repeats": repeats,
         "expected_difference_deg_per_hr": difference,
         "power": power,
+        "impossible": False,
+    }
+
+
+def _once_more(leader: Weighed, sensor: SensorProblem) -> dict[str, Any]:
+    """The same collects once more, where no other name is in question but whether there is anything at all."""
+    return {
+        "why": f"shows {leader.name} again, or that it was chance",
+        "what": "the same collects again",
+        "collects": _described(sensor.collects.conditions),
+        "expected_difference_deg_per_hr": None,
+        "power": None,
         "impossible": False,
     }
 
