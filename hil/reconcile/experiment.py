@@ -60,9 +60,9 @@ def next_experiment(
             scored.append((outcome[0] - present[0], outcome[1], addition))
     if not scored:
         return None
-    enough = [s for s in scored if s[0] >= _EASY]
     most = max(s[0] for s in scored)
-    enough = enough or [s for s in scored if s[0] >= min(_NEARLY * most, most)]  # what asks less of the bench and says as much
+    least = _EASY if most >= _EASY else min(_NEARLY * most, most)
+    enough = [s for s in scored if s[0] >= least]  # of what says enough, or nearly the most, what asks least
     best = min(enough, key=lambda s: (s[2].effort, -s[0]))
     noncentrality, difference, addition = best
     repeats = max(1, int(np.ceil(_EASY / max(noncentrality, 1e-9)))) if noncentrality >= 1.0 else 1

@@ -7,7 +7,7 @@ them. Identical columns are never resolved silently.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,9 +26,11 @@ _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD = 5.0
-_STANDARD_TERMS = frozenset({"bias_T", "MU_real", "GS_T", "g_sensitivity"})
-"""Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name."""
+_STANDARD_TERMS: Mapping[str, float] = {"bias_T": 3.0, "MU_real": 5.0, "GS_T": 3.0, "g_sensitivity": 3.0}
+"""Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name.
+
+A rotor without mass unbalance is rarer than a triad without sensitivity to acceleration.
+"""
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
 """Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
 _EXCLUDED = 3.0
@@ -185,7 +187,7 @@ def _standing(name: str) -> float:
         return 1.0 / _LEADS
     if name in _OUTSIDE_CAUSES:
         return 1.0 / _EXCLUDED
-    return _STANDARD if name in _STANDARD_TERMS else 1.0
+    return _STANDARD_TERMS.get(name, 1.0)
 
 
 def _is_possible(leader: Weighed, rival: Weighed) -> bool:
