@@ -46,11 +46,14 @@ def gap_of(
     noise: Sequence[BlockNoise],
     blocks: Sequence[Block],
     *,
-    reverted: bool,
-    unjudged: bool = False,
+    unjudged: bool,
+    swapped: Sequence[Exchange],
     rng: np.random.Generator,
 ) -> Gap:
-    """Return the held-out gap; as it was before where what was found was taken back."""
+    """Return the held-out gap before and after.
+
+    Exchanged labels show in one fold, which sign flips by fold cannot tell from chance: their own chance counts too.
+    """
     if proof is None:
         rows = sum(len(block.y) for block in blocks)
         floor = float(np.sqrt(sum(np.trace(n.covariance) for n in noise) / max(rows, 1)))
@@ -62,19 +65,20 @@ def gap_of(
     folds = len(runs.rows)
     if unjudged:
         nothing = "not held out (one run per temperature): residuals of the fit itself"
-        after = before if reverted else round(after, 6)  # as many values as rows leave nothing but rounding
-        scaled_after = round(scaled_after, 6)
-        return Gap(before, after, floor, nothing, scaled_before, scaled_before if reverted else scaled_after, np.nan)
+        # As many values as rows leave nothing but rounding.
+        values = (before, after, scaled_before, scaled_after)
+        before, after, scaled_before, scaled_after = (round(value, 6) for value in values)
+        return Gap(before, after, floor, nothing, scaled_before, scaled_after, np.nan)
     kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
     return Gap(
         before=before,
-        after=before if reverted else after,
+        after=after,
         noise_floor=floor,
         held_out=f"leave-one-{kind}-out, {folds} folds, selection repeated in every fold",
         standardised_before=scaled_before,
-        standardised_after=scaled_before if reverted else scaled_after,
-        improved_p_value=runs.improvement_p_value(rng),
-        blocks={"before": contiguous.rms[0], "after": contiguous.rms[0] if reverted else contiguous.rms[1]},
+        standardised_after=scaled_after,
+        improved_p_value=min([runs.improvement_p_value(rng), *(e.chance for e in swapped)]),
+        blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
     )
 
 
@@ -168,21 +172,43 @@ def swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
     ]
 
 
+def look_up(found: Sequence[Exchange]) -> dict[str, Any] | None:
+    """The experiment for exchanged labels: what was recorded of the run settles them, no further collect is needed."""
+    if not found:
+        return None
+    runs = sorted({e.run for e in found})
+    which = f"run {runs[0]}" if len(runs) == 1 else f"runs {', '.join(map(str, runs))}"
+    return {
+        "why": f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed",
+        "collects": [],
+        "expected_difference_deg_per_hr": None,
+        "power": None,
+        "impossible": False,
+    }
+
+
+def labels_to_correct(found: Sequence[Exchange]) -> list[str]:
+    """Say which rows of the file carry each other's labels, one sentence for each pair."""
+    return [
+        f"sensor {e.sensor}, run {e.run}: correct the labels of collects {e.collects[0]} (position {e.positions[0]}) "
+        f"and {e.collects[1]} (position {e.positions[1]}) in collects.csv, they carry each other's; the model is not "
+        "changed by this"
+        for e in found
+    ]
+
+
 def exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
     """Return where exchanged labels showed: by how much each channel's rate moves when they are put right."""
     out = []
     for e in found:
         collects = campaign.sensors[e.sensor]
-        conditions = collects.conditions
-        here, there = (
-            int(np.flatnonzero((conditions.run == e.run) & (conditions.position == label))[0]) for label in e.positions
-        )
+        here, there = e.rows
         moves = np.nan_to_num(collects.rates_deg_per_hr[here] - collects.rates_deg_per_hr[there])
         errors = np.hypot(*np.nan_to_num(collects.rates_se_deg_per_hr[[here, there]]))
-        for channel, move, error in zip(conditions.sensor.channels, moves, errors, strict=True):
+        for channel, move, error in zip(collects.conditions.sensor.channels, moves, errors, strict=True):
             for position, sign in zip(e.positions, (1.0, -1.0), strict=True):
                 where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
-                out.append(Disagreement(where, sign * float(move), float(error), float(np.exp(-e.gain))))
+                out.append(Disagreement(where, sign * float(move), float(error), e.chance))
     return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
 
 

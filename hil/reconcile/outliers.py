@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtr
 
-from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import NoiseTable
 from hil.reconcile.fit import BlockNoise, estimate_noise
@@ -34,12 +34,20 @@ _MOST_EXCHANGES = 3
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two collects of one run whose labels were exchanged."""
+    """Two collects of one run whose labels were exchanged.
+
+    `rows` are their places among the sensor's collects and `collects` their numbers in the file, `gain` the log
+    likelihood that putting them right is worth, `chance` a bound on how often noise alone offers as much among all the
+    pairs that were tried.
+    """
 
     sensor: int
     run: int
+    rows: tuple[int, int]
+    collects: tuple[int, int]
     positions: tuple[str, str]
     gain: float
+    chance: float
 
 
 def find_outliers(
@@ -125,23 +133,34 @@ def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[Nois
     noise = [estimate_noise(block, table) for block, table in zip(blocks, tables, strict=True)]
     projectors = [_projector(block, n) for block, n in zip(blocks, noise, strict=True)]
     y = [block.y for block in blocks]
+    known = [_known(block, campaign) for block in blocks]
     while len(found) < _MOST_EXCHANGES:
         before = _log_likelihood(blocks, projectors, y)
-        best: tuple[float, Exchange, list[FloatArray], tuple[int, int]] | None = None
-        for sensor, run, i, j in pairs:
-            labels = campaign.sensors[sensor].conditions.position
-            moved = [
-                _exchanged(block, values, i, j, campaign.sensors[sensor]) if block.sensor == sensor else values
-                for block, values in zip(blocks, y, strict=True)
-            ]
+        best: tuple[float, int, tuple[int, int], list[FloatArray]] | None = None
+        for sensor, _, i, j in pairs:
+            moved = _moved(blocks, y, known, sensor, (i, j))
             gain = _log_likelihood(blocks, projectors, moved) - before
             if best is None or gain > best[0]:
-                best = (gain, Exchange(sensor, run, (str(labels[i]), str(labels[j])), gain), moved, (i, j))
-        if best is None or best[0] < least or not _is_mended(blocks, projectors, best[2], best[1].sensor, best[3]):
+                best = (gain, sensor, (i, j), moved)
+        if best is None or best[0] < least or not _is_mended(blocks, projectors, best[3], best[1], best[2]):
             break
-        found.append(best[1])
-        y = best[2]
+        gain, sensor, rows, y = best
+        chance = min(1.0, len(pairs) * float(np.exp(-gain)))
+        found.append(_exchange(campaign.sensors[sensor].conditions, rows, gain, chance))
     return found
+
+
+def _exchange(conditions: Conditions, rows: tuple[int, int], gain: float, chance: float) -> Exchange:
+    i, j = rows
+    return Exchange(
+        sensor=conditions.sensor.number,
+        run=int(conditions.run[i]),
+        rows=rows,
+        collects=(int(conditions.collect[i]), int(conditions.collect[j])),
+        positions=(str(conditions.position[i]), str(conditions.position[j])),
+        gain=gain,
+        chance=chance,
+    )
 
 
 def _is_mended(
@@ -195,17 +214,47 @@ def _log_likelihood(blocks: Sequence[Block], projectors: Sequence[FloatArray], y
     return total
 
 
-def _exchanged(block: Block, values: FloatArray, i: int, j: int, collects: Collects) -> FloatArray:
-    """Rates with those of collects i and j in each other's place, the earth rate taken off where it belongs."""
+def _known(block: Block, campaign: Campaign) -> FloatArray:
+    """What was taken off the rates of a block as known, (N,): it belongs to the label, not to the rate."""
+    return np.asarray(campaign.sensors[block.sensor].rates_deg_per_hr[block.rows, block.channel] - block.y)
+
+
+def _moved(
+    blocks: Sequence[Block], y: Sequence[FloatArray], known: Sequence[FloatArray], sensor: int, pair: tuple[int, int]
+) -> list[FloatArray]:
+    """The values of every block with the rates of two collects of a sensor in each other's place: its own inverse."""
+    return [
+        _exchanged(block, values, known[b], *pair) if block.sensor == sensor else values
+        for b, (block, values) in enumerate(zip(blocks, y, strict=True))
+    ]
+
+
+def _exchanged(block: Block, values: FloatArray, known: FloatArray, i: int, j: int) -> FloatArray:
+    """Rates with those of collects i and j in each other's place, what is known taken off where it belongs.
+
+    A channel that has a rate in one of the two only stays as it is.
+    """
     y = values.copy()
-    w = collects.conditions.w_channels_deg_per_hr
     for channel in np.unique(block.channel):
         a = np.flatnonzero((block.rows == i) & (block.channel == channel))
         b = np.flatnonzero((block.rows == j) & (block.channel == channel))
         if len(a) and len(b):
-            step = w[i, channel] - w[j, channel]
+            step = known[a] - known[b]
             y[a], y[b] = values[b] - step, values[a] + step
     return y
+
+
+def as_labelled(blocks: Sequence[Block], found: Sequence[Exchange], campaign: Campaign) -> list[Block]:
+    """Return the blocks with every rate under the label that it has in the file.
+
+    `blocks` are those of `campaign`, in which the exchanges are mended. Bases and rows stay as they are, so that folds
+    and noise of the mended blocks serve; what was left out as an outlier stays out.
+    """
+    y = [block.y for block in blocks]
+    known = [_known(block, campaign) for block in blocks]
+    for exchange in reversed(found):
+        y = _moved(blocks, y, known, exchange.sensor, exchange.rows)
+    return [replace(block, y=values) for block, values in zip(blocks, y, strict=True)]
 
 
 def mended(campaign: Campaign, found: Sequence[Exchange]) -> Campaign:
@@ -213,14 +262,10 @@ def mended(campaign: Campaign, found: Sequence[Exchange]) -> Campaign:
     sensors = dict(campaign.sensors)
     for exchange in found:
         collects = sensors[exchange.sensor]
-        conditions = collects.conditions
-        rows = [
-            int(np.flatnonzero((conditions.run == exchange.run) & (conditions.position == label))[0])
-            for label in exchange.positions
-        ]
+        rows = list(exchange.rows)
         rates, errors = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
         rates[rows], errors[rows] = rates[rows[::-1]], errors[rows[::-1]]
-        sensors[exchange.sensor] = Collects(conditions, rates, errors)
+        sensors[exchange.sensor] = Collects(collects.conditions, rates, errors)
     return replace(campaign, sensors=sensors)
 
 

@@ -27,6 +27,7 @@ VERDICTS = {
     "empirical": "Something is missing that no effect of the catalogue describes.",
     "unresolved": "Something is missing, but these collects support no added term.",
 }
+_LABELS_ONLY = "Nothing is missing from the model: collects carry each other's labels."
 
 
 def page(result: Reconciliation) -> str:
@@ -39,7 +40,7 @@ def page(result: Reconciliation) -> str:
     rows = list(result.picture.get("rows", []))
     return environment.get_template(_TEMPLATE).render(
         result=result,
-        headline=VERDICTS[result.verdict],
+        headline=_headline(result),
         map_svg=_svg(_map(rows)) if rows else "",
         gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
         rivals=[_candidates(effect) for effect in result.effects],
@@ -50,9 +51,16 @@ def page(result: Reconciliation) -> str:
     )
 
 
+def _headline(result: Reconciliation) -> str:
+    """Say the verdict in a sentence: labels that were exchanged are no lack of the model."""
+    only = result.verdict == "named" and all(effect.id == "swap" for effect in result.effects)
+    return _LABELS_ONLY if only else VERDICTS[result.verdict]
+
+
 def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
     found = [effect for effect in result.effects if effect.id != "swap" and not effect.inside_collects]
+    swapped = [effect for effect in result.effects if effect.id == "swap"]
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
         if result.verdict == "none":
@@ -60,8 +68,8 @@ def summary(result: Reconciliation) -> list[str]:
             nothing = f"The model {result.model_before},{how}, leaves nothing but noise."
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
-    said = []
-    for effect in result.effects:
+    said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
+    for effect in [effect for effect in result.effects if effect.id != "swap"]:
         alike = [rival.id for rival in effect.confusable_with if rival.overlap > 0.95]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"
@@ -72,11 +80,12 @@ def summary(result: Reconciliation) -> list[str]:
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
-    if found and np.isfinite(result.gap.before):
+    mended = ["the labels put right"] * bool(swapped) + ["it in the model"] * bool(found)
+    if mended and np.isfinite(result.gap.before):
         proved = np.isfinite(result.gap.improved_p_value)
         how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
         said.append(
-            f"With it in the model the gap {how} falls from {_number(result.gap.before)} to "
+            f"With {' and '.join(mended)} the gap {how} falls from {_number(result.gap.before)} to "
             f"{_number(result.gap.after)} deg/hr; noise alone leaves {_number(result.gap.noise_floor)}."
         )
     if per_temperature:

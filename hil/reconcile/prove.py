@@ -78,6 +78,14 @@ class HeldOut:
         """Return the comparison without one fold."""
         return HeldOut(*(np.delete(getattr(self, name), fold) for name in self.__dataclass_fields__))
 
+    def taken_back(self) -> HeldOut:
+        """Return the comparison with nothing added: after is as before."""
+        return replace(self, raw_after=self.raw_before, scaled_after=self.scaled_before)
+
+    def starting_from(self, other: HeldOut) -> HeldOut:
+        """Return the comparison with the same folds of `other`, on other rates, as what was before."""
+        return replace(self, raw_before=other.raw_before, scaled_before=other.scaled_before)
+
     def improvement_p_value(self, rng: np.random.Generator) -> float:
         """Paired sign flips by fold: how often chance alone would improve this much."""
         gain = self.scaled_before - self.scaled_after

@@ -34,6 +34,8 @@ from hil.reconcile.findings import (
     described,
     exchange_places,
     gap_of,
+    labels_to_correct,
+    look_up,
     origin,
     outlier_found,
     picture,
@@ -46,7 +48,7 @@ from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import improved
 from hil.reconcile.lacking import beside_unasked, with_stand_ins
-from hil.reconcile.outliers import exchanges, find_outliers, left_out, mended
+from hil.reconcile.outliers import as_labelled, exchanges, find_outliers, left_out, mended
 from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
@@ -91,20 +93,27 @@ def reconcile(
     steps: Sequence[Step] = [replace(s, naming=beside_unasked(s.naming, conditions)) for s in branch.steps]
     first, threshold, chance = branch.first, branch.threshold, branch.chance
     blocks = list(search.blocks)
+    swapped = faults["exchanges"]
+    labelled = as_labelled(blocks, swapped, clean)
     noise = _final_noise(search, steps)
     proofs = _prove(search, steps, noise, first) if prove else []
+    as_filed = _prove(search, steps, noise, first, labelled)[0] if proofs and swapped else None
     steps, unpaid = _paid(steps, proofs)
     proof = proofs[max(len(steps), 1) - 1] if proofs else None
     unjudged = proof is not None and len(proof[0].rows) == 0
     if unjudged:
         fitted = in_sample(blocks, noise, [step.added for step in steps])
         proof = (fitted, fitted)
+        as_filed = (in_sample(labelled, noise, []),) * 2 if swapped else None
     noise = _final_noise(search, steps) if unpaid else noise
     spoiled = proof[0].spoiling_fold() if steps and proof is not None else None
     if proof is not None and spoiled is not None:
         proof = (proof[0].without(spoiled), proof[1])
+        as_filed = None if as_filed is None else (as_filed[0].without(spoiled), as_filed[1])
     reverted = bool(steps) and proof is not None and not _shrank(proof)
-    notes = [*campaign.warnings, *problem.notes, *_about(branch)]
+    if reverted and proof is not None:
+        proof = (proof[0].taken_back(), proof[1].taken_back())
+    notes = [*campaign.warnings, *problem.notes, *labels_to_correct(swapped), *_about(branch)]
     if first is None:
         notes.append("there are too few rates for the values of the model: nothing could be tested")
     if unjudged and steps:
@@ -127,16 +136,20 @@ def reconcile(
         for effect in named_within(inside, SERIES_EFFECTS, [s.naming.leader.name for s in kept])
         if not chosen.knows_inside(effect.id, effect.sensors)
     ]
-    verdict = verdict_of(kept, named_inside, unresolved=certain, swapped=bool(faults["exchanges"]))
-    gap = gap_of(proof, noise, blocks, reverted=reverted, unjudged=unjudged, rng=rng)
+    verdict = verdict_of(kept, named_inside, unresolved=certain, swapped=bool(swapped))
+    of_steps = gap_of(proof, noise, blocks, unjudged=unjudged, swapped=(), rng=rng)
+    gap = of_steps
+    if proof is not None and as_filed is not None:
+        whole = (proof[0].starting_from(as_filed[0]), proof[1].starting_from(as_filed[1]))
+        gap = gap_of(whole, noise, blocks, unjudged=unjudged, swapped=swapped, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
-    results = [*swap_findings(faults["exchanges"]), *results, *named_inside]
-    experiment = _next(kept, problem, noise, blocks) or _between(named_inside)
-    standing = as_it_stands(chosen, campaign)
+    results = [*swap_findings(swapped), *results, *named_inside]
+    experiment = _next(kept, problem, noise, blocks) or _between(named_inside) or look_up(swapped)
+    standing = as_it_stands(chosen, mended(campaign, swapped))
     notes += values_off(standing, gap)
     after = chosen
     if kept:
-        record = [origin(campaign, step, gap) for step in kept]
+        record = [origin(campaign, step, of_steps) for step in kept]
         after = improved(
             chosen, problem.sensors, [s.added for s in kept], final, _base_values(problem, kept, final), record
         )
@@ -145,11 +158,11 @@ def reconcile(
         campaign=campaign.title,
         model_before=chosen.title,
         verdict=verdict,
-        disagreements=[*exchange_places(faults["exchanges"], campaign), *found],
+        disagreements=[*exchange_places(swapped, campaign), *found],
         effects=results,
         gap=gap,
         false_alarm_rate=alpha,
-        p_value=chance,
+        p_value=min([chance, *(exchange.chance for exchange in swapped)]),
         next_experiment=experiment,
         model_after=after,
         input_model=chosen,
@@ -159,7 +172,7 @@ def reconcile(
         notes=notes,
         simulated=campaign.simulated,
         calibration=branch.calibration,
-        picture=picture(blocks, noise, conditions, final, refit(blocks, noise, [])),
+        picture=picture(blocks, noise, conditions, final, refit(labelled, noise, [])),
     )
 
 
@@ -219,9 +232,16 @@ def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
 
 
 def _prove(
-    search: Search, steps: Sequence[Step], noise: Sequence[BlockNoise], first: Scan | None
+    search: Search,
+    steps: Sequence[Step],
+    noise: Sequence[BlockNoise],
+    first: Scan | None,
+    labelled: Sequence[Block] | None = None,
 ) -> list[tuple[HeldOut, HeldOut]]:
-    """Held-out comparisons by run and by contiguous block, with one effect, two, … of `steps`; none without rows."""
+    """Held-out comparisons by run and by contiguous block, with one effect, two, … of `steps`; none without rows.
+
+    With `labelled`, the same folds under the same noise on these blocks instead, with nothing searched for.
+    """
     if first is None:
         return []
     full = search.with_base(joined_columns([step.added for step in steps], len(search.blocks)))
@@ -231,11 +251,11 @@ def _prove(
     ]
     runs = [block.run for block in search.blocks]
     arguments = (
-        search.blocks,
+        search.blocks if labelled is None else labelled,
         search.noise,
         noise,
-        search.hypotheses,
-        len(steps),
+        search.hypotheses if labelled is None else (),
+        len(steps) if labelled is None else 0,
         points,
         [block.base for block in full.blocks],
     )
