@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtr
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import NoiseTable
 from hil.reconcile.fit import BlockNoise, estimate_noise
@@ -170,10 +170,13 @@ def _is_mended(
     sensor: int,
     pair: tuple[int, int],
 ) -> bool:
-    """Whether two collects in each other's place are as the others predict them, all channels together."""
+    """Whether two collects in each other's place are as the others predict them, all channels together.
+
+    A channel that has a rate in one of the two only cannot show it.
+    """
     squares, cells = 0.0, 0
     for block, projector, values in zip(blocks, projectors, y, strict=True):
-        own = np.flatnonzero(np.isin(block.rows, pair)) if block.sensor == sensor else np.zeros(0, dtype=np.int64)
+        own = _of_both(block, pair) if block.sensor == sensor else np.zeros(0, dtype=np.int64)
         gradient = projector @ values
         score = gradient / np.sqrt(np.clip(np.diagonal(projector), 1e-12, None))
         scale = max(float(np.median(np.abs(score))) / float(ndtri(0.75)), 1e-12)
@@ -181,6 +184,13 @@ def _is_mended(
         squares += float(gradient[own] @ np.linalg.pinv(inner, rcond=1e-6) @ gradient[own]) / scale**2
         cells += len(own)
     return squares < float(chdtri(max(cells, 1), _MENDS))
+
+
+def _of_both(block: Block, pair: tuple[int, int]) -> IntArray:
+    """The places of two collects in a block, in the channels that have a rate in both."""
+    here = np.isin(block.rows, pair)
+    full = [channel for channel in np.unique(block.channel) if np.sum(here & (block.channel == channel)) == len(pair)]
+    return np.flatnonzero(here & np.isin(block.channel, full))
 
 
 def _pairs(campaign: Campaign) -> list[tuple[int, int, int, int]]:
