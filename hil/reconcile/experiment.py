@@ -65,10 +65,8 @@ def next_experiment(
     enough = [s for s in scored if s[0] >= least]  # of what says enough, or nearly the most, what asks least
     best = min(enough, key=lambda s: (s[2].effort, -s[0]))
     noncentrality, difference, addition = best
-    repeats = max(1, int(np.ceil(_EASY / max(noncentrality, 1e-9)))) if noncentrality >= 1.0 else 1
-    shift, limit = np.sqrt(max(noncentrality, 0.0) * repeats), -ndtri(0.005)
-    power = float(ndtr(shift - limit) + ndtr(-shift - limit))
-    if noncentrality < 1.0:
+    repeats, power = repeated(noncentrality)
+    if repeats == 0:
         return {
             "why": f"no stationary collect that was tried separates {leader.name} from {rival.name}; {_remedy(leader)}",
             "collects": [],
@@ -85,6 +83,16 @@ def next_experiment(
         "power": power,
         "impossible": False,
     }
+
+
+def repeated(noncentrality: float) -> tuple[int, float]:
+    """Return how often an addition of this non-centrality is to be measured, and the power of that at 1 %.
+
+    0 times where it adds next to nothing; the power is then that of measuring it once.
+    """
+    repeats = int(np.ceil(_EASY / noncentrality)) if noncentrality >= 1.0 else 0
+    shift, limit = np.sqrt(max(noncentrality, 0.0) * max(repeats, 1)), -ndtri(0.005)
+    return repeats, float(ndtr(shift - limit) + ndtr(-shift - limit))
 
 
 def _once_more(leader: Weighed, sensor: SensorProblem) -> dict[str, Any]:

@@ -97,7 +97,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     considered = list(dict.fromkeys([*names[:12], *first_tier]))
     weighed = [_fitted(name, scan, blocks, noise) for name in considered]
     norm = _norm(max(weighed, key=lambda w: w.log_evidence), blocks, noise)
-    weighed = _tempered(weighed, norm)
+    weighed = forgiving(weighed, norm)
     logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
@@ -131,8 +131,8 @@ def _norm(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]
     return float(np.linalg.norm(np.concatenate(parts)))
 
 
-def _tempered(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
-    """Raise the evidence of the catalogue's names by what columns that are only nearly true cost them.
+def forgiving(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
+    """Raise the evidence of the catalogue's names by what columns that are only nearly true cost them, of norm `norm`.
 
     What a column that is off by a share s leaves of an effect of norm d is s d: as much misfit is forgiven.
     """
