@@ -49,8 +49,6 @@ _NEARLY = 7.0  # and within which a usual term withholds the name from an unusua
 _SLIVER = 0.04
 IDEAL = 0.04  # a catalogue's column is an idealisation: the true one differs from it by so much of its norm
 LARGE = 3.0
-_UNHEARD_OF = 20.0
-_CLEAR = 5.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
 _CONTENDS = 0.2  # a rival of this probability may lead in place of an implausibly large one
@@ -151,10 +149,6 @@ def _more_plausible(
     """Give the lead to a name that reproduces an implausibly large leader at a size that is typical."""
     if leader.tier != 1 or leader.excess < LARGE:
         return leader
-    if leader.excess > _UNHEARD_OF:  # one impossible cause must not stand in for several ordinary ones
-        ordinary = [w for w in ranked if w.tier == 1 and w.excess < _TYPICAL and w.log_evidence > _CLEAR]
-        if ordinary:
-            return max(ordinary, key=lambda w: w.log_evidence + float(np.log(_standing(w.name))))
     for rival in ranked:
         small = rival.tier == 1 and rival.excess < _TYPICAL and rival.probability > _CONTENDS
         if small and rival.name != leader.name and _overlap(leader, rival, blocks, noise) > SAME:
@@ -321,7 +315,7 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
     worst = 1.0
     for size, error, is_switch in zip(sizes, errors, switch, strict=True):
         if is_switch and error < _UNDETERMINED:
-            away = min(abs(size - 1.0), abs(size)) / float(np.hypot(error, IDEAL))
+            away = min(abs(abs(size) - 1.0), abs(size)) / float(np.hypot(error, IDEAL))
             worst = max(worst, min(10.0 ** (_DECADES * max(away - 1.0, 0.0)), 2.0 * _IMPOSSIBLE))
         elif not is_switch and abs(size) > 3.0 * error:
             worst = max(worst, float(abs(size) - error))
