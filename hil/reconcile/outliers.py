@@ -20,6 +20,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import NoiseTable
 from hil.reconcile.fit import BlockNoise, estimate_noise
+from hil.reconcile.search import RESOLVED
 
 _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
@@ -145,7 +146,7 @@ def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[Nois
         if best is None or best[0] < least or not _is_mended(blocks, projectors, best[3], best[1], best[2]):
             break
         gain, sensor, rows, y = best
-        chance = min(1.0, len(pairs) * float(np.exp(-gain)))
+        chance = float(np.clip(len(pairs) * np.exp(-gain), RESOLVED, 1.0))
         found.append(_exchange(campaign.sensors[sensor].conditions, rows, gain, chance))
     return found
 

@@ -18,7 +18,7 @@ from hil.reconcile.evidence import NoiseTable, _log_sum
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
 
 _TAIL = 0.1
-_RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances
+RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def p_value(null: FloatArray, statistic: float) -> float:
     start, mean_excess = _tail(null)
     if statistic <= start or mean_excess <= 0.0:
         return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
-    return float(np.clip(_TAIL * np.exp(-(statistic - start) / mean_excess), _RESOLVED, 1.0))
+    return float(np.clip(_TAIL * np.exp(-(statistic - start) / mean_excess), RESOLVED, 1.0))
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:
