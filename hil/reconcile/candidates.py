@@ -35,8 +35,6 @@ _HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
 _SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
 """Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
-_REFERENCES = frozenset({"nominal_V", "nominal_us", "interval_s", "middle"})
-"""Shape parameters that the rows of a sensor give, not the search."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
@@ -51,6 +49,7 @@ class Candidate:
 
     `tier` is 1 for the catalogue, 2 for parameter × driver terms. `form` is the dependence on temperature of the values
     ("constant", "line", …, "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
+    `searched` are the shape parameters with more than one value to search: a reference is each sensor's own.
     """
 
     name: str
@@ -70,11 +69,7 @@ class Candidate:
     sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
     before_degC: float = _ROOM_DEGC
-
-    @property
-    def searched(self) -> tuple[tuple[str, float], ...]:
-        """The shape parameters that were searched for: a reference (the nominal voltage) is each sensor's own."""
-        return tuple((name, value) for name, value in sorted(self.shape.items()) if name not in _REFERENCES)
+    searched: tuple[tuple[str, float], ...] = ()
 
     @property
     def size(self) -> int:
@@ -109,6 +104,7 @@ def _of_shape(
 ) -> Iterator[Candidate]:
     """Yield the candidates of one effect at one shape: one per history it may have had, in every form."""
     tried: list[FloatArray] = []
+    searched = tuple((item.name, shape[item.name]) for item in effect.shapes_for(conditions) if len(item.grid) > 1)
     for before_degC in _HISTORIES.get(effect.id, (_ROOM_DEGC,)):
         columns = effect_columns(effect, conditions, base, shape, before_degC)
         parameters = effect.parameters_for(conditions)
@@ -128,6 +124,7 @@ def _of_shape(
             effect=effect,
             sensor_axes=conditions.sensor.axes,
             before_degC=before_degC,
+            searched=searched,
         )
         if effect.id != "bias":
             yield plain
