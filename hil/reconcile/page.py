@@ -15,6 +15,7 @@ from matplotlib.image import AxesImage
 
 from hil.reconcile.findings import values_off
 from hil.reconcile.result import FoundEffect, Reconciliation
+from hil.reconcile.runs_said import LEFT_OUT
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
@@ -59,7 +60,8 @@ def _headline(result: Reconciliation) -> str:
 
 def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
-    found = [effect for effect in result.effects if effect.id != "swap" and not effect.inside_collects]
+    added = [effect for effect in result.effects if effect.id != "swap" and LEFT_OUT not in effect.shape]
+    found = [effect for effect in added if not effect.inside_collects]
     swapped = [effect for effect in result.effects if effect.id == "swap"]
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
@@ -69,7 +71,8 @@ def summary(result: Reconciliation) -> list[str]:
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
-    for effect in [effect for effect in result.effects if effect.id != "swap"]:
+    said += [f"{effect.title}. They were left out." for effect in result.effects if LEFT_OUT in effect.shape]
+    for effect in added:
         alike = [rival.id for rival in effect.confusable_with if rival.overlap > 0.95]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"

@@ -53,6 +53,8 @@ from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
 from hil.reconcile.result import FoundEffect, Reconciliation
+from hil.reconcile.runs import bad_runs, rows_of
+from hil.reconcile.runs_said import run_experiment, run_findings, run_notes, run_places
 from hil.reconcile.search import Scan, Search
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import named_within, within_collects
@@ -114,6 +116,7 @@ def reconcile(
     if reverted and proof is not None:
         proof = (proof[0].taken_back(), proof[1].taken_back())
     notes = [*campaign.warnings, *problem.notes, *labels_to_correct(swapped), *_about(branch)]
+    notes += run_notes(faults["runs"], campaign)
     if first is None:
         notes.append("there are too few rates for the values of the model: nothing could be tested")
     if unjudged and steps:
@@ -136,15 +139,17 @@ def reconcile(
         for effect in named_within(inside, SERIES_EFFECTS, [s.naming.leader.name for s in kept])
         if not chosen.knows_inside(effect.id, effect.sensors)
     ]
-    verdict = verdict_of(kept, named_inside, unresolved=certain, swapped=bool(swapped))
+    by_runs = run_findings(faults["runs"], campaign)
+    verdict = verdict_of(kept, [*by_runs, *named_inside], unresolved=certain, swapped=bool(swapped))
     of_steps = gap_of(proof, noise, blocks, unjudged=unjudged, swapped=(), rng=rng)
     gap = of_steps
     if proof is not None and as_filed is not None:
         whole = (proof[0].starting_from(as_filed[0]), proof[1].starting_from(as_filed[1]))
         gap = gap_of(whole, noise, blocks, unjudged=unjudged, swapped=swapped, rng=rng)
     results = [described(i, step, final, conditions) for i, step in enumerate(kept)]
-    results = [*swap_findings(swapped), *results, *named_inside]
+    results = [*swap_findings(swapped), *by_runs, *results, *named_inside]
     experiment = _next(kept, problem, noise, blocks) or _between(named_inside) or look_up(swapped)
+    experiment = run_experiment(faults["runs"], experiment)
     standing = as_it_stands(chosen, mended(campaign, swapped))
     notes += values_off(standing, gap)
     after = chosen
@@ -158,7 +163,7 @@ def reconcile(
         campaign=campaign.title,
         model_before=chosen.title,
         verdict=verdict,
-        disagreements=[*exchange_places(swapped, campaign), *found],
+        disagreements=[*exchange_places(swapped, campaign), *run_places(faults["runs"], campaign), *found],
         effects=results,
         gap=gap,
         false_alarm_rate=alpha,
@@ -217,12 +222,16 @@ def _prepare(
     clean = mended(campaign, swapped)
     if swapped:
         problem, tables, rich = posed(clean, model, effects)
+    bad = bad_runs(clean, problem.blocks, problem.candidates)
+    if bad:
+        clean = left_out(clean, rows_of(bad))
+        problem, tables, rich = posed(clean, model, effects)
     outliers = find_outliers(problem.blocks, tables, rich)
     if outliers:
         clean = left_out(clean, outliers)
         problem, tables, rich = posed(clean, model, effects)
     search = Search(problem.blocks, tables, rich, hypotheses(problem.candidates, problem.blocks))
-    return clean, problem, search, {"outliers": outliers, "exchanges": swapped}
+    return clean, problem, search, {"outliers": outliers, "exchanges": swapped, "runs": bad}
 
 
 def _final_noise(search: Search, steps: Sequence[Step]) -> list[BlockNoise]:
