@@ -87,6 +87,16 @@ def test_values_that_jump_from_temperature_to_temperature_are_no_bad_runs() -> N
     assert found(rows, rates) == []
 
 
+def test_a_run_alone_at_its_temperature_is_not_judged() -> None:
+    """The others have neighbours; what differs in this one may be the temperature."""
+    rows = layout(EIGHT, 2)
+    rates = measured(rows)
+    rates[rows.run == 7] = np.nan
+    rates[:, 1] += np.where(rows.run == 8, 60.0, 0.0) * rows.f[:, 2]
+    campaign = campaign_of(rows, rates)
+    assert bad_runs(campaign, pose(campaign, load_model("matrix-6"), ()).blocks, ()) == []
+
+
 def test_one_run_at_each_temperature_is_not_judged() -> None:
     """What differs may be the temperature."""
     rows = layout(tuple(np.linspace(-30.0, 60.0, 12)), 1)
