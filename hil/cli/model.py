@@ -12,6 +12,8 @@ from rich.table import Table
 from hil.cli.data import Source, read_source
 from hil.cli.output import JsonFlag, check_result_folder, print_json, results, warn
 
+_SHOWN = 3
+
 
 def reconcile(
     campaign: Source,
@@ -58,6 +60,13 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
         floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
         yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
+    for each in document["outliers"][:_SHOWN]:
+        yield (
+            f"left out: collect {each['collect']}, sensor {each['sensor']} {each['channel']}, off by "
+            f"{each['size_deg_per_hr']:.4g} deg/hr"
+        )
+    if len(document["outliers"]) > _SHOWN:
+        yield f"left out: {len(document['outliers']) - _SHOWN} more, in reconciliation.json"
     if document["next_experiment"]:
         yield f"measure next: {document['next_experiment']['why']}"
     for note in document.get("notes", []):

@@ -76,8 +76,9 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 def check_result_folder(out: Path, another: str, command: str) -> None:
     """Refuse an --out that is a file, or that holds `another`: what a `command` left that writes model.yaml too."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; the result needs a folder")
+    for above in (out, *out.parents):
+        if above.exists() and not above.is_dir():
+            raise InputError(f"{above}: is a file; the result needs a folder")
     if (out / another).is_file():
         raise InputError(f"{out}: holds the model.yaml of hil {command}, which would be lost; name another folder")
 

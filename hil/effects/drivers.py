@@ -4,7 +4,7 @@ supply_V                      the condition less its reference
 temperature_degC^3            its third power, about the reference
 temperature_degC>23.5         one above, zero below (and < the other way round)
 temperature_degC[20.0..25.0]  one inside, zero outside
-position=3                    one at a position
+position=3                    one at a position ('&' in its label is written %26, '%' is %25)
 run>12                        one after a run
 position=3&temperature_degC<0.0   products of these
 """
@@ -56,9 +56,23 @@ def driver_columns(expression: str) -> frozenset[str]:
     return frozenset(names - {"start_s", "run", "duration_s"})
 
 
+def position_is(label: str) -> str:
+    """Return the expression that is one at a position, whatever its label contains."""
+    return f"position={label.replace('%', '%25').replace('&', '%26')}"
+
+
+def expressible(column: str) -> bool:
+    """Whether a condition column can stand in an expression: one whose name looks like an operator cannot."""
+    return "&" not in column and not any(form.match(column) for form in (_POWER, _ABOVE, _INSIDE, _LABEL))
+
+
+def _plain(label: str) -> str:
+    return label.replace("%26", "&").replace("%25", "%")
+
+
 def _part(part: str, conditions: Conditions, reference: float | None) -> FloatArray:
     if label := _LABEL.match(part):
-        return np.asarray(conditions.position == label.group(1), dtype=np.float64)
+        return np.asarray(conditions.position == _plain(label.group(1)), dtype=np.float64)
     if step := _ABOVE.match(part):
         values, edge = _column(step.group(1), conditions), float(step.group(3))
         beyond = values > edge if step.group(2) == ">" else values <= edge

@@ -15,7 +15,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.effects.base import Base, Effect, Parameter
-from hil.effects.drivers import driver_values
+from hil.effects.drivers import driver_values, expressible, position_is
 from hil.effects.history import joined
 from hil.linear_forms import RATE
 from hil.reconcile.blocks import stations
@@ -233,7 +233,7 @@ def drivers(conditions: Conditions) -> list[Driver]:
     for name, values in conditions.columns.items():
         varies = np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
         a_temperature = name in {"setpoint_degC", "chamber_degC", "case_degC"} and temperature is not None
-        if varies and not a_temperature and name not in _NOT_DRIVERS:
+        if varies and not a_temperature and name not in _NOT_DRIVERS and expressible(name):
             expressions.append((name, "condition"))
     if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
         expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]
@@ -261,7 +261,7 @@ def position_drivers(conditions: Conditions) -> list[Driver]:
     labels, counts = np.unique(conditions.position, return_counts=True)
     if len(labels) > 12:
         return []
-    texts = [f"position={label}" for label, count in zip(labels, counts, strict=True) if count > 1]
+    texts = [position_is(str(label)) for label, count in zip(labels, counts, strict=True) if count > 1]
     return [Driver(text, driver_values(text, conditions), "position") for text in texts]
 
 

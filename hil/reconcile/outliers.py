@@ -25,6 +25,9 @@ from hil.reconcile.search import RESOLVED
 _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
 _LEAST_SCORE = 4.5
+_BEYOND_SCORES = 1e6
+_GROSS = 1e4  # times the median departure: no rate of this unit, whatever is missing
+_ALIKE = 0.99
 _LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
 _PAIRS = 100.0
 _MENDS = 1e-3  # what is left of exchanged collects may be as rare as this
@@ -64,34 +67,45 @@ def find_outliers(
         if len(block.y) - flexible.base.shape[1] < 8:
             flexible = block
         if len(block.y) - flexible.base.shape[1] >= _LEAST_FREEDOM:
-            out += _of_block(flexible, table)
+            out += _of_block(flexible, block, table)
     return sorted(out, key=lambda o: -abs(o["score"]))
 
 
-def _of_block(block: Block, table: NoiseTable) -> list[dict[str, Any]]:
-    kept = np.ones(len(block.y), dtype=bool)
-    found: list[dict[str, Any]] = []
+def _of_block(block: Block, plain: Block, table: NoiseTable) -> list[dict[str, Any]]:
+    """The outlying rows beside a flexible model of the means; `plain` is the block beside its own base.
+
+    Where a flexible model has hardly more rows than values at a setpoint, all of these stand out alike: the row at
+    fault is the one that stands out beside the base, too.
+    """
+    middle = float(np.median(block.y))
+    gross = np.abs(block.y - middle) > _GROSS * float(np.median(np.abs(block.y - middle)))
+    most = max(1, int(_SHARE * len(block.y)))
+    kept = ~gross if 0 < gross.sum() <= most else np.ones(len(block.y), dtype=bool)
+    found = [_found(block, int(row), np.inf, float(block.y[row] - middle)) for row in np.flatnonzero(~kept)]
     limit = max(float(-ndtri(_LEVEL / 2 / len(block.y))), _LEAST_SCORE)
-    for _ in range(max(1, int(_SHARE * len(block.y)))):
+    for _ in range(most - len(found)):
         rows = np.flatnonzero(kept)
         less = block.take(kept)
-        noise = estimate_noise(less, _on(less, table)) if len(found) == 0 else _reduced(less, table)
+        noise = estimate_noise(less, _on(less, table)) if kept.all() else _reduced(less, table)
         score, size = studentised(less, noise)
-        worst = int(np.argmax(np.abs(score)))
-        if abs(score[worst]) < limit:
+        alike = np.flatnonzero(np.abs(score) >= max(limit, _ALIKE * float(np.abs(score).max())))
+        if not len(alike):
             break
-        row = rows[worst]
-        found.append(
-            {
-                "sensor": block.sensor,
-                "row": int(block.rows[row]),
-                "channel": int(block.channel[row]),
-                "score": float(score[worst]),
-                "size_deg_per_hr": float(size[worst]),
-            }
-        )
-        kept[row] = False
+        beside_base, _ = studentised(plain.take(kept), noise)
+        worst = int(alike[np.argmax(np.abs(beside_base[alike]))])
+        found.append(_found(block, int(rows[worst]), float(score[worst]), float(size[worst])))
+        kept[rows[worst]] = False
     return found
+
+
+def _found(block: Block, row: int, score: float, size: float) -> dict[str, Any]:
+    return {
+        "sensor": block.sensor,
+        "row": int(block.rows[row]),
+        "channel": int(block.channel[row]),
+        "score": min(score, _BEYOND_SCORES),
+        "size_deg_per_hr": size,
+    }
 
 
 def _on(block: Block, table: NoiseTable) -> NoiseTable:

@@ -188,8 +188,8 @@ def _panel(axes: Axes, rows: Sequence[Mapping[str, Any]], when: str) -> AxesImag
 
 
 def _run_labels(rows: Sequence[Mapping[str, Any]], runs: Sequence[int]) -> list[str]:
-    temperature = {r["run"]: r["temperature_degC"] for r in rows}
-    return [str(run) if temperature[run] is None else f"{run}: {temperature[run]:.0f} °C" for run in runs]
+    known = {r["run"]: r["temperature_degC"] for r in rows if r["temperature_degC"] is not None}
+    return [f"{run}: {known[run]:.0f} °C" if np.isfinite(known.get(run, np.nan)) else str(run) for run in runs]
 
 
 def _gap(result: Reconciliation) -> Figure:
@@ -209,7 +209,7 @@ def _gap(result: Reconciliation) -> Figure:
 
 def _svg(figure: Figure) -> str:
     text = StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
+    figure.savefig(text, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
