@@ -27,6 +27,7 @@ from hil.reconcile.shapes import between_the_grid
 _MOST_EFFECTS = 5
 _FURTHER = 10.0  # an effect after the first must be as many times rarer by chance
 _ROUNDS = 3
+_OTHERS = 2  # how often the search is done again without what was odd
 _EVEN = 1.0  # log evidence by which what has no name must be ahead of names that explain the same
 _TEMPERATURE = "temperature_degC"
 CERTAIN = 4.0  # log evidence above the threshold from which a disagreement is called certain
@@ -170,23 +171,35 @@ def find(problem: Problem, search: Search, first: Scan, threshold: float) -> tup
     unit has, or one without a name, may stand in for several ordinary ones: these are looked for as well, and weighed
     against it. Returned with the search that found them, which held-out rows are to repeat.
     """
-    steps, search = _one_by_one(problem, search, first, threshold)
-    leaders = [step.naming.leader for step in steps]
-    odd = {leader.name for leader in leaders if leader.excess > LARGE or leader.tier == 2}
-    tiers = {1} if any(leader.tier == 2 for leader in leaders) else {1, 2}
-    others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd and h.tier in tiers])
-    if not odd or not others.hypotheses:
-        return steps, search
-    scan = others.scan()
-    if scan.statistic <= threshold:
-        return steps, search
-    ordinary, others = _one_by_one(problem, others, scan, threshold)
-    lead = _plausible_weight(search, steps) - _plausible_weight(search, ordinary)
-    share = 1.0 / (1.0 + float(np.exp(-lead)))
-    listed = all(step.naming.leader.tier == 1 for step in ordinary) and tiers == {1}
-    if lead >= (_EVEN if listed else 0.0):
-        return _beside(steps, ordinary, share), search
-    return _beside(ordinary, steps, 1.0 - share), others
+    explanations = [_one_by_one(problem, search, first, threshold)]
+    odd: set[str] = set()
+    tiers = {1, 2}
+    for _ in range(_OTHERS):
+        leaders = [step.naming.leader for step in explanations[-1][0]]
+        more = {leader.name for leader in leaders if leader.excess > LARGE or leader.tier == 2} - odd
+        tiers = {1} if any(leader.tier == 2 for leader in leaders) else tiers
+        odd |= more
+        others = replace(search, hypotheses=[h for h in search.hypotheses if h.name not in odd and h.tier in tiers])
+        scan = others.scan() if more and others.hypotheses else None
+        if scan is None or scan.statistic <= threshold:
+            break
+        explanations.append(_one_by_one(problem, others, scan, threshold))
+    return _most_probable(search, explanations)
+
+
+def _most_probable(search: Search, explanations: Sequence[tuple[list[Step], Search]]) -> tuple[list[Step], Search]:
+    """The most probable of several explanations, with what the next one has in its place.
+
+    Where names of the catalogue alone explain nearly as much as what has no name, they are it.
+    """
+    weights = np.array([_plausible_weight(search, steps) for steps, _ in explanations])
+    listed = np.array([all(step.naming.leader.tier == 1 for step in steps) for steps, _ in explanations])
+    order = np.argsort(-(weights + _EVEN * listed), kind="stable")
+    chosen, its_search = explanations[order[0]]
+    if len(order) == 1:
+        return chosen, its_search
+    share = 1.0 / float(np.sum(np.exp(weights - weights[order[0]])))
+    return _beside(chosen, explanations[order[1]][0], share), its_search
 
 
 def _beside(chosen: Sequence[Step], left: Sequence[Step], share: float) -> list[Step]:

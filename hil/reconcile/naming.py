@@ -21,7 +21,7 @@ from hil.reconcile.search import Scan
 NAMED = 0.8
 SAME = 0.95
 _IDENTICAL = 0.995
-_DECADES = 0.5  # a size half a decade beyond the typical range is one standard deviation implausible
+_DECADES = 0.4  # a size this many decades beyond the typical range is one standard deviation implausible
 _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
@@ -115,7 +115,8 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
         same += [w for w in rivals if w not in same and _usual_and_as_good(leader, w)]
         possible = [w for w in same if _is_possible(leader, w) and not _only_incidental(leader, w)]
         stated = leader.probability * certainty(scan)
-        kind = "ambiguous" if possible or stated < NAMED else "named"
+        withheld = bool(possible) or stated < NAMED or leader.excess > _IMPOSSIBLE
+        kind = "ambiguous" if withheld else "named"
         alike = [w for w in rivals if w.tier == 1 and w.overlap > SAME and _as_good(leader, w)]
         shown = [w for w in rivals if w in same or w in alike or w.probability > 0.005]
     else:

