@@ -118,7 +118,8 @@ def reconcile(
     notes = [*campaign.warnings, *problem.notes, *labels_to_correct(swapped), *_about(branch)]
     notes += run_notes(faults["runs"], campaign)
     if first is None:
-        notes.append("there are too few rates for the values of the model: nothing could be tested")
+        counts = "; ".join(f"sensor {b.sensor}: {len(b.y)} rates for {b.base.shape[1]} values" for b in blocks)
+        notes.append(f"nothing could be tested, so that none means nothing: {counts} of the model. Take more runs")
     if unjudged and steps:
         notes.append(NOT_HELD_OUT)
     if reverted or unpaid:
