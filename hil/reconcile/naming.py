@@ -52,7 +52,7 @@ LARGE = 3.0
 _TYPICAL = 1.5
 _MENTIONED = 0.01
 _CONTENDS = 0.2  # a rival of this probability may lead in place of an implausibly large one
-_HOPELESS = 1e-9  # a share of the evidence that no plausibility of sizes makes up for
+_HOPELESS = 6.4  # a misfit, in units of the noise, that no plausibility of sizes makes up for
 _WITHHOLDS = 0.05  # a rival that reproduces all of the leader withholds the name from this probability on
 _SHOWS = 5.0  # norm in units of the noise from which an effect shows on a sensor
 
@@ -91,10 +91,12 @@ class Naming:
 def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limit: int = 60) -> Naming:
     """Name what a scan found: evidence times the plausibility of the fitted sizes, then look for the same columns."""
     names = list(scan.shares)
-    first_tier = [n for n in names if scan.shares[n] > _HOPELESS and scan.best(n)[0].tier == 1][:limit]
-    considered = list(dict.fromkeys([*names[:12], *first_tier]))
-    weighed = [_fitted(name, scan, blocks, noise) for name in considered]
-    norm = _norm(max(weighed, key=lambda w: w.log_evidence), blocks, noise)
+    strongest = _fitted(names[0], scan, blocks, noise)
+    norm = _norm(strongest, blocks, noise)
+    least = scan.shares[names[0]] * float(np.exp(-0.5 * (_HOPELESS + IDEAL * norm) ** 2))
+    first_tier = [n for n in names if scan.shares[n] > least and scan.best(n)[0].tier == 1][:limit]
+    considered = list(dict.fromkeys([*names[1:12], *first_tier]))
+    weighed = [strongest, *(_fitted(name, scan, blocks, noise) for name in considered if name != names[0])]
     weighed = forgiving(weighed, norm)
     logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
     weights = np.exp(logs - logs.max())
