@@ -19,7 +19,7 @@ from hil.reconcile.improve import described_parameters
 from hil.reconcile.naming import Naming, Weighed, certainty
 from hil.reconcile.outliers import Exchange
 from hil.reconcile.prove import HeldOut
-from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival
+from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
 from hil.reconcile.search import Scan
 
 _OFF = 1.5  # times the noise: from there on a model's values are said to be off
@@ -176,15 +176,10 @@ def look_up(found: Sequence[Exchange]) -> dict[str, Any] | None:
     """The experiment for exchanged labels: what was recorded of the run settles them, no further collect is needed."""
     if not found:
         return None
-    runs = sorted({e.run for e in found})
-    which = f"run {runs[0]}" if len(runs) == 1 else f"runs {', '.join(map(str, runs))}"
-    return {
-        "why": f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed",
-        "collects": [],
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
+    which = runs_in_words(e.run for e in found)
+    return without_collects(
+        f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed"
+    )
 
 
 def labels_to_correct(found: Sequence[Exchange]) -> list[str]:

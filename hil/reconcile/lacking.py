@@ -7,7 +7,7 @@ temperature; where no temperature was recorded, both explain it equally.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,24 +25,20 @@ _SPELLINGS = {
     "spin_period_us": re.compile(r"(spin|rotor).*(period|_us)", re.IGNORECASE),
 }
 """Conditions that effects ask for, and how else people call them."""
-_KIN: Mapping[str, tuple[str, ...]] = {
-    "ageing": ("bias_T",),
-    "drift": ("bias_T",),
-    "jump": ("bias_T",),
-    "hyst": ("soak_insufficient", "bias_Tdot", "bias_grad"),
-    "bias_T": ("demod", "warmup"),
-    "warmup": ("soak_insufficient",),
-    "soak_insufficient": ("bias_Tdot", "bias_grad"),
-    "bias_Tdot": ("bias_grad",),
-    "bias_grad": ("bias_Tdot",),
+_UNLIKELY = 0.1  # before the data, of what would have to be of an unusual kind or size to stand in
+_KIN: Mapping[str, Mapping[str, float]] = {
+    "ageing": {"bias_T": 1.0},
+    "drift": {"bias_T": 1.0},
+    "jump": {"bias_T": 1.0},
+    "hyst": {"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0},
+    "bias_T": {"demod": _UNLIKELY, "warmup": _UNLIKELY},
+    "warmup": {"soak_insufficient": _UNLIKELY},
+    "soak_insufficient": {"bias_Tdot": 1.0, "bias_grad": 1.0},
+    "bias_Tdot": {"bias_grad": 1.0},
+    "bias_grad": {"bias_Tdot": 1.0},
 }
-"""Names of one history in time that only a further condition tells apart."""
-
-
-_FAR: Mapping[str, tuple[str, ...]] = {"bias_T": ("demod", "warmup"), "warmup": ("soak_insufficient",)}
-"""Of these, names that would have to be of an unusual kind or size to stand in."""
-_UNLIKELY = 0.1
-_OF_A_FIRST_RUN = ("warmup", "soak_insufficient")
+"""Names of one history in time that only a further condition tells apart, with their weight against the leader's 1."""
+_OF_A_FIRST_RUN: Mapping[str, float] = {"warmup": 1.0, "soak_insufficient": 1.0}
 """Names of which only the first run may show much."""
 
 
@@ -144,24 +140,19 @@ def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Nami
     return with_rivals(naming, share, others)
 
 
-def _record(needs: Sequence[str]) -> str:
-    return f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
-
-
 def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
     """Yield the names of the leader's history in time that nothing recorded tells from it."""
     candidate = leader.added.hypothesis.candidate
     within_runs = leader.name == "drift" and not candidate.shape.get("through_runs")
-    for name in () if within_runs else _KIN.get(leader.name, ()):
+    kin = {} if within_runs else dict(_KIN.get(leader.name, {}))
+    if leader.name == "jump" and candidate.shape.get("from_run") == np.unique(here.run)[1]:
+        kin |= _OF_A_FIRST_RUN
+    for name, weight in kin.items():
         effect = effect_by_id(name)
         needs = effect.missing(here)
         if needs:
-            yield _Unasked(name, effect.title, _record(needs), _UNLIKELY if name in _FAR.get(leader.name, ()) else 1.0)
-    if leader.name == "jump" and candidate.shape.get("from_run") == np.unique(here.run)[1]:
-        for name in _OF_A_FIRST_RUN:
-            effect = effect_by_id(name)
-            if effect.missing(here):
-                yield _Unasked(name, effect.title, _record(effect.missing(here)))
+            remedy = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
+            yield _Unasked(name, effect.title, remedy, weight)
     if candidate.shape.get("runs_held"):
         yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
     if leader.name == "turnon" and _cycles_are_setpoints(here):

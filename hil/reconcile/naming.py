@@ -32,8 +32,8 @@ _STANDARD_TERMS: Mapping[str, float] = {"bias_T": 3.0, "MU_real": 5.0, "GS_T": 3
 A rotor without mass unbalance is rarer than a triad without sensitivity to acceleration.
 """
 _OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
-"""Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
 _EXCLUDED = 3.0
+"""Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
 _LEADS = 1.5
 _UNLISTED = frozenset({"ageing"})
 """Names that the published list of effects has not: they lead where nothing of it explains as much."""
@@ -95,9 +95,8 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     norm = _norm(strongest, blocks, noise)
     least = scan.shares[names[0]] * float(np.exp(-0.5 * (_HOPELESS + IDEAL * norm) ** 2))
     first_tier = [n for n in names if scan.shares[n] > least and scan.best(n)[0].tier == 1][:limit]
-    considered = list(dict.fromkeys([*names[1:12], *first_tier]))
-    weighed = [strongest, *(_fitted(name, scan, blocks, noise) for name in considered if name != names[0])]
-    weighed = forgiving(weighed, norm)
+    others = [name for name in dict.fromkeys([*names[:12], *first_tier]) if name != names[0]]
+    weighed = forgiving([strongest, *(_fitted(name, scan, blocks, noise) for name in others)], norm)
     logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()

@@ -78,7 +78,8 @@ def _of_block(block: Block, plain: Block, table: NoiseTable) -> list[dict[str, A
     fault is the one that stands out beside the base, too.
     """
     middle = float(np.median(block.y))
-    gross = np.abs(block.y - middle) > _GROSS * float(np.median(np.abs(block.y - middle)))
+    usual = float(np.median(np.abs(block.y - middle)))  # zero where most averages are one value, as coarsely rounded
+    gross = np.abs(block.y - middle) > (_GROSS * usual if usual > 0.0 else np.inf)
     most = max(1, int(_SHARE * len(block.y)))
     kept = ~gross if 0 < gross.sum() <= most else np.ones(len(block.y), dtype=bool)
     found = [_found(block, int(row), np.inf, float(block.y[row] - middle)) for row in np.flatnonzero(~kept)]

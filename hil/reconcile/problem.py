@@ -26,7 +26,7 @@ from hil.reconcile.fit import UNSEEN
 
 _RICH_ORDER = 5
 _ROUNDS = 5
-LEAST_FREEDOM = 3
+LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
 _BEYOND_DOUBT = 12.0  # log likelihood
 
 

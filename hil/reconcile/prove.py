@@ -16,6 +16,7 @@ from hil.reconcile.blocks import Block, BoolArray, independent_columns
 from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, Layout
+from hil.reconcile.problem import LEAST_FREEDOM
 
 _FLIPS = 2000
 _ENOUGH_FOLDS = 6
@@ -25,7 +26,6 @@ _FEW = 6
 _LOOKED_AT = 30
 _MOST = 0.7
 _ALIKE = 1e-3  # of log evidence
-_LEAST_FREEDOM = 3
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ def _select(keep: Sequence[BoolArray], blocks: Sequence[Block], few: Layout, man
     present = [b.with_base(np.eye(len(b.y))[:, ~rows]) for b, rows in zip(blocks, keep, strict=True)]
     added: list[Added] = []
     for _ in range(steps):
-        if min(len(b.y) - b.base.shape[1] for b in present) < _LEAST_FREEDOM:
+        if min(len(b.y) - b.base.shape[1] for b in present) < LEAST_FREEDOM:
             break
         strongest = np.sort(np.argsort(-_weighed(few, present)[0])[:_LOOKED_AT])
         shown = [i for i in strongest.tolist() if _shows(many.hypotheses[i], keep)]

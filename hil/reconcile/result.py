@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,23 @@ _SHAPES = {
     "tau_s": "time constant {:g} s",
     "half_width_degC": "half width {:g} °C",
 }
+
+
+def without_collects(why: str) -> dict[str, Any]:
+    """Return the next experiment where it is no further collect that settles the question."""
+    return {
+        "why": why,
+        "collects": [],
+        "expected_difference_deg_per_hr": None,
+        "power": None,
+        "impossible": False,
+    }
+
+
+def runs_in_words(runs: Iterable[int]) -> str:
+    """Name runs by the campaign's numbers: "run 4", "runs 4, 9"."""
+    numbers = sorted(set(runs))
+    return f"run{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
 @dataclass(frozen=True)

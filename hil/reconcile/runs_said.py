@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.reconcile.result import Disagreement, FoundEffect
+from hil.reconcile.result import Disagreement, FoundEffect, runs_in_words, without_collects
 from hil.reconcile.runs import FALSE, BadRun
 
 LEFT_OUT = "runs_left_out"
@@ -70,18 +70,11 @@ def run_experiment(bad: Sequence[BadRun], further: dict[str, Any] | None) -> dic
     why = f"look at {numbers}; repeat {'them' if 'runs' in numbers else 'it'}"
     if further is not None:
         return {**further, "why": f"{why}; then: {further['why']}"}
-    nothing: dict[str, Any] = {
-        "collects": [],
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
-    return {"why": why, **nothing}
+    return without_collects(why)
 
 
 def _numbers(bad: Sequence[BadRun]) -> str:
-    runs = sorted({b.run for b in bad})
-    return f"run {runs[0]}" if len(runs) == 1 else f"runs {', '.join(map(str, runs))}"
+    return runs_in_words(b.run for b in bad)
 
 
 def _channel(bad: BadRun, campaign: Campaign) -> str:

@@ -40,9 +40,7 @@ def between_the_grid(
 
     def explained(log_value: float) -> float:
         found = _at(added.hypothesis, shape, float(np.exp(log_value)), problem, blocks)
-        return (
-            _explained(Added(found, found.units).columns(len(blocks)), blocks, noise, touched) if found.units else 0.0
-        )
+        return _explained(Added(found, found.units).columns(len(blocks)), blocks, noise, touched)
 
     best = minimize_scalar(
         lambda v: -explained(v), bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.02}

@@ -52,7 +52,7 @@ from hil.reconcile.outliers import as_labelled, exchanges, find_outliers, left_o
 from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
-from hil.reconcile.result import FoundEffect, Reconciliation
+from hil.reconcile.result import FoundEffect, Reconciliation, without_collects
 from hil.reconcile.runs import bad_runs, rows_of
 from hil.reconcile.runs_said import run_experiment, run_findings, run_notes, run_places
 from hil.reconcile.search import Scan, Search
@@ -314,13 +314,7 @@ def _between(inside: Sequence[FoundEffect]) -> dict[str, Any] | None:
     for effect in inside:
         if effect.kind == "ambiguous":
             rivals = " or ".join(rival.id for rival in effect.confusable_with) or "chance"
-            return {
-                "why": f"separates {effect.id} from {rivals}: {effect.experiment}",
-                "collects": [],
-                "expected_difference_deg_per_hr": None,
-                "power": None,
-                "impossible": False,
-            }
+            return without_collects(f"separates {effect.id} from {rivals}: {effect.experiment}")
     return None
 
 

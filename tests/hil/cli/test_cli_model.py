@@ -56,6 +56,35 @@ def test_for_people_it_is_a_screenful(hil: Any, contractors: Path, tmp_path: Pat
     assert len(ended.stdout.splitlines()) < 40
 
 
+def test_a_slipped_decimal_point_is_left_out_and_the_terminal_says_so(
+    hil: Any, contractors: Path, tmp_path: Path
+) -> None:
+    """By collect, sensor and channel, and beside the improved model again: it finds nothing more."""
+    table = contractors / "collects.csv"
+    head, *rows = [line.split(",") for line in table.read_text().splitlines()]
+    place = head.index("RA_deg_per_hr")
+    rows[4][place] = str(float(rows[4][place]) * 1e3)
+    table.write_text("\n".join(",".join(cells) for cells in [head, *rows]) + "\n")
+    ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "first")
+    assert ended.returncode == 0, ended.stderr
+    assert "left out: collect 5, sensor 2 RA, off by" in ended.stdout
+    again = hil(
+        "reconcile", contractors, "--model", tmp_path / "first" / "model.yaml", "--out", tmp_path / "2", "--json"
+    )
+    told = json.loads(again.stdout)
+    assert told["verdict"] == "none"
+    assert [(each["collect"], each["channel"]) for each in told["outliers"]] == [(5, "RA")]
+
+
+def test_a_result_folder_below_a_file_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """The file that is in the way is named and stays as it is; the status is that of bad input."""
+    (tmp_path / "afile").write_text("kept")
+    ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "afile" / "below")
+    assert ended.returncode == 2
+    assert "afile: is a file" in ended.stderr.replace("\n", "")
+    assert (tmp_path / "afile").read_text() == "kept"
+
+
 def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:
     """One sentence, and no folder."""
     ended = hil("reconcile", contractors, "--model", "nonsense", "--out", tmp_path / "out")
