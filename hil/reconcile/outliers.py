@@ -25,8 +25,9 @@ from hil.reconcile.search import RESOLVED
 _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data
 _LEAST_SCORE = 4.5
-_BEYOND_SCORES = 1e6
+BEYOND_SCORES = 1e6
 _GROSS = 1e4  # times the median departure: no rate of this unit, whatever is missing
+_ROUNDING = 1e-9
 _ALIKE = 0.99
 _LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
 _PAIRS = 100.0
@@ -78,8 +79,9 @@ def _of_block(block: Block, plain: Block, table: NoiseTable) -> list[dict[str, A
     fault is the one that stands out beside the base, too.
     """
     middle = float(np.median(block.y))
-    usual = float(np.median(np.abs(block.y - middle)))  # zero where most averages are one value, as coarsely rounded
-    gross = np.abs(block.y - middle) > (_GROSS * usual if usual > 0.0 else np.inf)
+    usual = float(np.median(np.abs(block.y - middle)))
+    one_value = usual <= _ROUNDING * max(abs(middle), 1.0)  # of most averages, as coarsely rounded: no measure
+    gross = np.abs(block.y - middle) > (np.inf if one_value else _GROSS * usual)
     most = max(1, int(_SHARE * len(block.y)))
     kept = ~gross if 0 < gross.sum() <= most else np.ones(len(block.y), dtype=bool)
     found = [_found(block, int(row), np.inf, float(block.y[row] - middle)) for row in np.flatnonzero(~kept)]
@@ -104,7 +106,7 @@ def _found(block: Block, row: int, score: float, size: float) -> dict[str, Any]:
         "sensor": block.sensor,
         "row": int(block.rows[row]),
         "channel": int(block.channel[row]),
-        "score": min(score, _BEYOND_SCORES),
+        "score": min(score, BEYOND_SCORES),
         "size_deg_per_hr": size,
     }
 

@@ -191,6 +191,20 @@ def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
     assert unknown.effects[0].probability < 0.5
 
 
+def test_a_first_run_that_is_off_may_be_a_warm_up_where_nothing_tells() -> None:
+    """Without the times since power-on and setpoint, a step after the first run is no jump for certain."""
+    campaign = hidden_campaign(7, lambda r: both(r.run == 1, 14.0, -12.0))
+    result = reconcile(
+        with_columns(campaign, time_since_power_on_s=None, time_since_setpoint_s=None),
+        "matrix-6-thermal",
+        draws=DRAWS,
+        prove=False,
+    )
+    assert result.effects[0].id == "jump"
+    assert result.effects[0].kind == "ambiguous"
+    assert {"warmup", "soak_insufficient"} <= names(result)
+
+
 def test_what_has_died_away_before_the_first_row_is_not_asked_about() -> None:
     """Power on a day before: no warm-up of any time constant can be made of the last digits."""
     rows = lay_out(np.random.default_rng(2))
