@@ -92,11 +92,10 @@ def test_a_column_whose_name_reads_as_an_operator_is_not_asked_about() -> None:
 def test_runs_of_unknown_temperature_are_labelled_by_their_number() -> None:
     """No "nan °C" on the page; and what it holds is all it needs."""
     campaign = hidden_campaign(7)
-    collects = campaign.sensors[2]
-    temperature = collects.conditions.columns["temperature_degC"].copy()
-    temperature[collects.conditions.run == 2] = np.nan
-    columns = {**collects.conditions.columns, "temperature_degC": temperature}
-    gaps = replace(collects, conditions=replace(collects.conditions, columns=columns))
-    text = page(reconcile(replace(campaign, sensors={2: gaps}), "matrix-6", draws=DRAWS, prove=False))
+    conditions = campaign.sensors[2].conditions
+    temperature = np.where(conditions.run == 2, np.nan, conditions.columns["temperature_degC"])
+    gaps = with_columns(campaign, temperature_degC=temperature, setpoint_degC=None)  # no setpoint to stand in for it
+    text = page(reconcile(gaps, "matrix-6", draws=DRAWS, prove=False))
+    assert "1: -30 °C" in text
     assert "nan °C" not in text
     assert "purl.org" not in text
