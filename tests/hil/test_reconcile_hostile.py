@@ -165,6 +165,12 @@ def test_an_earth_rate_that_is_half_wrong_is_no_wrong_sign() -> None:
     assert result.effects[0].id != "frame" or result.effects[0].kind == "ambiguous"
 
 
+def without(campaign: Campaign, *columns: str) -> Reconciliation:
+    """What is said where some conditions were not recorded."""
+    unknown = with_columns(campaign, **dict.fromkeys(columns))
+    return reconcile(unknown, "matrix-6-thermal", draws=DRAWS, prove=False)
+
+
 def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
     """Without slope and time since the setpoint, what stands off after each step may be any of four."""
     temperatures = (20.0, 60.0, 6.0, 49.0, -7.0, 38.0, -30.0, 55.0)
@@ -180,12 +186,7 @@ def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
         for r in known.effects[0].confusable_with
         if r.id in {"soak_insufficient", "bias_Tdot"} and r.probability > 0.1
     ]
-    unknown = reconcile(
-        with_columns(campaign, dTdt_degC_per_min=None, time_since_setpoint_s=None),
-        "matrix-6-thermal",
-        draws=DRAWS,
-        prove=False,
-    )
+    unknown = without(campaign, "dTdt_degC_per_min", "time_since_setpoint_s")
     assert unknown.effects[0].kind == "ambiguous"
     assert {"hyst", "soak_insufficient", "bias_Tdot"} <= names(unknown)
     assert unknown.effects[0].probability < 0.5
@@ -194,12 +195,7 @@ def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
 def test_a_first_run_that_is_off_may_be_a_warm_up_where_nothing_tells() -> None:
     """Without the times since power-on and setpoint, a step after the first run is no jump for certain."""
     campaign = hidden_campaign(7, lambda r: both(r.run == 1, 14.0, -12.0))
-    result = reconcile(
-        with_columns(campaign, time_since_power_on_s=None, time_since_setpoint_s=None),
-        "matrix-6-thermal",
-        draws=DRAWS,
-        prove=False,
-    )
+    result = without(campaign, "time_since_power_on_s", "time_since_setpoint_s")
     assert result.effects[0].id == "jump"
     assert result.effects[0].kind == "ambiguous"
     assert {"warmup", "soak_insufficient"} <= names(result)
