@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import StreamDecoder, StreamDescription, encode, load_description
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 
 _IMUS = Path(__file__).resolve().parents[1] / "configs" / "imus"
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))

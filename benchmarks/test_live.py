@@ -23,7 +23,7 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.frames import encode, load_description
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from drivers.live_reader import LiveReader
 from drivers.serial_port import open_port
 from drivers.stream_imu import StreamImu

@@ -9,30 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames.counts import StreamCounts
+
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StreamCounts:
-    """What happened to the bytes. Counts add: `before + after` is the sum over both intervals.
-
-    `overflow_bytes` arrived while nobody read for so long that they could not be kept.
-    """
-
-    ok: int = 0
-    bad_checksum: int = 0
-    bad_delimiter: int = 0
-    unknown_id: int = 0
-    skipped_bytes: int = 0
-    resyncs: int = 0
-    lost: int = 0
-    duplicate: int = 0
-    timed_out: int = 0
-    overflow_bytes: int = 0
-
-    def __add__(self, other: StreamCounts) -> StreamCounts:
-        mine, theirs = vars(self), vars(other)
-        return StreamCounts(**{name: mine[name] + theirs[name] for name in mine})
 
 
 @dataclass(frozen=True)

@@ -22,20 +22,22 @@ from drivers.chamber import Chamber, ChamberLimits
 from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions, SerialLine
 from drivers.clock import SIMULATED_EPOCH, Clock, PacedClock, SystemClock, VirtualClock
 from drivers.errors import DeviceError, TransportError
-from drivers.frames.description import DescriptionError, StreamDescription, load_description
+from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.live_reader import LiveReader
 from drivers.operator import AskOperator, OperatorPositioner
 from drivers.port_owner import owned
 from drivers.positioner import Positioner
+from drivers.positioners.indexing import IndexingPositioner
 from drivers.ramp import RampedChamber
 from drivers.serial_port import existing_ports, open_port
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
-from drivers.stream_imu import IndexingPositioner, StreamImu
+from drivers.stream_imu import StreamImu
 from drivers.transport import Transport
 from hil.closed_port import ClosedPort
 from hil.config.bench import Bench
+from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.faults import FaultInjector
@@ -169,14 +171,6 @@ def open_chamber(bench: Bench) -> LiveChamber:
         chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated)
         opened.pop_all()
     return LiveChamber(bench, clock, chamber)
-
-
-def load_frames(bench: Bench) -> StreamDescription:
-    """Load the IMU's frame description; raise `InputError` where it cannot be used."""
-    try:
-        return load_description(bench.imu_description, parameters=bench.imu.parameters, sample_rate_hz=bench.imu.rate)
-    except DescriptionError as error:
-        raise InputError(str(error)) from error
 
 
 def check_ports(bench: Bench) -> None:

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 
 from procedures.verdict import Judgement
 
+EARTH_RATE_DEG_PER_HR = 15.041067
+"""Rotation of the Earth with respect to inertial space (one turn in a sidereal day of 86 164.0989 s)."""
+
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]

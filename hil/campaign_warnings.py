@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign import Collects
+from hil.campaign import EARTH_RATE_DEG_PER_HR, Collects
 from hil.campaign_header import Header
 from hil.collects_table import Table, rows_in_words
-from hil.earth import EARTH_RATE_DEG_PER_HR
 
 F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""

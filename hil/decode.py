@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.frames.counts import StreamCounts
 from drivers.frames.fields import FieldDescription
 from drivers.frames.layout import FloatArray
-from drivers.imu import StreamCounts
 from hil.config.files import find_config
 from hil.decode_advice import CounterHabit, misfit
 from hil.errors import InputError

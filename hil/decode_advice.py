@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.frames import DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.frames.counts import StreamCounts
 from drivers.frames.description import CounterDescription
-from drivers.imu import StreamCounts
 from hil.config.files import config_folders
 
 _LOOK = 1 << 16  # bytes from the beginning of a file that are tried with other descriptions

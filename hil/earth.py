@@ -20,10 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.campaign import EARTH_RATE_DEG_PER_HR
 from hil.equation import FloatArray
-
-EARTH_RATE_DEG_PER_HR = 15.041067
-"""Rotation of the Earth with respect to inertial space (one turn in a sidereal day of 86 164.0989 s)."""
 
 
 @dataclass(frozen=True)

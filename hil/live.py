@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
-from drivers.imu import SensorChannels, StreamCounts, rate_fields
+from drivers.frames.counts import StreamCounts
+from drivers.imu import SensorChannels, rate_fields
 from hil.files import PARTIAL
 from hil.heartbeat import Heartbeat
 from hil.journal_records import to_json

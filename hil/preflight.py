@@ -17,7 +17,8 @@ from typing import Any
 from drivers.chamber import ChamberReading
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.errors import DeviceError
-from drivers.imu import SampleBlock, StreamCounts
+from drivers.frames.counts import StreamCounts
+from drivers.imu import SampleBlock
 from drivers.ramp import steps_of_a_ramp
 from drivers.write_wear import ENDURANCE_WRITES
 from hil.advice import Device, advice_for, closed_port_advice, line_words

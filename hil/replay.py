@@ -23,12 +23,13 @@ import numpy as np
 from drivers.clock import VirtualClock
 from drivers.errors import TransportError
 from drivers.frames import StreamDecoder, StreamDescription
-from drivers.imu import FloatArray, SampleBlock, StreamCounts
+from drivers.frames.counts import StreamCounts
+from drivers.imu import FloatArray, SampleBlock
 from drivers.stream_imu import StreamImu
-from hil.bench import load_frames
 from hil.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
 from hil.campaign import Campaign, Collects
 from hil.closed_port import ClosedPort
+from hil.config.frames import load_frames
 from hil.configuration import configuration_of
 from hil.errors import InputError
 from hil.export import campaign_of_night

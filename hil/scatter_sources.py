@@ -10,23 +10,17 @@ Per channel: every temperature with repeats, then, where there are several, all 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import numpy as np
 
-from hil.audit import audit_table
-from hil.audit.printed import TABLE_1
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.config.units import TEMPERATURE, to_number
-from hil.errors import InputError
 from hil.linear_forms import MATRIX_6, matrix_6_form
 from hil.repeats import runs_by_temperature
-from hil.scatter import QUIET_COLLECT_DEG_PER_HR, Repeats, ScatterSignature, repeats_of_sigmas, scatter_signature
+from hil.scatter import QUIET_COLLECT_DEG_PER_HR, Repeats, ScatterSignature, scatter_signature
 from hil.solve import OBSERVABLE, stated_noise
 from hil.solver import solve
 
 # C and M of each channel from the six parameters: MU adds +MUB to A and -MUA to B (eqs. 5, 6).
-_SIGMAS = ("sigma_contractor", "sigma_matrix", "sigma_mu")
 _C_AND_M = {
     "A": np.array([[name == "BA" or name == "MUB" for name in MATRIX_6], [name == "BA" for name in MATRIX_6]], float),
     "B": np.array(
@@ -43,32 +37,6 @@ def campaign_signatures(campaign: Campaign) -> tuple[ScatterSignature, ...]:
         if collects.conditions.sensor.is_rotor
         for signature in signatures_by_channel(_repeats(collects))
     )
-
-
-def published_signatures(name: str | Path) -> tuple[ScatterSignature, ...]:
-    """Return the signatures of a printed table in Table 1's layout, by path or by the name of one that ships.
-
-    The collects are taken to have been made in the order 1-2-3 with a noise of 0.9 deg/hr each; the number of runs is
-    the stated one, or what the printed digits tell where they contradict it. Raises `InputError` where the table has no
-    standard deviations.
-    """
-    audit = audit_table(name)
-    if audit.table.layout != TABLE_1 or not all(set(_SIGMAS) <= set(row.cells) for row in audit.table.rows):
-        raise InputError(
-            f"{audit.table.path}: the standard deviations of C, M and MU (column sigma_printed) are needed"
-        )
-    groups = []
-    for row in audit.table.rows:
-        told, stated = audit.runs_told.get(row.group), row.n_stated
-        runs = told if told is not None and (stated is None or stated % told) else stated
-        if runs is None or runs < 2:
-            raise InputError(
-                f"{audit.table.path}: {row.label}: how many runs it is the scatter of is not stated (n_stated)"
-            )
-        c, m, mu = (row.cells[role].value for role in _SIGMAS)
-        at = to_number(row.group, TEMPERATURE)
-        groups.append(repeats_of_sigmas(row.axis, c, m, mu, runs, temperature_degC=at))
-    return tuple(signatures_by_channel(sorted(groups, key=lambda group: group.axis)))
 
 
 def signatures_by_channel(groups: Iterable[Repeats]) -> list[ScatterSignature]:

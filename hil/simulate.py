@@ -25,9 +25,9 @@ import yaml
 from drivers.clock import SystemClock
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
-from hil.bench import load_frames
 from hil.config.bench import Bench, parse_bench
 from hil.config.files import parse_yaml
+from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.faults import FaultInjector

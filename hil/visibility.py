@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.effects.base import Base, Effect, Parameter
+from hil.effects.base import Base, Effect, Parameter, flattened
 from hil.effects.catalogue import askable
 from hil.effects.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
     classes,
-    flattened,
     orthonormal,
     overlap_table,
     run_covariance,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chamber import ChamberReading
-from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, StreamCounts, rate_fields, rate_means
+from drivers.frames.counts import StreamCounts
+from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, rate_fields, rate_means
 from procedures.averaging import Average, average_series
 from procedures.bench import BenchDevices
 from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from drivers.chamber import ChamberLimits, ChamberReading
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from procedures.settings import InterlockSettings
 
 _EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from procedures.journal import StepResult
 from procedures.plan import Plan, Step
 

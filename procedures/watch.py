@@ -19,7 +19,8 @@ import numpy as np
 
 from drivers.chamber import ChamberReading
 from drivers.errors import DeviceError
-from drivers.imu import SampleBlock, StreamCounts, rate_fields, rate_means
+from drivers.frames.counts import StreamCounts
+from drivers.imu import SampleBlock, rate_fields, rate_means
 from procedures.bench import BenchDevices
 from procedures.control import Control, Desk, NoControl, PauseAsked
 from procedures.frozen import Unchanged

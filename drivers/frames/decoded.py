@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from drivers.frames.batch import FrameBatch
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 
 
 class Decoded:

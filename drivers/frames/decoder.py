@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.frames.batch import FrameBatch, join
+from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
@@ -17,7 +18,6 @@ from drivers.frames.layout import FrameLayout
 from drivers.frames.record import Taking
 from drivers.frames.scan import Scanner
 from drivers.frames.sequence import FrameSequence
-from drivers.imu import StreamCounts
 
 _FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
 _QUICK = 384  # frames below which those of the expected type are verified one by one

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from drivers.frames.batch import FrameBatch
+from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
 from drivers.frames.layout import FloatArray, FrameLayout
 from drivers.frames.record import Floats, Taking, record_reader, record_takers
 from drivers.frames.sequence import FrameSequence
-from drivers.imu import StreamCounts
 
 FEWER_TUPLES = 24  # frames from which on columns are made of bytes faster than of tuples
 

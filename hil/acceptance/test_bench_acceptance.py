@@ -10,7 +10,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.errors import SetpointOutOfLimits
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from drivers.setpoint_checks import clamped
 from hil.bench import LiveBench
 

@@ -264,7 +264,8 @@ def scatter(
 ) -> None:
     """Tell what makes repeats scatter: noise, the bias, MU or Collect 3, a drift; or say that they cannot tell."""
     from hil.scatter import HYPOTHESES, NAMED
-    from hil.scatter_sources import campaign_signatures, overall, published_signatures
+    from hil.scatter_published import published_signatures
+    from hil.scatter_sources import campaign_signatures, overall
 
     if Path(source).is_dir():
         campaign = read_source(Path(source))

@@ -249,3 +249,8 @@ def required_base(effect: Effect, base: Base | None) -> Base:
     if base is None:
         raise InputError(f"effect {effect.id} acts on the terms of the base model, and no base model was given")
     return base
+
+
+def flattened(columns: FloatArray) -> FloatArray:
+    """Return columns of shape (n, c, p) as (n·c, p)."""
+    return columns.reshape(-1, columns.shape[-1])

@@ -19,6 +19,7 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.effects.base import flattened
 
 RANK_TOLERANCE = 1e-8
 """Directions weaker than this fraction of an effect's own norm are numerical noise, not columns."""
@@ -28,11 +29,6 @@ SAME_CLASS = 0.95
 
 CANNOT_BE_SEEN = 0.1
 """An effect that keeps less of its norm than this is absorbed by the base model's parameters."""
-
-
-def flattened(columns: FloatArray) -> FloatArray:
-    """Return columns of shape (n, c, p) as (n·c, p)."""
-    return columns.reshape(-1, columns.shape[-1])
 
 
 def whitener(covariance: FloatArray) -> FloatArray:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
-from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival, write_result
+from hil.reconcile.page import write_result
+from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
 from hil.reconcile.workflow import reconcile
 
 __all__ = [

@@ -267,3 +267,8 @@ def _station_scatter(block: Block, f_g: FloatArray) -> FloatArray:
         for number in numbers
     }
     return np.array([ratio[number] for number in block.station.tolist()])
+
+
+def is_repeated(blocks: Sequence[Block]) -> bool:
+    """Whether some setpoint was visited by more than one run, so that a run can be held out."""
+    return any(len(np.unique(block.run[block.station == k])) > 1 for block in blocks for k in np.unique(block.station))

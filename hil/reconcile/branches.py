@@ -14,11 +14,12 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.effects.base import Effect
 from hil.model import Model
-from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, is_repeated, log_evidence, may_differ
-from hil.reconcile.evidence import NoiseTable, pruned
-from hil.reconcile.findings import Step
+from hil.reconcile.blocks import is_repeated
+from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, log_evidence, may_differ
+from hil.reconcile.evidence import pruned
 from hil.reconcile.fit import Added, BlockNoise, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
+from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
 from hil.reconcile.problem import LEAST_FREEDOM, Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
@@ -296,3 +297,16 @@ def joined_columns(added: Sequence[Added], count: int) -> list[FloatArray | None
                 present = out[b]
                 out[b] = columns if present is None else np.hstack([present, columns])
     return out
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that the search found, in the order found."""
+
+    scan: Scan
+    naming: Naming
+
+    @property
+    def added(self) -> Added:
+        """What joined the base."""
+        return self.naming.leader.added

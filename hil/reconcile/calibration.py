@@ -17,7 +17,8 @@ from hil.campaign import Campaign, Conditions, FloatArray
 from hil.linear_forms import LinearForm
 from hil.model import Model
 from hil.reconcile.blocks import Block, independent_columns, stations
-from hil.reconcile.evidence import BlockEvidence, NoiseTable
+from hil.reconcile.evidence import BlockEvidence
+from hil.reconcile.likelihood import NoiseTable
 
 ONE_SET = "one set"
 PER_TEMPERATURE = "per temperature"
@@ -74,11 +75,6 @@ def may_differ(model: Model, campaign: Campaign) -> bool:
         and stations(collects.conditions).max() + 1 >= _LEAST_STATIONS
         for collects in campaign.sensors.values()
     )
-
-
-def is_repeated(blocks: Sequence[Block]) -> bool:
-    """Whether some setpoint was visited by more than one run, so that a run can be held out."""
-    return any(len(np.unique(block.run[block.station == k])) > 1 for block in blocks for k in np.unique(block.station))
 
 
 def log_evidence(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC
 from typing import Any
 
@@ -14,31 +13,17 @@ from hil.campaign import Campaign, Conditions
 from hil.effects.base import Effect
 from hil.model import InsideCollects, Model
 from hil.reconcile.blocks import Block
-from hil.reconcile.fit import Added, BlockNoise, Fit
+from hil.reconcile.branches import Step
+from hil.reconcile.exchanges import Exchange
+from hil.reconcile.fit import BlockNoise, Fit
 from hil.reconcile.improve import described_parameters
-from hil.reconcile.naming import Naming, Weighed, certainty
-from hil.reconcile.outliers import Exchange
+from hil.reconcile.naming import Weighed, certainty
 from hil.reconcile.prove import HeldOut
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
-from hil.reconcile.search import Scan
 
-_OFF = 1.5  # times the noise: from there on a model's values are said to be off
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
-
-
-@dataclass(frozen=True)
-class Step:
-    """One effect that the search found, in the order found."""
-
-    scan: Scan
-    naming: Naming
-
-    @property
-    def added(self) -> Added:
-        """What joined the base."""
-        return self.naming.leader.added
 
 
 def gap_of(
@@ -303,14 +288,3 @@ def as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
         squares, rows = squares + float(error @ error), rows + len(error)
         worst = max(worst, float(np.abs(error).max(initial=0.0)))
     return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
-
-
-def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
-    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
-        return []
-    off = (
-        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
-        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
-    )
-    return [off]

@@ -9,8 +9,8 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.reconcile.blocks import Block, BoolArray
-from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.hypotheses import Hypothesis, Unit
+from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.noise import covariances
 
 UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own

@@ -23,8 +23,9 @@ from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.reconcile.blocks import Block
-from hil.reconcile.evidence import BlockEvidence, NoiseTable, _log_sum
+from hil.reconcile.evidence import BlockEvidence
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
+from hil.reconcile.likelihood import NoiseTable, _log_sum
 from hil.reconcile.problem import pose
 from hil.reconcile.search import _TAIL, _tail, false_discovery
 

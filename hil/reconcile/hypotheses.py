@@ -16,8 +16,9 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
-from hil.reconcile.evidence import _INVISIBLE, BlockEvidence, NoiseTable, relevant_points
+from hil.reconcile.evidence import _INVISIBLE, BlockEvidence, relevant_points
 from hil.reconcile.joint import JointColumns, JointEvidence
+from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.whitened import Whitened
 
 _ACTS = 0.03  # a parameter that moves a block less than this, beside the block it moves most, does not tie the two

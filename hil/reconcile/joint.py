@@ -13,7 +13,8 @@ from itertools import product
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, State, _log_sum
+from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, State
+from hil.reconcile.likelihood import _log_sum
 from hil.reconcile.whitened import Group
 
 

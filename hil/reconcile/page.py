@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -13,9 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from hil.reconcile.findings import values_off
-from hil.reconcile.result import FoundEffect, Reconciliation
-from hil.reconcile.runs_said import LEFT_OUT
+from hil.model import save_model
+from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, values_off
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
@@ -222,3 +222,12 @@ def _number(value: float | None) -> str:
 
 def _percent(value: float) -> str:
     return f"{100.0 * value:.0f} %" if 0.01 <= value <= 0.99 else (f"{100.0 * value:.1f} %")
+
+
+def write_result(result: Reconciliation, out_dir: Path) -> None:
+    """Write reconciliation.json, model.yaml and reconciliation.html into `out_dir`, which is made if need be."""
+    out_dir.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)
+    (out_dir / "reconciliation.json").write_text(text + "\n", encoding="utf-8")
+    save_model(result.model_after, out_dir / "model.yaml")
+    (out_dir / "reconciliation.html").write_text(page(result), encoding="utf-8")

@@ -19,8 +19,8 @@ from hil.effects.base import Base, Effect
 from hil.errors import InputError
 from hil.linear_forms import LinearForm, named_form
 from hil.model import Model
-from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
-from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, is_repeated, per_temperature
+from hil.reconcile.blocks import Block, independent_columns, is_repeated, sensor_blocks, stations
+from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.reconcile.fit import UNSEEN
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.blocks import Block, BoolArray, independent_columns
-from hil.reconcile.evidence import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, Layout
+from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.problem import LEAST_FREEDOM
 
 _FLIPS = 2000

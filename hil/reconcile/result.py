@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-from hil.model import Model, save_model
+from hil.model import Model
+
+LEFT_OUT = "runs_left_out"
+"""What the finding of bad runs has in its shape, and no other: how many they are."""
+
 
 SCHEMA = "hil.reconciliation/1"
 
@@ -196,15 +198,18 @@ class Reconciliation:
         return dict(_plain(document))
 
 
-def write_result(result: Reconciliation, out_dir: Path) -> None:
-    """Write reconciliation.json, model.yaml and reconciliation.html into `out_dir`, which is made if need be."""
-    from hil.reconcile.page import page
+_OFF = 1.5  # times the noise: from there on a model's values are said to be off
 
-    out_dir.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)
-    (out_dir / "reconciliation.json").write_text(text + "\n", encoding="utf-8")
-    save_model(result.model_after, out_dir / "model.yaml")
-    (out_dir / "reconciliation.html").write_text(page(result), encoding="utf-8")
+
+def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
+    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
+    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
+        return []
+    off = (
+        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
+        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
+    )
+    return [off]
 
 
 def _plain(value: Any) -> Any:

@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.reconcile.result import Disagreement, FoundEffect, runs_in_words, without_collects
+from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
 from hil.reconcile.runs import FALSE, BadRun
-
-LEFT_OUT = "runs_left_out"
-"""What the finding of bad runs has in its shape, and no other: how many they are."""
 
 
 def run_findings(bad: Sequence[BadRun], campaign: Campaign) -> list[FoundEffect]:

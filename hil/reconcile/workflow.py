@@ -23,12 +23,12 @@ from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.reconcile.blocks import Block
-from hil.reconcile.branches import CERTAIN, Branch, joined_columns, other_calibration, posed, pursue
+from hil.reconcile.branches import CERTAIN, Branch, Step, joined_columns, other_calibration, posed, pursue
 from hil.reconcile.calibration import ONE_SET
+from hil.reconcile.exchanges import as_labelled, exchanges, mended
 from hil.reconcile.experiment import next_experiment
 from hil.reconcile.findings import (
     NOT_HELD_OUT,
-    Step,
     as_it_stands,
     channels_touched,
     described,
@@ -40,7 +40,6 @@ from hil.reconcile.findings import (
     outlier_found,
     picture,
     swap_findings,
-    values_off,
     verdict_of,
     with_inside,
 )
@@ -48,11 +47,11 @@ from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
 from hil.reconcile.hypotheses import hypotheses
 from hil.reconcile.improve import improved
 from hil.reconcile.lacking import beside_unasked, with_stand_ins
-from hil.reconcile.outliers import as_labelled, exchanges, find_outliers, left_out, mended
+from hil.reconcile.outliers import find_outliers, left_out
 from hil.reconcile.places import places
 from hil.reconcile.problem import Problem
 from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
-from hil.reconcile.result import FoundEffect, Reconciliation, without_collects
+from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
 from hil.reconcile.runs import bad_runs, rows_of
 from hil.reconcile.runs_said import run_experiment, run_findings, run_notes, run_places
 from hil.reconcile.search import Scan, Search

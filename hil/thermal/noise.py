@@ -13,9 +13,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.campaign import Collects, FloatArray, IntArray, TextArray
-from hil.reconcile.blocks import Block, sensor_blocks
-from hil.reconcile.calibration import is_repeated
-from hil.reconcile.evidence import NoiseTable, Projection, ScalePrior
+from hil.reconcile.blocks import Block, is_repeated, sensor_blocks
+from hil.reconcile.likelihood import NoiseTable, Projection, ScalePrior
 from hil.reconcile.noise import NoiseGrid, covariances, noise_grid
 
 _CELLS = 4_000_000  # of the grid's matrices in memory at a time

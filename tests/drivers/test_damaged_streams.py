@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drivers.frames import StreamDecoder, StreamDescription, encode, parse_description
 from drivers.frames import decoder as decoder_module
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from tests.drivers.test_shipped_descriptions import LAYOUTS, shipped
 from tests.drivers.test_stream_decoder import Outcome, cut
 

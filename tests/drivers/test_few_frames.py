@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import StreamDecoder, encode, parse_description
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from tests.drivers.streams import STIM300
 from tests.drivers.test_damaged_streams import decode
 from tests.drivers.test_shipped_descriptions import shipped

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import StreamDecoder
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from tests.drivers.streams import kvh, stim300
 
 

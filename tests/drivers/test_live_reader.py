@@ -14,7 +14,7 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceTimeout, TransportError
 from drivers.frames import encode
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from drivers.live_reader import LiveReader
 from drivers.serial_port import open_port
 from drivers.simulators.mfs import SimulatedImu

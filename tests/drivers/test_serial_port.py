@@ -17,10 +17,11 @@ import serial
 from drivers import serial_port
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import DeviceTimeout, TransportError
+from drivers.positioners.indexing import IndexingPositioner
 from drivers.serial_port import SerialTransport, open_port
 from drivers.simulators.mfs import IndexSettings, SimulatedImu
 from drivers.simulators.serve import DeviceServer
-from drivers.stream_imu import IndexingPositioner, StreamImu
+from drivers.stream_imu import StreamImu
 from tests.drivers.streams import SteadyPhysics, mfs
 
 

@@ -20,7 +20,7 @@ from drivers.frames import (
     load_description,
     parse_description,
 )
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from tests.drivers.streams import MFS_FILE
 
 IMUS = MFS_FILE.parent

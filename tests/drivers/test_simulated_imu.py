@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import StreamDecoder
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.mfs import IndexSettings, SimulatedImu
 from tests.drivers.streams import SteadyPhysics, mfs, stim300

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.frames import StreamDecoder, StreamDescription, encode, parse_description
 from drivers.frames import decoder as decoder_module
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from tests.drivers.streams import kvh, mfs, stim300
 from tests.drivers.test_frame_checksums import crc_by_definition
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import Decoded, DescriptionError, StreamDecoder, parse_description
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 
 KESTREL = """
 schema: hil.frames/1

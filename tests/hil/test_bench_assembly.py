@@ -10,8 +10,8 @@ import pytest
 from drivers.clock import Clock, SystemClock, VirtualClock
 from drivers.errors import DeviceTimeout, SetpointOutOfLimits, TransportError, WrongDevice
 from drivers.operator import OperatorPositioner
+from drivers.positioners.indexing import IndexingPositioner
 from drivers.simulators.memory import MemoryTransport
-from drivers.stream_imu import IndexingPositioner
 from drivers.transport import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench

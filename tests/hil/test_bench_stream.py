@@ -10,8 +10,9 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.serial_port import open_port
 from drivers.simulators.serve import DeviceServer
-from hil.bench import build_bench, load_frames
+from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
+from hil.config.frames import load_frames
 from hil.errors import InputError
 
 _STIM300 = load_bench("espec-stim300-example").text

@@ -25,9 +25,9 @@ from hil.budget_sources import (
     Tilt,
     sources,
 )
-from hil.campaign import Conditions, Sensor
+from hil.campaign import EARTH_RATE_DEG_PER_HR, Conditions, Sensor
 from hil.config.uncertainty import UncertaintySection
-from hil.earth import EARTH_RATE_DEG_PER_HR, Site
+from hil.earth import Site
 from hil.effects.base import Base
 from hil.equation import Orientation, rotor_matrix
 from hil.linear_forms import matrix_6_form

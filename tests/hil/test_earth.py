@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.earth import EARTH_RATE_DEG_PER_HR, Site
+from hil.campaign import EARTH_RATE_DEG_PER_HR
+from hil.earth import Site
 
 LATITUDES = st.floats(-90.0, 90.0)
 HEADINGS = st.floats(-360.0, 360.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.effects.base import Base, Described, Effect, VarianceEffect
+from hil.effects.base import Base, Described, Effect, VarianceEffect, flattened
 from hil.effects.catalogue import (
     BASE_EFFECTS,
     EFFECTS,
@@ -25,7 +25,7 @@ from hil.effects.catalogue import (
     why_not,
 )
 from hil.effects.empirical import empirical
-from hil.effects.identifiability import flattened, orthonormal, project_out
+from hil.effects.identifiability import orthonormal, project_out
 from hil.errors import InputError
 from hil.linear_forms import named_form
 from tests.hil.effect_conditions import ROTOR, campaign, one_run, power_cycled, rotor_base, triad_base, triad_poses

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Effect
+from hil.effects.base import Effect, flattened
 from hil.effects.catalogue import VARIANCE_EFFECTS, effect_by_id
 from hil.effects.history import averaged_decay, joined, loop_side, play, setpoint_step
-from hil.effects.identifiability import flattened, orthonormal, project_out
+from hil.effects.identifiability import orthonormal, project_out
 from hil.linear_forms import named_form
 from tests.hil.effect_conditions import TEMPERATURES, campaign, moved, one_run, rotor_base, triad_poses
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from hil.effects.base import flattened
 from hil.effects.identifiability import (
     by_level,
     classes,
     explained,
-    flattened,
     orthonormal,
     overlap,
     overlap_over_shapes,

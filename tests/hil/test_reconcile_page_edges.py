@@ -13,8 +13,7 @@ from hil.campaign_reader import read_campaign
 from hil.curve import Constant
 from hil.model import Model
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.page import page
-from hil.reconcile.result import write_result
+from hil.reconcile.page import page, write_result
 
 
 @pytest.fixture(scope="module")

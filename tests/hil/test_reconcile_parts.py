@@ -13,7 +13,8 @@ from hil.effects.drivers import driver_columns, driver_reference, driver_values
 from hil.effects.empirical import empirical
 from hil.errors import InputError
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
-from hil.reconcile.evidence import BlockEvidence, NoiseTable
+from hil.reconcile.evidence import BlockEvidence
+from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.prove import by_run, in_blocks
 from hil.reconcile.search import level, p_value
 from tests.hil.hidden_effects import hidden_campaign

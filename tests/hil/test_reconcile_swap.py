@@ -13,7 +13,7 @@ from hil.curve import Polynomial
 from hil.model import Model, load_model
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.branches import posed
-from hil.reconcile.outliers import Exchange, as_labelled, exchanges
+from hil.reconcile.exchanges import Exchange, as_labelled, exchanges
 from hil.reconcile.page import page
 from tests.hil.hidden_effects import TRIAD, Hidden, both, hidden_campaign
 

@@ -8,8 +8,9 @@ import pytest
 from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.model import load_model
 from hil.reconcile.branches import posed
-from hil.reconcile.evidence import RichMeans, relevant_points
+from hil.reconcile.evidence import relevant_points
 from hil.reconcile.hypotheses import Layout, hypotheses
+from hil.reconcile.likelihood import RichMeans
 from hil.reconcile.search import Search
 from tests.hil.hidden_effects import both, hidden_campaign
 

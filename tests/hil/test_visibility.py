@@ -14,8 +14,9 @@ from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design_changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
 from hil.design_value import improvements
+from hil.effects.base import flattened
 from hil.effects.catalogue import EFFECTS, effect_by_id
-from hil.effects.identifiability import flattened, orthonormal, project_out, run_covariance, whitener
+from hil.effects.identifiability import orthonormal, project_out, run_covariance, whitener
 from hil.linear_forms import named_form
 from hil.model import built_in_model, load_model
 from hil.planned import planned_conditions

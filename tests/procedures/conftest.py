@@ -15,7 +15,8 @@ import pytest
 from drivers.chamber import ChamberIdentity, ChamberLimits, ChamberReading
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
-from drivers.imu import ImuIdentity, SampleBlock, SensorChannels, StreamCounts
+from drivers.frames.counts import StreamCounts
+from drivers.imu import ImuIdentity, SampleBlock, SensorChannels
 from procedures.bench import BenchDevices
 from procedures.ending import SweepOutcome
 from procedures.journal import Outcome, StepResult

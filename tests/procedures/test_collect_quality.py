@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivers.imu import SampleBlock, SensorChannels, StreamCounts
+from drivers.frames.counts import StreamCounts
+from drivers.imu import SampleBlock, SensorChannels
 from procedures.collect import join, reduce_collect
 from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
 from procedures.settings import CollectSettings

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.chamber import ChamberLimits, ChamberReading
-from drivers.imu import SampleBlock, SensorChannels, StreamCounts
+from drivers.frames.counts import StreamCounts
+from drivers.imu import SampleBlock, SensorChannels
 from procedures.frozen import Unchanged
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.rates import rate_interlocks

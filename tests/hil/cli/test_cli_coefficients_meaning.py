@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil.errors import InputError
-from hil.scatter_sources import published_signatures
+from hil.scatter_published import published_signatures
 
 
 def test_a_printed_table_is_read_with_the_runs_that_its_digits_tell(hil: Any) -> None:

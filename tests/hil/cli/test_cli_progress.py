@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import pytest
 from rich.console import Console
 
-from drivers.imu import StreamCounts
+from drivers.frames.counts import StreamCounts
 from hil.cli.progress import LineProgress, TerminalProgress, onlooker
 from procedures.plan import Step, StepKind
 from procedures.progress import Snapshot

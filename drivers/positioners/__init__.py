@@ -1,0 +1,1 @@
+"""Who turns the unit: its own index, or an operator."""
