@@ -18,8 +18,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
-from drivers.mistakes import first_mistake
-from drivers.strict_yaml import NotYaml, parse_yaml
+from drivers.strict_yaml import NotYaml, first_mistake, parse_yaml
 
 _PLACE = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
 _PROBES = (-29.7, 0.0, 25.0, 104.0)

@@ -1,13 +1,42 @@
-"""YAML as people write it by hand: the safe loader, which in addition refuses a key that is given twice."""
+"""YAML as people write it by hand: read strictly, and what is wrong with it in plain words.
+
+    first_mistake(error, document)  # "frames.sample.checksum.width: must be at least 8, not 4"
+
+The loader is the safe one, which in addition refuses a key that is given twice. No word of the library that found a
+mistake is shown, and no key that only the program knows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import re
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import yaml
+from pydantic import ValidationError
 
 _MERGE = "tag:yaml.org,2002:merge"
+_LONGEST = 60  # characters of a value that are shown
+_OWN_KEY = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*): ")
+_KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "string": "text (in quotes where it looks like a number)",
+    "bytes": "text",
+    "dict": "a mapping of keys to values",
+    "mapping": "a mapping of keys to values",
+    "model": "a mapping of keys to values",
+    "list": "a list, such as [a, b]",
+    "tuple": "a list, such as [a, b]",
+}
+_BOUNDS = {
+    "greater_than": ("gt", "more than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+    "multiple_of": ("multiple_of", "a multiple of"),
+}
 
 
 class NotYaml(ValueError):
@@ -45,3 +74,98 @@ def parse_yaml(text: str) -> object:
         raise NotYaml(" ".join(str(error).split())) from error
     except RecursionError as error:
         raise NotYaml("lists or mappings are nested too deeply") from error
+
+
+def first_mistake(error: ValidationError, document: object) -> str:
+    """Return the first thing that is wrong with `document` as one sentence that begins with its key."""
+    problems = error.errors(include_url=False)
+    parts, sentence = list(problems[0]["loc"]), plain_words(problems[0])
+    if problems[0]["type"].startswith("union_tag"):
+        parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))
+    own = _OWN_KEY.match(sentence) if problems[0]["type"] == "value_error" else None
+    if own is not None:
+        parts += own[1].split(".")
+        sentence = sentence[own.end() :]
+    place = as_written(parts, document)
+    distinct = {(as_written(list(each["loc"]), document), each["msg"]) for each in problems}
+    more = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
+    return f"{place}: {sentence}{more}" if place else f"{sentence}{more}"
+
+
+def as_written(parts: Sequence[int | str], document: object) -> str:
+    """Return the place in the words of the file: without what the program put between its keys.
+
+    An element of an array of fields (`gyro: {names: [x, y, z]}` makes gyro_x) is told as its array's.
+    """
+    place, here = [], document
+    for number, part in enumerate(parts):
+        key = _key_in(here, part)
+        if key is not None:
+            place.append(str(key))
+            here = here[key]  # type: ignore[index]
+        elif (array := _array_in(here, str(part))) is not None:
+            place.append(array)
+            here = here[array]  # type: ignore[index]
+            if number == len(parts) - 1:
+                place[-1] += f" (its element {part})"
+        elif number == len(parts) - 1 and re.fullmatch(r"\w+", str(part)):
+            place.append(str(part))  # a key that is missing
+    return ".".join(place)
+
+
+def _key_in(here: object, part: int | str) -> int | str | None:
+    """Return the key under which `here` has `part`, None where it has none."""
+    if isinstance(here, Mapping):
+        return next((key for key in here if str(key) == str(part)), None)
+    if isinstance(here, list | tuple) and str(part).isdigit() and int(part) < len(here):
+        return int(part)
+    return None
+
+
+def _array_in(here: object, element: str) -> str | None:
+    if not isinstance(here, Mapping):
+        return None
+    arrays = [str(key) for key, value in here.items() if isinstance(value, Mapping) and {"names", "count"} & set(value)]
+    return next((array for array in arrays if element.startswith(f"{array}_")), None)
+
+
+def plain_words(problem: Any) -> str:
+    """Return one of pydantic's problems (an item of `ValidationError.errors()`) in plain words, without its place."""
+    kind, context = problem["type"], problem.get("ctx") or {}
+    given = _shown(problem.get("input"))
+    if kind == "value_error":
+        return str(context["error"]).removesuffix(".")
+    if kind == "missing":
+        in_list = isinstance(problem["loc"][-1], int)
+        return "this value of the list is missing" if in_list else "this key is missing"
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return "there is no such key here; check its spelling"
+    if kind == "union_tag_not_found":
+        return "this key is missing"
+    if kind in ("literal_error", "enum"):
+        return f"{given} is not allowed; allowed: {context['expected']}"
+    if kind == "union_tag_invalid":
+        return f"{context['tag']!r} is not allowed; allowed: {context['expected_tags']}"
+    if kind in _BOUNDS:
+        bound, words = _BOUNDS[kind]
+        return f"must be {words} {context[bound]:g}, not {given}"
+    if kind in ("too_short", "string_too_short"):
+        return f"must have at least {_entries(kind, context['min_length'])}"
+    if kind in ("too_long", "string_too_long"):
+        return f"must have at most {_entries(kind, context['max_length'])}"
+    wanted = "a finite number" if kind == "finite_number" else _KINDS.get(kind.split("_")[0])
+    if wanted is not None:
+        return f"must be {wanted}, not {given}"
+    return f"{problem['msg'][0].lower()}{problem['msg'][1:]}, not {given}"
+
+
+def _entries(kind: str, count: int) -> str:
+    what = "character" if kind.startswith("string") else "entry"
+    return f"{count} {what}" if count == 1 else f"{count} {what.replace('entry', 'entrie')}s"
+
+
+def _shown(given: object) -> str:
+    if given is None:
+        return "nothing"
+    text = "a mapping" if isinstance(given, Mapping) else "a list" if isinstance(given, list | tuple) else repr(given)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

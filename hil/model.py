@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from drivers.mistakes import first_mistake
+from drivers.strict_yaml import first_mistake
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.config.files import find_config, parse_yaml, read_text
 from hil.curve import Curve

@@ -35,8 +35,7 @@ from drivers.frames.notation import ByteOrder, Described, Factor, HexBytes, Name
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
 from drivers.frames.text_frames import TextDescription
-from drivers.mistakes import first_mistake
-from drivers.strict_yaml import NotYaml, parse_yaml
+from drivers.strict_yaml import NotYaml, first_mistake, parse_yaml
 
 
 class DescriptionError(ValueError):

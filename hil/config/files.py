@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
 from drivers import strict_yaml
-from drivers.mistakes import plain_words
+from drivers.strict_yaml import plain_words
 from hil.errors import InputError
 
 SINGULAR = {
