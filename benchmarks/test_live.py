@@ -24,9 +24,9 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.frames import encode, load_description
 from drivers.frames.counts import StreamCounts
-from drivers.live_reader import LiveReader
-from drivers.serial_port import open_port
-from drivers.stream_imu import StreamImu
+from drivers.imu.stream import StreamImu
+from drivers.transports import open_port
+from drivers.transports.live_reader import LiveReader
 
 _MFS = load_description(Path(__file__).resolve().parents[1] / "configs" / "imus" / "mfs.yaml")
 _BEHIND = 1 << 22  # bytes in one look, of 0.24 MB that a look brings, that tell of a decoder that was held up

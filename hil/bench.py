@@ -18,23 +18,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from drivers.chamber import Chamber, ChamberLimits
-from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions, SerialLine
+from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
+from drivers.chambers.catalogue import SerialLine
+from drivers.chambers.ramp import RampedChamber
 from drivers.clock import SIMULATED_EPOCH, Clock, PacedClock, SystemClock, VirtualClock
 from drivers.errors import DeviceError, TransportError
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
-from drivers.live_reader import LiveReader
-from drivers.operator import AskOperator, OperatorPositioner
-from drivers.port_owner import owned
-from drivers.positioner import Positioner
+from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.ramp import RampedChamber
-from drivers.serial_port import existing_ports, open_port
+from drivers.positioners.operator import AskOperator, OperatorPositioner
+from drivers.positioners.positioner import Positioner
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
-from drivers.stream_imu import StreamImu
-from drivers.transport import Transport
+from drivers.transports import Transport, open_port
+from drivers.transports.live_reader import LiveReader
+from drivers.transports.port_owner import owned
+from drivers.transports.serial_port import existing_ports
 from hil.closed_port import ClosedPort
 from hil.config.bench import Bench
 from hil.config.frames import load_frames

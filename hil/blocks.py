@@ -20,7 +20,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from drivers.imu import FloatArray, SampleBlock
+from drivers.imu import SampleBlock
+from drivers.imu.samples import FloatArray
 from hil.errors import InputError
 from hil.files import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step

@@ -19,8 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.clock import Clock, VirtualClock
-from drivers.operator import AskOperator
-from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.positioners.operator import AskOperator
+from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
 from hil.config.faults import Fault

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SensorChannels, rate_fields
+from drivers.imu import SensorChannels
+from drivers.imu.samples import rate_fields
 from hil.files import PARTIAL
 from hil.heartbeat import Heartbeat
 from hil.journal_records import to_json

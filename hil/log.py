@@ -13,9 +13,10 @@ from typing import Any, Protocol, TextIO
 
 import structlog
 
-from drivers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading
+from drivers.chambers import Chamber, ChamberLimits, ChamberReading
+from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
-from drivers.positioner import Positioner
+from drivers.positioners.positioner import Positioner
 
 LOG_NAME = "log.jsonl"
 

@@ -32,8 +32,8 @@ from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
+from drivers.chambers.wear import wear_of
 from drivers.clock import PacedClock, VirtualClock
-from drivers.write_wear import wear_of
 from hil.bench import LiveBench, build_bench
 from hil.bench_lock import bench_lock
 from hil.blocks import FieldMeaning

@@ -14,13 +14,12 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from drivers.chamber import ChamberReading
-from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
+from drivers.chambers.ramp import steps_of_a_ramp
+from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.errors import DeviceError
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
-from drivers.ramp import steps_of_a_ramp
-from drivers.write_wear import ENDURANCE_WRITES
 from hil.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench import LiveBench, build_bench, port_is_missing
 from hil.clock_check import EARLIEST, synchronised

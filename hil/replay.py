@@ -24,8 +24,9 @@ from drivers.clock import VirtualClock
 from drivers.errors import TransportError
 from drivers.frames import StreamDecoder, StreamDescription
 from drivers.frames.counts import StreamCounts
-from drivers.imu import FloatArray, SampleBlock
-from drivers.stream_imu import StreamImu
+from drivers.imu import SampleBlock
+from drivers.imu.samples import FloatArray
+from drivers.imu.stream import StreamImu
 from hil.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
 from hil.campaign import Campaign, Collects
 from hil.closed_port import ClosedPort

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.chamber import Chamber
+from drivers.chambers import Chamber
 from drivers.clock import Clock
 from drivers.imu import Imu
-from drivers.positioner import Positioner
+from drivers.positioners.positioner import Positioner
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chamber import ChamberReading
+from drivers.chambers import ChamberReading
 from drivers.frames.counts import StreamCounts
-from drivers.imu import FloatArray, Imu, SampleBlock, SensorChannels, rate_fields, rate_means
+from drivers.imu import Imu, SampleBlock, SensorChannels
+from drivers.imu.samples import FloatArray, rate_fields, rate_means
 from procedures.averaging import Average, average_series
 from procedures.bench import BenchDevices
 from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.imu import SampleBlock, SensorChannels, rate_fields
+from drivers.imu import SampleBlock, SensorChannels
+from drivers.imu.samples import rate_fields
 
 
 class Unchanged:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from drivers.chamber import ChamberLimits, ChamberReading
+from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from procedures.settings import InterlockSettings
 

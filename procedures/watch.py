@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.chamber import ChamberReading
+from drivers.chambers import ChamberReading
 from drivers.errors import DeviceError
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SampleBlock, rate_fields, rate_means
+from drivers.imu import SampleBlock
+from drivers.imu.samples import rate_fields, rate_means
 from procedures.bench import BenchDevices
 from procedures.control import Control, Desk, NoControl, PauseAsked
 from procedures.frozen import Unchanged

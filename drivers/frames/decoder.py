@@ -13,10 +13,10 @@ from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.few import FewDecoded, FewFrames
-from drivers.frames.found import Scan, Standing
 from drivers.frames.layout import FrameLayout
 from drivers.frames.record import Taking
 from drivers.frames.scan import Scanner
+from drivers.frames.scan_result import Scan, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from drivers.frames.candidates import Candidates, covered, judge
 from drivers.frames.families import Flaw, FrameFamily
-from drivers.frames.found import Group, Scan, Standing
 from drivers.frames.layout import FrameLayout, IntArray
+from drivers.frames.scan_result import Group, Scan, Standing
 from drivers.frames.wire import Rows
 
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms

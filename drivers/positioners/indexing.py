@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout
-from drivers.stream_imu import IndexStatus, StreamImu
+from drivers.imu.stream import IndexStatus, StreamImu
 
 _CONFIRMED_LATE_S = 0.3  # between looks at a move that may end at any moment
 _DRAINED_S = 1.0  # between looks at a move that cannot end yet: the system holds so much of a stream for us
 
 
 class IndexingPositioner:
-    """A `drivers.positioner.Positioner` by the unit's own index, confirmed in its stream.
+    """A `drivers.positioners.positioner.Positioner` by the unit's own index, confirmed in its stream.
 
     `positions` maps a position's label to its number in the command and in the stream. Samples that arrive during a
     move are thrown away: they are no part of any collect. A position counts as reached when every frame of `confirm_s`

@@ -7,10 +7,10 @@ Under a virtual clock a read that must wait jumps to the moment at which the dev
 
 from __future__ import annotations
 
-from drivers.buffered_transport import shown
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, TransportError
 from drivers.simulators import SimulatedDevice
+from drivers.transports.buffered import shown
 
 _LEAST_WAIT_S = 1e-6  # moves the clock on even where adding the exact time is lost to rounding
 

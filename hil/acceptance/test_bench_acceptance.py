@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import pytest
 
+from drivers.chambers.setpoints import clamped
 from drivers.errors import SetpointOutOfLimits
 from drivers.frames.counts import StreamCounts
-from drivers.setpoint_checks import clamped
 from hil.bench import LiveBench
 
 pytestmark = pytest.mark.hardware

@@ -17,7 +17,8 @@ from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
-    from drivers.chamber import ChamberIdentity, ChamberReading
+    from drivers.chambers import ChamberReading
+    from drivers.chambers.chamber import ChamberIdentity
     from hil.bench import LiveChamber
     from hil.config import Bench
 
@@ -127,8 +128,8 @@ def _set(live: LiveChamber, target_degC: float) -> None:
 
     What could not be confirmed must not stay: the chamber is brought to its safe state then.
     """
+    from drivers.chambers.ramp import RampedChamber
     from drivers.errors import CommandRefused, DeviceError
-    from drivers.ramp import RampedChamber
 
     chamber = _logged(live)
     chamber.prepare()

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
-from drivers.chamber import SafeState
-from drivers.chambers import CHAMBER_DRIVERS, SerialLine
-from drivers.setpoint_checks import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
-from drivers.voetsch_ascii import AsciiLayout
+from drivers.chambers import CHAMBER_DRIVERS, SafeState
+from drivers.chambers.catalogue import SerialLine
+from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
+from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from hil.config.files import Section, validated_inside
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
 from hil.config.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds

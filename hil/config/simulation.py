@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, NonNegativeInt
 
-from drivers.simulators.controller import ChamberFault
+from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.faults import FaultWindow
 from hil.config.files import Section
 from hil.config.settings import to_settings

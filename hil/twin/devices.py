@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.simulators import SimulatedDevice
-from drivers.simulators.chambers import (
+from drivers.simulators.chambers.catalogue import (
     CHAMBER_SIMULATORS,
     SimulatedChamberController,
     SimulatorOptions,
     ramp_port_of,
 )
-from drivers.simulators.mfs import IndexSettings, SimulatedImu
+from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import Bench
 from hil.errors import InputError
 from hil.model import load_model

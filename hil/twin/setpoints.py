@@ -6,7 +6,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from drivers.simulators.chamber_plant import ChamberPlant, FloatArray
+from drivers.simulators.chambers.plant import ChamberPlant, FloatArray
 
 
 class LoggedPlant(ChamberPlant):

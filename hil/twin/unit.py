@@ -5,7 +5,7 @@
     unit.signals(times_s)["rate_A2"]              # deg/hr, one per time
     unit.truth(run=1, sensor=2).parameters["BA"]  # what a solver should find
 
-It implements `drivers.simulators.mfs.UnitPhysics`: the simulator of the frames asks it for signals by field name, and
+It implements `drivers.simulators.unit.UnitPhysics`: the simulator of the frames asks it for signals by field name, and
 it knows nothing of bytes. Times never go backwards, and every sample is asked for once; how many are asked for at a
 time changes nothing, not even the last bit.
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from drivers.chamber import Chamber, ChamberLimits, SafeState
-from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions
+from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions, SafeState
 from drivers.clock import VirtualClock
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.chambers import CHAMBER_SIMULATORS, SimulatorOptions
-from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions
+from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
 
 EXAMPLE_BOX = Path(__file__).resolve().parents[2] / "configs" / "chambers" / "temptronic-ats.yaml"

@@ -11,21 +11,21 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import ChamberLimits
+from drivers.chambers import ChamberLimits
+from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.ezt570i import Ezt570i
+from drivers.chambers.controllers.watlow_f4 import WatlowF4
+from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
-from drivers.controller import Controller
 from drivers.errors import CommandRefused
-from drivers.ezt570i import Ezt570i
-from drivers.modbus_exchange import Framing, ModbusExchange, float_of, registers_of
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.controller import Refusal, SimulatedController
-from drivers.simulators.ezt570i import SimulatedEzt570i
-from drivers.simulators.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
-from drivers.simulators.watlow_f4 import SimulatedWatlowF4
-from drivers.simulators.watlow_f4t import SimulatedWatlowF4t
-from drivers.transport import Transport
-from drivers.watlow_f4 import WatlowF4
-from drivers.watlow_f4t import WatlowF4t
+from drivers.simulators.chambers.controller import Refusal, SimulatedController
+from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
+from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
+from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
+from drivers.transports import Transport
+from drivers.transports.modbus import Framing, ModbusExchange, float_of, registers_of
 from tests.drivers.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]

@@ -7,23 +7,23 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import ChamberLimits
+from drivers.chambers import ChamberLimits
+from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.espec import Espec
+from drivers.chambers.controllers.julabo import Julabo
+from drivers.chambers.controllers.simserv import SimServ
+from drivers.chambers.controllers.thermotron import Thermotron
+from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
-from drivers.controller import Controller
 from drivers.errors import CommandRefused
-from drivers.espec import Espec
-from drivers.julabo import Julabo
-from drivers.simserv import SimServ
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.controller import SimulatedController
-from drivers.simulators.espec import SimulatedEspec
-from drivers.simulators.julabo import SimulatedJulabo
-from drivers.simulators.simserv import SimulatedSimServ
-from drivers.simulators.thermotron import SimulatedThermotron
-from drivers.simulators.voetsch_ascii import SimulatedVoetschAscii
-from drivers.thermotron import Thermotron
-from drivers.transport import Transport
-from drivers.voetsch_ascii import VoetschAscii
+from drivers.simulators.chambers.controller import SimulatedController
+from drivers.simulators.chambers.espec import SimulatedEspec
+from drivers.simulators.chambers.julabo import SimulatedJulabo
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.simserv import SimulatedSimServ
+from drivers.simulators.chambers.thermotron import SimulatedThermotron
+from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
+from drivers.transports import Transport
 from tests.drivers.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.clock import Clock
 from drivers.simulators import SimulatedDevice
-from drivers.transport import Transport
+from drivers.transports import Transport
 
 Key = tuple[str, str]
 Act = Callable[[Transport, Clock], None]

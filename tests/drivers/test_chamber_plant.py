@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.chambers.plant import ChamberPlant
 
 HEATING, COOLING, SETTLING_S = 3.0, 2.0, 60.0
 

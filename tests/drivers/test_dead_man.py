@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from drivers.chambers.dead_man import DeadMan
 from drivers.clock import VirtualClock
-from drivers.dead_man import DeadMan
 from drivers.errors import CommandRefused, DeviceTimeout
 
 SECONDS = 3600.0

@@ -16,7 +16,7 @@ import pytest
 
 import drivers
 from drivers.chambers import CHAMBER_DRIVERS
-from drivers.simulators.chambers import CHAMBER_SIMULATORS
+from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS
 
 _TESTS = Path(__file__).parent
 _ROLES: dict[str, frozenset[str]] = {
@@ -31,8 +31,8 @@ _WITHOUT_PROTOCOL = {"SupervisedChamber", "RampedChamber", "OperatorPositioner",
 
 def _classes() -> Iterator[tuple[str, type]]:
     """Find every class that does what a driver does: its role and itself."""
-    for found in pkgutil.iter_modules(drivers.__path__, "drivers."):
-        if found.name == "drivers.simulators":
+    for found in pkgutil.walk_packages(drivers.__path__, "drivers."):
+        if found.name.startswith("drivers.simulators"):
             continue
         module = importlib.import_module(found.name)
         for _, kind in inspect.getmembers(module, inspect.isclass):
@@ -109,8 +109,8 @@ def test_a_controller_without_a_dead_man_says_so(role: str, kind: type) -> None:
 @of_a_protocol
 def test_a_simulator_stands_beside_it(role: str, kind: type) -> None:
     """Under the same name, with a docstring that says what it does and how it misbehaves."""
-    name = {"StreamImu": "mfs"}.get(kind.__name__, kind.__module__.rpartition(".")[2])
-    simulator = importlib.import_module(f"drivers.simulators.{name}")
+    own = "unit" if kind.__name__ == "StreamImu" else f"chambers.{kind.__module__.rpartition('.')[2]}"
+    simulator = importlib.import_module(f"drivers.simulators.{own}")
     assert simulator.__doc__
     devices = [
         each
@@ -128,7 +128,7 @@ def _names(path: Path) -> set[str]:
 def test_its_bytes_are_written_down_in_a_test(role: str, kind: type) -> None:
     """A transcript with nothing left over; for a stream, frames that are written down."""
     wanted = {"TranscriptDevice"} if role in ("chamber", "controller") else {kind.__name__}
-    tests = [path for path in _TESTS.glob("test_*.py") if {kind.__name__} | wanted <= _names(path)]
+    tests = [path for path in _TESTS.rglob("test_*.py") if {kind.__name__} | wanted <= _names(path)]
     assert tests, f"no test of {kind.__name__} has a transcript"
     if role in ("chamber", "controller"):
         assert any(".finish()" in path.read_text(encoding="utf-8") for path in tests)
@@ -138,7 +138,7 @@ def test_its_bytes_are_written_down_in_a_test(role: str, kind: type) -> None:
 def test_every_chamber_can_be_named_in_a_bench_file(role: str, kind: type) -> None:
     """A driver that no bench file can name is none."""
     if role in ("chamber", "controller"):
-        listed = (Path(drivers.__path__[0]) / "chambers.py").read_text(encoding="utf-8")
+        listed = (Path(drivers.__path__[0]) / "chambers" / "catalogue.py").read_text(encoding="utf-8")
         assert f"{kind.__name__}(" in listed
 
 

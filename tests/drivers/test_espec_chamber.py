@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
 from drivers.errors import CommandRefused, DeviceTimeout, SensorFault
-from drivers.simulators.controller import ChamberFaultKind as Fault
+from drivers.simulators.chambers.controller import ChamberFaultKind as Fault
 from tests.drivers.chamber_benches import ChamberBench
 
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from drivers.chambers.controllers.espec_replies import ReplyParser, Status, Temperatures, meaning_of
 from drivers.errors import CommandRefused, ProtocolError
-from drivers.espec_replies import ReplyParser, Status, Temperatures, meaning_of
 
 PARSER = ReplyParser("chamber on /dev/ttyUSB0")
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import ChamberLimits
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.controller import ChamberFault
-from drivers.simulators.controller import ChamberFaultKind as Fault
-from drivers.simulators.espec import SimulatedEspec
+from drivers.chambers import ChamberLimits
+from drivers.simulators.chambers.controller import ChamberFault
+from drivers.simulators.chambers.controller import ChamberFaultKind as Fault
+from drivers.simulators.chambers.espec import SimulatedEspec
+from drivers.simulators.chambers.plant import ChamberPlant
 
 
 def _device(ambient: float = 22.0, **settings: Any) -> SimulatedEspec:

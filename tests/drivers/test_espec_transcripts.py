@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
+from drivers.chambers import ChamberLimits, ChamberReading, SafeState
+from drivers.chambers.chamber import ChamberIdentity
+from drivers.chambers.controllers.espec import Espec
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError, SetpointOutOfLimits, WrongDevice
-from drivers.espec import Espec
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.supervised_chamber import SupervisedChamber
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.chamber import ChamberLimits, SafeState
-from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.errors import (
     CommandRefused,
     DeviceError,
@@ -20,8 +19,8 @@ from drivers.errors import (
     TransportError,
     WrongDevice,
 )
-from drivers.simulators.chambers import CHAMBER_SIMULATORS
-from drivers.simulators.controller import ChamberFaultKind
+from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS
+from drivers.simulators.chambers.controller import ChamberFaultKind
 from tests.drivers.chamber_benches import HOLD, KINDS, LIMITS, ChamberBench
 
 every_chamber = pytest.mark.parametrize("name", KINDS)

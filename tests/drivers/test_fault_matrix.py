@@ -11,11 +11,10 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.chamber import Chamber
-from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers import CHAMBER_DRIVERS, Chamber
 from drivers.errors import CommandRefused, DeviceError, DeviceTimeout, ProtocolError, SensorFault, WrongDevice
-from drivers.simulators.controller import OF_A_REPLY
-from drivers.simulators.controller import ChamberFaultKind as Fault
+from drivers.simulators.chambers.controller import OF_A_REPLY
+from drivers.simulators.chambers.controller import ChamberFaultKind as Fault
 from tests.drivers.chamber_benches import KINDS, LIMITS, ChamberBench
 
 _HELD, _NEXT = 60.0, 45.0

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import pytest
 from julabo import simulator
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controllers.julabo import Julabo
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
-from drivers.julabo import Julabo
 from drivers.simulators.memory import MemoryTransport
-from drivers.supervised_chamber import SupervisedChamber
 
 
 class _Peer:

@@ -6,9 +6,9 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
-from drivers.line_exchange import LineExchange, LineTiming
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
+from drivers.transports.lines import LineExchange, LineTiming
 
 TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5, attempts=3)
 

@@ -15,11 +15,11 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceTimeout, TransportError
 from drivers.frames import encode
 from drivers.frames.counts import StreamCounts
-from drivers.live_reader import LiveReader
-from drivers.serial_port import open_port
-from drivers.simulators.mfs import SimulatedImu
+from drivers.imu.stream import StreamImu
 from drivers.simulators.serve import DeviceServer
-from drivers.stream_imu import StreamImu
+from drivers.simulators.unit import SimulatedImu
+from drivers.transports import open_port
+from drivers.transports.live_reader import LiveReader
 from tests.drivers.streams import SteadyPhysics, mfs
 
 

@@ -6,17 +6,17 @@ import minimalmodbus
 import pytest
 from pymodbus import FramerType
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controllers.watlow_f4 import WatlowF4
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import SystemClock
 from drivers.errors import CommandRefused, WrongDevice
-from drivers.modbus_exchange import ModbusTiming
-from drivers.serial_port import open_port
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.ezt570i import SimulatedEzt570i
+from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.serve import DeviceServer
-from drivers.simulators.watlow_f4 import SimulatedWatlowF4
-from drivers.supervised_chamber import SupervisedChamber
-from drivers.watlow_f4 import WatlowF4
+from drivers.transports import open_port
+from drivers.transports.modbus import ModbusTiming
 from tests.drivers.modbus_peer import modbus_server
 
 LIMITS = ChamberLimits(-35.0, 65.0)

@@ -6,19 +6,19 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.ezt570i import Ezt570i
+from drivers.chambers.controllers.watlow_f4 import WatlowF4
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
-from drivers.controller import Controller
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
-from drivers.ezt570i import Ezt570i
-from drivers.modbus_exchange import ModbusExchange, scaled, signed
-from drivers.simulators.chamber_plant import ChamberPlant
-from drivers.simulators.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.simulators.watlow_f4 import SimulatedWatlowF4
-from drivers.supervised_chamber import SupervisedChamber
-from drivers.watlow_f4 import WatlowF4
+from drivers.transports.modbus import ModbusExchange, scaled, signed
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

@@ -12,10 +12,10 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import TransportError
-from drivers.port_owner import owned
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.transport import Transport
+from drivers.transports import Transport
+from drivers.transports.port_owner import owned
 
 URL = "socket://192.0.2.7:10001"
 
@@ -44,7 +44,7 @@ def test_another_program_is_kept_out_and_a_dead_one_is_not_in_the_way(tmp_path: 
     code = (
         "import sys, tempfile, time\n"
         f"tempfile.tempdir = {str(tmp_path)!r}\n"
-        "from drivers.port_owner import _locked\n"
+        "from drivers.transports.port_owner import _locked\n"
         f"_locked({URL!r})\n"
         "print('held', flush=True)\n"
         "sys.stdin.read()\n"

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import SafeState
+from drivers.chambers import SafeState
+from drivers.chambers.ramp import RampedChamber, steps_of_a_ramp
+from drivers.chambers.reading_watch import ReadingWatch
+from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.wear import WriteWear, wear_of
 from drivers.clock import VirtualClock
 from drivers.errors import SensorFault, SetpointOutOfLimits
-from drivers.ramp import RampedChamber, steps_of_a_ramp
-from drivers.reading_watch import ReadingWatch
-from drivers.supervised_chamber import SupervisedChamber
-from drivers.write_wear import WriteWear, wear_of
 from tests.drivers.chamber_benches import ChamberBench
 
 

@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 import serial
 
-from drivers import serial_port
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import DeviceTimeout, TransportError
+from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.serial_port import SerialTransport, open_port
-from drivers.simulators.mfs import IndexSettings, SimulatedImu
 from drivers.simulators.serve import DeviceServer
-from drivers.stream_imu import StreamImu
+from drivers.simulators.unit import IndexSettings, SimulatedImu
+from drivers.transports import open_port, serial_port
+from drivers.transports.serial_port import SerialTransport
 from tests.drivers.streams import SteadyPhysics, mfs
 
 

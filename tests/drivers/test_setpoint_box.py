@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 import yaml
 
-from drivers.box_description import BoxDescription, BoxError, Question, load_box, parse_box
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import BoxDescription, BoxError, Question, load_box, parse_box
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError, WrongDevice
-from drivers.setpoint_box import SetpointBox
-from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.chambers.described import SimulatedSetpointBox
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.setpoint_box import SimulatedSetpointBox
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.supervised_chamber import SupervisedChamber
 from tests.drivers.chamber_benches import EXAMPLE_BOX
 
 LIMITS = ChamberLimits(-35.0, 65.0)

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.chamber import ChamberLimits, SafeState
-from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
-from drivers.setpoint_checks import (
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.setpoints import (
     Settings,
     SettingWrite,
     clamped,
@@ -21,6 +20,7 @@ from drivers.setpoint_checks import (
     representable_setpoint,
     writes_in_order,
 )
+from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

@@ -8,7 +8,7 @@ import pytest
 from drivers.frames import StreamDecoder
 from drivers.frames.counts import StreamCounts
 from drivers.simulators.faults import FaultWindow, ImuFault
-from drivers.simulators.mfs import IndexSettings, SimulatedImu
+from drivers.simulators.unit import IndexSettings, SimulatedImu
 from tests.drivers.streams import SteadyPhysics, mfs, stim300
 
 INDEX = IndexSettings({"1": 1, "2": 2, "3": 3}, first="1", move_s=10.0)

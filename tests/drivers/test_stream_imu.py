@@ -11,11 +11,11 @@ from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError, WrongDevice
 from drivers.frames import encode
 from drivers.imu import ImuIdentity, SampleBlock
+from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.mfs import IndexSettings, SimulatedImu
-from drivers.stream_imu import StreamImu
+from drivers.simulators.unit import IndexSettings, SimulatedImu
 from tests.drivers.streams import SteadyPhysics, mfs, stim300
 
 POSITIONS = {"1": 1, "2": 2, "3": 3}

@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.julabo import Julabo
+from drivers.chambers.controllers.simserv import SimServ
+from drivers.chambers.controllers.thermotron import Thermotron
+from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
-from drivers.controller import Controller
 from drivers.errors import CommandRefused, ProtocolError
-from drivers.julabo import Julabo
-from drivers.simserv import SimServ
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.supervised_chamber import SupervisedChamber
-from drivers.thermotron import Thermotron
-from drivers.voetsch_ascii import AsciiLayout, VoetschAscii
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

@@ -11,9 +11,9 @@ from pymeasure.adapters import SerialAdapter
 from pymeasure.instruments.thermotron import thermotron3800
 
 from drivers.clock import SystemClock
-from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.serve import DeviceServer
-from drivers.simulators.thermotron import SimulatedThermotron
 
 
 @pytest.fixture(autouse=True)

@@ -7,18 +7,18 @@ import struct
 import pytest
 from pymodbus import FramerType
 
-from drivers.chamber import ChamberLimits, SafeState
+from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controllers.watlow_f4t import WatlowF4t
+from drivers.chambers.ramp import RampedChamber
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import ProtocolError, WrongDevice
-from drivers.modbus_exchange import ModbusTiming
-from drivers.ramp import RampedChamber
-from drivers.serial_port import open_port
-from drivers.simulators.chamber_plant import ChamberPlant
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.simulators.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
-from drivers.supervised_chamber import SupervisedChamber
-from drivers.watlow_f4t import WatlowF4t
+from drivers.transports import open_port
+from drivers.transports.modbus import ModbusTiming
 from tests.drivers.modbus_peer import modbus_server
 
 LIMITS = ChamberLimits(-35.0, 65.0)

@@ -9,10 +9,10 @@ import pytest
 
 from drivers.clock import Clock, SystemClock, VirtualClock
 from drivers.errors import DeviceTimeout, SetpointOutOfLimits, TransportError, WrongDevice
-from drivers.operator import OperatorPositioner
 from drivers.positioners.indexing import IndexingPositioner
+from drivers.positioners.operator import OperatorPositioner
 from drivers.simulators.memory import MemoryTransport
-from drivers.transport import Transport
+from drivers.transports import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError

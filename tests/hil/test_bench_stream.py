@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import SystemClock
-from drivers.serial_port import open_port
 from drivers.simulators.serve import DeviceServer
+from drivers.transports import open_port
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.config.frames import load_frames

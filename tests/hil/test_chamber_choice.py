@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.errors import TransportError
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.transcript import TranscriptDevice
-from drivers.transport import Transport
+from drivers.transports import Transport
 from hil.bench import build_bench, open_chamber
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
 from hil.configuration import configuration_of, configuration_text

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.chamber import ChamberIdentity, ChamberLimits, ChamberReading
+from drivers.chambers import ChamberLimits, ChamberReading
+from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.frames.counts import StreamCounts

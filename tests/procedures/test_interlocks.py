@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.chamber import ChamberLimits, ChamberReading
+from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock, SensorChannels
 from procedures.frozen import Unchanged

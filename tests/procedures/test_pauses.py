@@ -7,7 +7,7 @@ from collections import deque
 
 import pytest
 
-from drivers.operator import OperatorPositioner
+from drivers.positioners.operator import OperatorPositioner
 from procedures.attended import Attendant
 from procedures.control import Request, RequestKind
 from procedures.ending import SweepState

@@ -22,8 +22,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.chamber import ChamberLimits, SafeState
-from drivers.chambers import CHAMBER_DRIVERS, ChamberOptions
+from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, ChamberOptions, SafeState
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceError
 from drivers.simulators.memory import MemoryTransport

@@ -1,0 +1,159 @@
+"""Every chamber driver by the name that a bench file gives it, and the line settings that its maker ships it with.
+
+    driver = CHAMBER_DRIVERS["watlow-f4"]
+    chamber = driver.build(transport, clock, ChamberOptions(limits=limits, safe=safe))
+
+The simulator of each is under the same name in `drivers.simulators.chambers`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from drivers.chambers.chamber import Chamber, ChamberLimits, SafeState
+from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import load_box
+from drivers.chambers.controllers.espec import Espec
+from drivers.chambers.controllers.ezt570i import Ezt570i
+from drivers.chambers.controllers.julabo import Julabo
+from drivers.chambers.controllers.simserv import SimServ
+from drivers.chambers.controllers.thermotron import Thermotron
+from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
+from drivers.chambers.controllers.watlow_f4 import WatlowF4
+from drivers.chambers.controllers.watlow_f4t import WatlowF4t
+from drivers.chambers.supervised import SupervisedChamber
+from drivers.clock import Clock
+from drivers.transports import Transport
+from drivers.transports.modbus import Framing
+
+
+@dataclass(frozen=True)
+class ChamberOptions:
+    """What a bench file says about its chamber. `address` and `terminator` are the driver's own where they are None.
+
+    `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
+    `ramp_port` is a second port of the controller, where one is needed to set its ramp.
+    `framing` is that of Modbus, the driver's own where it is None.
+    `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are. `dead_man_s`
+    arms the controller's own timer.
+    """
+
+    limits: ChamberLimits
+    safe: SafeState
+    expected_model: str | None = None
+    address: int | None = None
+    terminator: bytes | None = None
+    native_margin_degC: float = 5.0
+    celsius_confirmed: bool = False
+    ramp_port: Transport | None = None
+    framing: Framing | None = None
+    description: Path | None = None
+    dead_man_s: float | None = None
+    layout: AsciiLayout | None = None
+
+
+@dataclass(frozen=True)
+class SerialLine:
+    """Line settings as a controller leaves its factory."""
+
+    baud: int
+    data_bits: int = 8
+    parity: Literal["N", "E", "O"] = "N"
+
+
+@dataclass(frozen=True)
+class ChamberDriver:
+    """One driver: how a person calls its controllers, their line, and how it is put together.
+
+    `dead_man` says that its controllers can have a timer of their own which stops them when they are left alone.
+    """
+
+    title: str
+    line: SerialLine
+    build: Callable[[Transport, Clock, ChamberOptions], Chamber]
+    dead_man: bool = False
+
+
+def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+    """Put what all drivers do over a controller."""
+    return SupervisedChamber(
+        controller,
+        clock,
+        limits=options.limits,
+        safe=options.safe,
+        expected_model=options.expected_model,
+        native_margin_degC=options.native_margin_degC,
+        celsius_confirmed=options.celsius_confirmed,
+        dead_man_s=options.dead_man_s,
+    )
+
+
+def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    terminator = options.terminator or b"\r\n"
+    return supervised(Espec(transport, clock, address=options.address, terminator=terminator), clock, options)
+
+
+def _watlow_f4(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(
+        WatlowF4(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
+    )
+
+
+def _ezt570i(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(
+        Ezt570i(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
+    )
+
+
+def _voetsch_ascii(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    controller = VoetschAscii(
+        transport,
+        clock,
+        limits=options.limits,
+        address=options.address or 0,
+        layout=options.layout,
+        terminator=options.terminator or b"\r",
+    )
+    return supervised(controller, clock, options)
+
+
+def _simserv(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(SimServ(transport, clock), clock, options)
+
+
+def _thermotron(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(Thermotron(transport, clock, terminator=options.terminator or b"\r"), clock, options)
+
+
+def _julabo(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    return supervised(Julabo(transport, clock), clock, options)
+
+
+def _watlow_f4t(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    controller = WatlowF4t(
+        transport, clock, address=options.address or 1, framing=options.framing or "tcp", scpi=options.ramp_port
+    )
+    return supervised(controller, clock, options)
+
+
+def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+    if options.description is None:
+        raise ValueError("a box needs its description")
+    return supervised(SetpointBox(transport, clock, load_box(options.description)), clock, options)
+
+
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
+    "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec, dead_man=True),
+    "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
+    "ezt-570i": ChamberDriver("Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _ezt570i),
+    "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _voetsch_ascii),
+    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _simserv),
+    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _thermotron),
+    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _julabo),
+    "watlow-f4t": ChamberDriver("Watlow F4T, Modbus TCP", SerialLine(38400), _watlow_f4t),
+    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box, dead_man=True),
+}

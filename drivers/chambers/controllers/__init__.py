@@ -1,0 +1,1 @@
+"""One file per protocol: how a chamber's controller is asked and told."""

@@ -1,0 +1,145 @@
+"""ESPEC ASCII controllers: P-300, P-200, SCP-220, GL (RS-232, RS-485, or a TCP port that carries the same lines).
+
+    controller = Espec(transport, clock)
+    chamber = SupervisedChamber(controller, clock, limits=ChamberLimits(-35.0, 65.0), safe=SafeState("hold", 25.0))
+    chamber.prepare()
+    chamber.set_temperature(-29.72)       # TEMP,S-29.7 on the wire, read back and compared
+
+The high and low temperature alarms are the second safety layer; a setpoint beyond them is refused. Verified byte-exact
+(recorded dialogs and vendors' examples, with CR LF): `TEMP?`, `TYPE?`, `MON?` with an address, `TEMP,S…` and its
+acknowledgements, `MODE,CONSTANT`, the refusals `CMD ERR` and `DATA OUT OF RANGE`, and the order `TEMP,S` - `POWER,ON` -
+`MODE,CONSTANT`. Request exact, reply inferred from the grammar: `ROM?`, `ALARM?`, `TEMP,H…`, `TEMP,L…`, `MODE,STANDBY`,
+`MODE,OFF`, `POWER,ON`, `PRGM,END,STANDBY`, and of the quick timer (number 0) `TIMER WRITE`, `TIMER,ON`, `TIMER,OFF`,
+`TIMER LIST?` and `TIMER ON?`, whose replies only a client's parser shows. Inferred, to be watched on hardware: that
+`TEMP?` tells the constant setpoint in every mode, that a native limit that would exclude the setpoint is refused, and
+that the quick timer counts from `TIMER,ON`. There is no ramp rate in constant operation: the host steps the setpoint.
+The unit follows the panel. Values in 0.1 °C; reply awaited 2 s. Pauses are the vendor's: 0.3 s after a monitor command,
+0.5 s after a setting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Literal, TypeVar
+
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controllers.espec_replies import ReplyParser
+from drivers.clock import Clock
+from drivers.errors import CommandRefused, ProtocolError
+from drivers.transports import Transport
+from drivers.transports.lines import LineExchange, LineTiming
+
+Reply = TypeVar("Reply")
+
+_LETTER = {"low": "L", "setpoint": "S", "high": "H"}
+_MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}
+
+
+class Espec:
+    """A `Controller` of one chamber. `address` is for RS-485 only."""
+
+    native_limits: Literal["none", "setpoint", "alarm"] = "alarm"
+    sees_programs = True
+    resolution_degC = 0.1
+    can_stop = True
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        address: int | None = None,
+        terminator: bytes = b"\r\n",
+        timing: LineTiming | None = None,
+    ) -> None:
+        self.device = f"chamber on {transport.name}"
+        self._transport = transport
+        self._prefix = "" if address is None else f"{address},"
+        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
+        self._replies = ReplyParser(self.device)
+        self._mode: Mode | None = None
+
+    def identify(self) -> ControllerIdentity:
+        """Ask model and highest temperature; the unit cannot be asked."""
+        try:
+            model = self._query("ROM?", self._replies.text)
+        except CommandRefused:
+            model = ""  # the oldest controllers know TYPE? alone
+        controller, maximum = self._query("TYPE?", self._replies.chamber_type)
+        return ControllerIdentity(model or controller, maximum=maximum)
+
+    def state(self) -> ControllerState:
+        """Look at temperature, setpoint, alarm limits and mode, and at the alarms where there are any."""
+        self._mode = None
+        temperatures = self._query("TEMP?", self._replies.temperatures)
+        status = self._query("MON?", self._replies.status)
+        self._mode = _MODES.get(status.mode, "RUN")  # RUN PAUSE, RMT RUN and the like
+        codes = self._query("ALARM?", self._replies.alarms) if status.alarms else ()
+        alarms = tuple(f"alarm {code}" for code in codes)
+        return ControllerState(
+            temperature=temperatures.temperature_degC,
+            setpoint=temperatures.setpoint_degC,
+            mode=self._mode,
+            alarms=alarms or (("alarm without a code",) if status.alarms else ()),
+            low=temperatures.low_degC,
+            high=temperatures.high_degC,
+        )
+
+    def write(self, which: Which, value: float) -> None:
+        """Send the setpoint or one of the alarm limits."""
+        self._command(f"TEMP,{_LETTER[which]}{value:.1f}")
+
+    def start(self) -> None:
+        """Start constant-temperature operation, with the power first where it may be off."""
+        if self._mode in ("OFF", None):
+            with suppress(CommandRefused):  # controllers without this command start with the mode alone
+                self._command("POWER,ON")
+        self._command("MODE,CONSTANT")
+
+    def stop(self, *, off: bool) -> None:
+        """Switch off, or stand by."""
+        self._command("MODE,OFF" if off else "MODE,STANDBY")
+
+    def end_program(self) -> None:
+        """End the program that runs."""
+        self._command("PRGM,END,STANDBY")
+
+    def arm_dead_man(self, seconds: float) -> bool:
+        """Let the quick timer lead to STANDBY, counted from now in whole minutes; False where there is no such timer.
+
+        It replaces whatever the quick timer was set to.
+        """
+        minutes = math.ceil(seconds / 60.0)
+        try:
+            self._timers()
+        except CommandRefused:
+            return False
+        with suppress(CommandRefused):  # a timer that is not on
+            self._command("TIMER,OFF,0")
+        self._command(f"TIMER WRITE,NO0,{minutes // 60}:{minutes % 60},STANDBY")
+        self._command("TIMER,ON,0")
+        mode, left = self._query("TIMER LIST?,0", self._replies.quick_timer)
+        if mode != "STANDBY" or not minutes - 1 <= left <= minutes or 0 not in self._timers():
+            raise ProtocolError(
+                f"{self.device} did not take its timer: it leads to {mode} in {left} min and not to STANDBY in "
+                f"{minutes} min, or is not on; look at its panel"
+            )
+        return True
+
+    def close(self) -> None:
+        """Release the port."""
+        self._transport.close()
+
+    def _timers(self) -> tuple[int, ...]:
+        return self._query("TIMER ON?", self._replies.timers)
+
+    def _command(self, command: str) -> None:
+        """Send a setting once. A lost acknowledgement is no error: what was set is read back."""
+        request = self._prefix + command
+        self._exchange.command(request, lambda line: self._replies.acknowledged(request, line))
+
+    def _query(self, command: str, parse: Callable[[str, str], Reply]) -> Reply:
+        request = self._prefix + command
+        return self._exchange.query(request, lambda line: parse(request, line))

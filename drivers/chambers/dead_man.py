@@ -1,0 +1,45 @@
+"""A controller's own timer, kept from running out while somebody looks after the chamber.
+
+dead_man = DeadMan(controller, clock, seconds=10800.0)
+dead_man.arm()          # before the first setpoint
+dead_man.renew()        # at every look: arms again when a quarter of the time has passed
+dead_man.rest()         # from the safe state on nobody renews it
+"""
+
+from __future__ import annotations
+
+from drivers.chambers.controller import Controller, DeadManController
+from drivers.clock import Clock
+from drivers.errors import CommandRefused
+
+_RENEWED_WITHIN = 0.25  # of its time, so that a renewal which fails can be tried anew
+
+
+class DeadMan:
+    """The timer of one controller; `seconds` None for none at all. What it does raises what the controller raises."""
+
+    def __init__(self, controller: Controller, clock: Clock, seconds: float | None) -> None:
+        self._controller = controller
+        self._clock = clock
+        self._seconds = seconds
+        self._armed_at_s: float | None = None
+
+    def arm(self) -> None:
+        """Begin its time; raise `CommandRefused` where the controller has no timer."""
+        if self._seconds is None:
+            return
+        controller = self._controller
+        if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._seconds)):
+            raise CommandRefused(f"{controller.device} has no timer of its own; take dead_man out of the bench file")
+        self._armed_at_s = self._clock.now()
+
+    def renew(self) -> None:
+        """Begin its time anew, where it was armed and some of it has passed."""
+        if self._armed_at_s is None or self._seconds is None:
+            return
+        if self._clock.now() - self._armed_at_s >= _RENEWED_WITHIN * self._seconds:
+            self.arm()
+
+    def rest(self) -> None:
+        """Renew it no more; what is left of its time runs out."""
+        self._armed_at_s = None

@@ -1,0 +1,142 @@
+"""Ramps: by the controller where it can, otherwise by stepping its setpoint from here, no more often than needed.
+
+    chamber = RampedChamber(chamber, clock, degC_per_min=1.0)
+    chamber.prepare()
+    chamber.set_temperature(60.0)       # the first step; every later reading moves it on
+
+Many controllers keep their setpoint in memory that wears out, so a step is at least 0.5 °C and 30 s from the last one,
+and nothing is written where nothing changes. If the program dies, the chamber holds the last step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
+
+from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading
+from drivers.chambers.setpoints import clamped
+from drivers.chambers.wear import wear_of
+from drivers.clock import Clock
+
+_LEAST_STEP_DEGC = 0.5
+_LEAST_INTERVAL_S = 30.0
+_SAME_DEGC = 0.06  # within half of the coarsest step that a controller here holds
+
+
+@runtime_checkable
+class NativeRamp(Protocol):
+    """A chamber that may be able to bound its ramp itself."""
+
+    def set_ramp_rate(self, degC_per_min: float) -> bool:
+        """Bound the ramp and confirm it; False where the host must step the setpoint."""
+
+
+def steps_of_a_ramp(span_degC: float, degC_per_min: float) -> int:
+    """Return how often the setpoint is written, at most, to move it by `span_degC` from here."""
+    per_step_degC = max(_LEAST_STEP_DEGC, degC_per_min / 60.0 * _LEAST_INTERVAL_S)
+    return max(1, math.ceil(abs(span_degC) / per_step_degC) + 1)
+
+
+class RampedChamber:
+    """A `Chamber` whose setpoint moves no faster than `degC_per_min`.
+
+    While a ramp runs its readings give the setpoint it leads to, as long as the controller holds the present step; any
+    other setpoint (somebody at the panel) is given as it is. Raises `ValueError` for a rate that is not positive.
+    """
+
+    def __init__(self, chamber: Chamber, clock: Clock, *, degC_per_min: float) -> None:
+        if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
+            raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
+        self._chamber = chamber
+        self._clock = clock
+        self._rate_per_s = degC_per_min / 60.0
+        self._native = False
+        self._target: float | None = None
+        self._begins_degC = self._step = 0.0
+        self._began_s = self._stepped_s = 0.0
+
+    @property
+    def limits(self) -> ChamberLimits:
+        """The limits given by the bench file."""
+        return self._chamber.limits
+
+    @property
+    def native(self) -> bool:
+        """Whether the controller ramps by itself; known once it is prepared."""
+        return self._native
+
+    @property
+    def ramping(self) -> bool:
+        """Whether steps are still to be made from here."""
+        return self._target is not None and self._step != self._target
+
+    @property
+    def wear_warning(self) -> str | None:
+        """What the chamber itself says about the wear of its memory."""
+        return wear_of(self._chamber)
+
+    def identify(self) -> ChamberIdentity:
+        """Ask who is there."""
+        return self._chamber.identify()
+
+    def prepare(self) -> None:
+        """Prepare the chamber, and let it ramp by itself where it can."""
+        self._target = None
+        self._chamber.prepare()
+        if isinstance(self._chamber, NativeRamp):
+            self._native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
+
+    def read(self) -> ChamberReading:
+        """Read, and move a running ramp on where a step is due."""
+        reading = self._chamber.read()
+        if self._target is None:
+            return reading
+        if abs(reading.setpoint_degC - self._step) > _SAME_DEGC:
+            return reading  # not ours any more: nothing is written over somebody else's setpoint
+        self._advance(self._target)
+        return replace(reading, setpoint_degC=self._target)
+
+    def set_temperature(self, setpoint_degC: float) -> None:
+        """Begin a ramp to `setpoint_degC` from the air's temperature, with its first step.
+
+        Raises as the chamber does; `SetpointOutOfLimits` for the end of the ramp before anything is sent.
+        """
+        limits = self._chamber.limits
+        if self._native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
+            self._target = None
+            self._chamber.set_temperature(setpoint_degC)
+            return
+        self._target = None
+        self._begins_degC = clamped(self._chamber.read().temperature_degC, limits)
+        self._began_s = self._clock.now()
+        self._write(_towards(self._begins_degC, setpoint_degC, _LEAST_STEP_DEGC))
+        self._target = setpoint_degC
+
+    def safe_state(self) -> None:
+        """End the ramp and bring the chamber to its safe state."""
+        self._target = None
+        self._chamber.safe_state()
+
+    def close(self) -> None:
+        """Release the port; the chamber goes on as it is."""
+        self._chamber.close()
+
+    def _advance(self, target_degC: float) -> None:
+        """Write the next step where it is far enough from the last one, in °C and in time."""
+        now_s = self._clock.now()
+        if self._step == target_degC or now_s - self._stepped_s < _LEAST_INTERVAL_S:
+            return
+        # Counted from the ramp's beginning, so that what a write takes is not lost each time.
+        step = _towards(self._begins_degC, target_degC, self._rate_per_s * (now_s - self._began_s))
+        if abs(step - self._step) >= _LEAST_STEP_DEGC or step == target_degC:
+            self._write(step)
+
+    def _write(self, step_degC: float) -> None:
+        self._stepped_s = self._clock.now()
+        self._chamber.set_temperature(step_degC)
+        self._step = step_degC
+
+
+def _towards(here: float, there: float, most: float) -> float:
+    return there if abs(there - here) <= most else here + math.copysign(most, there - here)

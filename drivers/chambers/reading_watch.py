@@ -1,0 +1,78 @@
+"""Whether a chamber's readings can be true, judged over time: a jump that no air makes, a value that never changes.
+
+One glitch is asked again by the driver. A jump that stays is a sensor, a changed unit or another channel; the watch
+keeps saying so until the reading comes back to where it was, or somebody has prepared the chamber anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.chambers.setpoints import plausible_temperature
+from drivers.errors import SensorFault
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """What a chamber's air can do. The fastest test chambers reach 15 °C/min."""
+
+    step_degC: float = 5.0  # what a reading may change at once
+    slew_degC_per_min: float = 15.0
+    frozen_after_s: float = 900.0  # the very same reading for so long …
+    frozen_distance_degC: float = 2.0  # … this far from a setpoint that is being driven to
+
+
+class ReadingWatch:
+    """The readings of one sensor, in the order they were taken. `device` begins every message."""
+
+    def __init__(self, device: str, settings: WatchSettings | None = None) -> None:
+        self._device = device
+        self._settings = settings or WatchSettings()
+        self._last: tuple[float, float] | None = None  # time, °C
+        self._jumped_at_s: float | None = None
+        self._same_since_s = 0.0
+
+    def forget(self) -> None:
+        """Begin anew: somebody has looked at the chamber."""
+        self._last = self._jumped_at_s = None
+
+    def accept(self, now_s: float, reading_degC: float, *, driven_to_degC: float | None) -> float:
+        """Return the reading, or raise `SensorFault` where it cannot be true.
+
+        `driven_to_degC` is the setpoint while the chamber conditions to it, None otherwise.
+        """
+        plausible_temperature(reading_degC, self._device)
+        if self._last is None:
+            self._same_since_s = now_s
+        else:
+            self._refuse_jump(now_s, reading_degC, *self._last)
+            if reading_degC != self._last[1]:
+                self._same_since_s = now_s
+        self._last = (now_s, reading_degC)
+        self._refuse_frozen(now_s, reading_degC, driven_to_degC)
+        return reading_degC
+
+    def _refuse_jump(self, now_s: float, reading_degC: float, before_s: float, before_degC: float) -> None:
+        # From the first sight of a jump on, time no longer widens what is allowed: a wrong unit never becomes right.
+        until_s = now_s if self._jumped_at_s is None else self._jumped_at_s
+        settings = self._settings
+        allowed_degC = settings.step_degC + settings.slew_degC_per_min * max(until_s - before_s, 0.0) / 60.0
+        if abs(reading_degC - before_degC) <= allowed_degC:
+            self._jumped_at_s = None
+            return
+        self._jumped_at_s = until_s
+        raise SensorFault(
+            f"{self._device} reads {reading_degC:g} °C where it read {before_degC:g} °C {until_s - before_s:.0f} s "
+            "before, which no chamber's air does; check its sensor, and that its panel still shows °C"
+        )
+
+    def _refuse_frozen(self, now_s: float, reading_degC: float, driven_to_degC: float | None) -> None:
+        settings = self._settings
+        if driven_to_degC is None or abs(reading_degC - driven_to_degC) <= settings.frozen_distance_degC:
+            self._same_since_s = now_s
+        elif now_s - self._same_since_s >= settings.frozen_after_s:
+            raise SensorFault(
+                f"{self._device} has read {reading_degC:g} °C without any change for "
+                f"{(now_s - self._same_since_s) / 60.0:.0f} min on its way to {driven_to_degC:g} °C; its sensor is "
+                "frozen, or it neither heats nor cools"
+            )

@@ -1,0 +1,397 @@
+"""The chamber that procedures see, over any `Controller`: what every driver must do, done once.
+
+    chamber = SupervisedChamber(WatlowF4(transport, clock), clock, limits=ChamberLimits(-35.0, 65.0),
+                                safe=SafeState("hold", 25.0))
+    chamber.prepare()
+    chamber.set_temperature(-29.72)       # -29.7 on the wire, read back and compared
+
+Model and unit are confirmed before anything is written, and the unit again with every setpoint. Setpoints are checked
+against the bench's limits before and after rounding. Native limits are written in the order that never excludes the
+setpoint. Writes are sent once, counted, and read back. Alarms are polled and latched: once seen they stay in every
+reading until the chamber is prepared anew with none standing; nothing that is sent acknowledges one. Readings that
+cannot be true are a `SensorFault`. The safe state is confirmed by reading it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
+from drivers.chambers.controller import Controller, ControllerState, RampingController
+from drivers.chambers.dead_man import DeadMan
+from drivers.chambers.native_limits import NativeLimits
+from drivers.chambers.reading_watch import ReadingWatch, WatchSettings
+from drivers.chambers.setpoints import (
+    agrees,
+    clamped,
+    confirm_settings,
+    reads_as_fahrenheit,
+    refuse_fahrenheit,
+    representable_setpoint,
+    writes_in_order,
+)
+from drivers.chambers.wear import WriteWear
+from drivers.clock import Clock
+from drivers.errors import (
+    CommandRefused,
+    DeviceError,
+    DeviceTimeout,
+    ProtocolError,
+    SensorFault,
+    TransportError,
+    WrongDevice,
+)
+
+_ATTEMPTS = 3
+_OPERATION_S = 90.0  # of looking, one look more at most
+_SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever called must hear of it
+_MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
+
+
+class SupervisedChamber:
+    """A `Chamber` over a controller.
+
+    `limits` bound what is ever sent as a setpoint; native limits are set `native_margin_degC` beyond them. The model
+    that answers must begin with `expected_model` (case does not matter; None for any). `celsius_confirmed` says that a
+    person has seen °C on the panel, for controllers that cannot tell their unit. `dead_man_s` arms the controller's own
+    timer with `prepare`, which stops the chamber when it has been left alone for so long; readings and settings renew
+    it until the safe state is asked for.
+
+    Raises `SetpointOutOfLimits` at once where the safe state would hold a temperature outside the limits, and
+    `ValueError` where it would stop a controller that cannot be stopped over the line.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        clock: Clock,
+        *,
+        limits: ChamberLimits,
+        safe: SafeState,
+        expected_model: str | None = None,
+        native_margin_degC: float = 5.0,
+        celsius_confirmed: bool = False,
+        watch: WatchSettings | None = None,
+        dead_man_s: float | None = None,
+    ) -> None:
+        if safe.temperature_degC is not None:
+            representable_setpoint(safe.temperature_degC, limits, controller.resolution_degC)
+        elif not controller.can_stop:
+            raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
+        self._controller = controller
+        self._clock = clock
+        self._dead_man = DeadMan(controller, clock, dead_man_s)
+        self._limits = limits
+        self._native = NativeLimits(controller, limits, native_margin_degC)
+        self._safe = safe
+        self._expected_model = expected_model
+        self._celsius_confirmed = celsius_confirmed
+        self._device = controller.device
+        self._watch = ReadingWatch(self._device, watch)
+        self._wear = WriteWear(clock)
+        self._latched: tuple[str, ...] = ()
+        self._confirmed: float | None = None  # the setpoint last read back
+        self._give_up_s = math.inf
+        self._switched = False  # to °F, seen by its setpoint
+        self._identity: ChamberIdentity | None = None
+
+    @property
+    def limits(self) -> ChamberLimits:
+        """The limits given by the bench file."""
+        return self._limits
+
+    @property
+    def writes(self) -> Mapping[str, int]:
+        """How often setpoint and native limits were written since this chamber was made."""
+        return self._wear.writes
+
+    @property
+    def wear_warning(self) -> str | None:
+        """Say so where the controller's memory would be worn out within a year at this rate."""
+        return self._wear.warning()
+
+    def identify(self) -> ChamberIdentity:
+        """Ask model and unit; raise `WrongDevice` for another model, for °F, and for a suspicious unit."""
+        self._identity, self._switched = None, False
+        found = self._controller.identify()
+        if not self._is_expected(found.model):
+            found = self._controller.identify()  # on a line without checksums the name may have been damaged
+        if not self._is_expected(found.model):
+            raise WrongDevice(
+                f"{self._device} says it is {found.model!r}, the bench file expects {self._expected_model!r}; "
+                "check the cable and the port, or correct the bench file"
+            )
+        self._refuse_unit(found.unit)
+        if found.unit is None and not self._celsius_confirmed:
+            state = self._controller.state()
+            idle = state.mode in ("OFF", "STANDBY")
+            refuse_fahrenheit(state.temperature, idle=idle, chamber_maximum=found.maximum, device=self._device)
+        self._identity = ChamberIdentity(model=found.model, unit="degC")
+        return self._identity
+
+    def prepare(self) -> None:
+        """Set the native limits and start constant-temperature operation.
+
+        A chamber that already holds a setpoint within the bench's limits keeps it; any other is started at its
+        present temperature, so that a setpoint somebody forgot is never driven to. Raises `CommandRefused` where an
+        alarm stands or a program is running: both are for a person to clear.
+        """
+        self._require_identity()
+        self._begin()
+        self._watch.forget()
+        state = self._believable()
+        if state.alarms:
+            self._latch(state.alarms)
+            raise CommandRefused(
+                f"{self._device} reports {', '.join(state.alarms)}; clear the cause and acknowledge it at the panel"
+            )
+        if state.mode == "RUN":
+            raise CommandRefused(f"{self._device} is running a program; end it at the panel first")
+        keeps = state.mode == "CONSTANT" and self._limits.low_degC <= state.setpoint <= self._limits.high_degC
+        start = state.setpoint if keeps else clamped(state.temperature, self._limits)
+        self._dead_man.arm()
+        self._settle_on(representable_setpoint(start, self._limits, self._controller.resolution_degC))
+        if state.mode != "CONSTANT":
+            self._controller.start()
+        self._confirm_mode("CONSTANT", looks=_ATTEMPTS)
+        self._latched = ()
+
+    def read(self) -> ChamberReading:
+        """Read temperature, setpoint, native limits (infinite where there are none), mode and alarms, standing or seen.
+
+        Raises `SensorFault` where the temperature cannot be true, and `WrongDevice` where the unit is no longer °C.
+        """
+        self._begin()
+        state = self._believable()
+        self._latch(state.alarms)
+        self._dead_man.renew()
+        return ChamberReading(
+            temperature_degC=state.temperature,
+            setpoint_degC=state.setpoint,
+            high_limit_degC=math.inf if state.high is None else state.high,
+            low_limit_degC=-math.inf if state.low is None else state.low,
+            mode=state.mode,
+            alarms=self._latched,
+        )
+
+    def set_temperature(self, setpoint_degC: float) -> None:
+        """Set, read back and compare the setpoint, in the controller's steps.
+
+        Raises `SetpointOutOfLimits` before anything is sent, `ProtocolError` where another value is read back, and
+        `CommandRefused` where the controller refuses or does not condition to its setpoint (stopped at its panel,
+        power lost, a program running): then `prepare` must come first.
+        """
+        wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
+        self._require_identity()
+        self._begin()
+        self._dead_man.renew()
+        mode = self._settle_on(wanted).mode
+        if mode != "CONSTANT":
+            raise CommandRefused(
+                f"{self._device} took the setpoint but is in mode {mode}: it was stopped, runs a program, or its "
+                "power was lost; it must be prepared anew"
+            )
+
+    def set_ramp_rate(self, degC_per_min: float) -> bool:
+        """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
+        if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
+            raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
+        if not isinstance(self._controller, RampingController):
+            return False
+        self._require_identity()
+        return self._controller.set_ramp_rate(degC_per_min)
+
+    def safe_state(self) -> None:
+        """Bring the chamber to the bench file's safe state, trying as often as a read is tried.
+
+        May be called at any time, before `identify` and after any error. What already is safe is left alone. What
+        counts is what is read at the end. Raises the last `DeviceError`, saying that somebody must go there, where
+        the state could not be confirmed.
+        """
+        self._dead_man.rest()
+        self._begin()
+        give_up_s = self._clock.now() + _SAFE_STATE_S
+        for attempt in range(1, _ATTEMPTS + 1):
+            try:
+                self._reach_safe_state()
+                return
+            except DeviceError as error:
+                if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
+                    tried = "1 attempt" if attempt == 1 else f"{attempt} attempts"
+                    raise type(error)(
+                        f"the safe state ({self._safe.words}) could not be confirmed in {tried}; go to "
+                        f"the chamber and stop it at its panel: {error}"
+                    ) from error
+                self._clock.sleep(_MODE_CHANGE_S)
+
+    def close(self) -> None:
+        """Release the port; the chamber goes on as it is."""
+        self._controller.close()
+
+    def _believable(self) -> ControllerState:
+        """Look until the temperature can be true, a bounded number of times: one glitch must not end a night."""
+        for attempt in range(1, _ATTEMPTS + 1):
+            state = self._state()
+            driven_to = state.setpoint if state.mode == "CONSTANT" else None
+            try:
+                self._watch.accept(self._clock.now(), state.temperature, driven_to_degC=driven_to)
+                return state
+            except SensorFault:
+                if attempt == _ATTEMPTS:
+                    raise
+        raise ValueError("a reading needs at least one attempt")
+
+    def _begin(self) -> None:
+        """Begin an operation: from its deadline on nothing more is asked."""
+        self._give_up_s = self._clock.now() + _OPERATION_S
+
+    def _look(self) -> ControllerState:
+        if self._clock.now() > self._give_up_s:
+            raise DeviceTimeout(
+                f"{self._device} answers so late that {_OPERATION_S:g} s were not enough; check the line, and who else "
+                "uses it"
+            )
+        return self._controller.state()
+
+    def _state(self) -> ControllerState:
+        state = self._look()
+        self._refuse_unit(self._unit_of(state))
+        return state
+
+    def _unit_of(self, state: ControllerState) -> str | None:
+        """Return the unit that a state is in, as the controller or its setpoint tells it; None where neither does."""
+        if state.unit is not None:
+            return state.unit
+        resolution = self._controller.resolution_degC
+        if self._confirmed is not None and reads_as_fahrenheit(state.setpoint, self._confirmed, resolution):
+            self._switched = True  # until somebody identifies it anew: what the safe state writes hides it
+        return "degF" if self._switched else None
+
+    def _refuse_unit(self, unit: str | None) -> None:
+        if unit == "degF":
+            raise WrongDevice(f"{self._device} is set to °F; set it to °C at its panel, then check its setpoint")
+
+    def _latch(self, alarms: tuple[str, ...]) -> None:
+        self._latched += tuple(alarm for alarm in alarms if alarm not in self._latched)
+
+    def _is_expected(self, model: str) -> bool:
+        return self._expected_model is None or model.upper().startswith(self._expected_model.upper())
+
+    def _require_identity(self) -> None:
+        if self._identity is None:
+            self.identify()
+
+    def _settle_on(self, setpoint_degC: float, *, looks: int = _ATTEMPTS) -> ControllerState:
+        """Write setpoint and native limits in the order that the controller accepts, read back, return the state."""
+        present = self._state()
+        wanted = self._native.around(setpoint_degC, present)
+        for write in writes_in_order(self._native.held(present), wanted, self._controller.resolution_degC):
+            self._write(write.which, write.value_degC)
+        for look in range(1, looks + 1):
+            state = self._state()
+            try:
+                confirm_settings(self._native.held(state), wanted, self._controller.resolution_degC, self._device)
+                self._confirmed = setpoint_degC
+                return state
+            except ProtocolError:
+                # A late reply to the question before the writes still shows the old values: ask once more.
+                if look == looks:
+                    raise
+        raise ValueError("a setting needs at least one look")
+
+    def _write(self, which: str, value_degC: float) -> None:
+        if which == "setpoint":
+            self._confirmed = None
+        self._wear.note({"low": "low limit", "high": "high limit"}.get(which, which))
+        self._controller.write("low" if which == "low" else "high" if which == "high" else "setpoint", value_degC)
+
+    def _confirm_mode(self, *modes: str, looks: int) -> None:
+        """Look at most `looks` times whether the controller is in one of `modes`; raise `ProtocolError`."""
+        for look in range(1, looks + 1):
+            mode = self._look().mode
+            if mode in modes:
+                return
+            if look < looks:
+                self._clock.sleep(_MODE_CHANGE_S)
+        raise ProtocolError(f"{self._device} is in mode {mode} and not in {' or '.join(modes)}")
+
+    def _reach_safe_state(self) -> None:
+        """Write whatever is missing to the safe state, then insist on reading it."""
+        problem = self._unsafe(looks=1)
+        if problem is None:
+            return
+        # A chamber that does not answer may still hear: everything is sent, and nothing more asked until the end.
+        silent = isinstance(problem, DeviceTimeout)
+        refused: list[DeviceError] = []
+        for action in self._safe_actions(None if silent else self._state_or_none(), silent=silent):
+            try:
+                action()
+            except TransportError:
+                raise
+            except DeviceError as error:
+                refused.append(error)
+        problem = self._unsafe(looks=_ATTEMPTS)
+        if problem is not None:
+            raise (refused or [problem])[0]
+
+    def _safe_actions(self, state: ControllerState | None, *, silent: bool) -> list[Callable[[], None]]:
+        """Return what leads from `state` (None: it could not be read) to the safe state."""
+        controller = self._controller
+        if state is not None and self._unit_of(state) == "degF" and self._safe.action == "hold":
+            # A number means something else now. Nothing is held: what can be stopped is stopped, and somebody told.
+            return [lambda: controller.stop(off=False)] if controller.can_stop else []
+        actions: list[Callable[[], None]] = []
+        mode = None if state is None else state.mode
+        if mode is None or mode == "RUN" or not controller.sees_programs:
+            actions.append(controller.end_program)
+        if self._safe.action != "hold":
+            return [*actions, lambda: controller.stop(off=self._safe.action == "off")]
+        actions.append(lambda: self._set_safe_temperature(silent=silent))
+        if mode != "CONSTANT":
+            actions.append(controller.start)
+        return actions
+
+    def _set_safe_temperature(self, *, silent: bool) -> None:
+        setpoint = self._safe_setpoint()
+        if not silent:
+            try:
+                self._settle_on(setpoint, looks=1)  # on a line where every look is slow, what counts is the last
+                return
+            except TransportError:
+                raise
+            except DeviceError:
+                # The native limits could not be had: the setpoint alone matters now.
+                pass
+        self._write("setpoint", setpoint)
+
+    def _safe_setpoint(self) -> float:
+        if self._safe.temperature_degC is None:
+            raise ValueError("this safe state holds no temperature")
+        return representable_setpoint(self._safe.temperature_degC, self._limits, self._controller.resolution_degC)
+
+    def _unsafe(self, *, looks: int) -> DeviceError | None:
+        """Return why the chamber is not in its safe state, or None where it is."""
+        try:
+            if self._safe.action == "hold":
+                setpoint = self._state().setpoint
+                if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):
+                    return ProtocolError(f"{self._device} has setpoint {setpoint:g} °C")
+                self._confirm_mode("CONSTANT", looks=looks)
+            elif self._safe.action == "standby":
+                self._confirm_mode("STANDBY", "OFF", looks=looks)
+            else:
+                self._confirm_mode("OFF", looks=looks)
+        except TransportError:
+            raise
+        except DeviceError as error:
+            return error
+        return None
+
+    def _state_or_none(self) -> ControllerState | None:
+        try:
+            return self._look()
+        except TransportError:
+            raise
+        except DeviceError:
+            return None

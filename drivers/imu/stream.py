@@ -1,0 +1,251 @@
+"""The IMU driver: any unit whose stream has a frame description, and the index of a unit that can turn itself.
+
+imu = StreamImu(open_port("/dev/ttyUSB0", clock=clock, baudrate=115200), description, clock)
+imu.identify()
+IndexingPositioner(imu, clock, {"1": 1, "2": 2, "3": 3}).move_to("2", timeout_s=60.0)
+block = imu.read_block()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.clock import Clock
+from drivers.errors import DeviceTimeout, ProtocolError, WrongDevice
+from drivers.frames.batch import FrameBatch
+from drivers.frames.counts import StreamCounts
+from drivers.frames.decoded import Decoded
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import StreamDescription
+from drivers.imu.sample_clock import SampleClock
+from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock, SensorChannels
+from drivers.transports import Transport
+from drivers.transports.live_reader import LiveReader
+
+_ASK_AGAIN = 3  # times that the identity is asked for within the time-out
+
+
+@dataclass(frozen=True)
+class IndexStatus:
+    """What the newest good frame says about the index; `code` is the position's number as the unit counts.
+
+    `since_s` is the time of the first of the frames that say the same place and movement without a break.
+    """
+
+    time_s: float
+    since_s: float
+    code: int
+    moving: bool
+    in_position: bool
+    fault: bool
+    rejected: bool
+
+    @property
+    def place(self) -> tuple[int, bool, bool]:
+        """Where it says that it is: code, moving, in position."""
+        return self.code, self.moving, self.in_position
+
+
+class StreamImu:
+    """A `drivers.imu.Imu` over a transport.
+
+    `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
+    says about the unit: where its model or serial number is given, `identify` refuses another.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        description: StreamDescription,
+        clock: Clock,
+        *,
+        sample_rate_hz: float | None = None,
+        expected: ImuIdentity | None = None,
+        identity_timeout_s: float = 5.0,
+    ) -> None:
+        if description.roles is None:
+            raise ValueError(f"{description.name}: roles: missing, so that no field is known to be a rate")
+        self._transport = transport
+        self._description = description
+        self._roles = description.roles
+        self._clock = clock
+        self._rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
+        self._expected = expected
+        self._identity_timeout_s = identity_timeout_s
+        self._decoder = StreamDecoder(description)
+        counter = description.frames[self._roles.frame].counter
+        self._sample_clock = SampleClock(self._rate_hz, None if counter is None else counter.modulus // counter.step)
+        self._interrupted = True  # the next samples do not continue the ones before
+        self._index_status: IndexStatus | None = None
+        self._sensors = {
+            number: SensorChannels(sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions)
+            for number, sensor in self._roles.sensors.items()
+        }
+
+    @property
+    def sensors(self) -> Mapping[int, SensorChannels]:
+        """The decoded fields, by sensor."""
+        return self._sensors
+
+    @property
+    def conditions(self) -> Mapping[str, str]:
+        """Fields that are neither rates nor accelerations: campaign column name to field name."""
+        return self._roles.conditions
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The nominal rate of the stream."""
+        return self._rate_hz
+
+    @property
+    def port(self) -> str:
+        """The transport's name."""
+        return self._transport.name
+
+    @property
+    def index_status(self) -> IndexStatus | None:
+        """What the newest good frame said about the index; None before the first, or where frames do not tell."""
+        return self._index_status
+
+    def read_block(self) -> SampleBlock:
+        """Decode what has arrived since the last call; never waits, perhaps empty."""
+        raw = self._transport.read_available()
+        return self._block(raw, self._clock.now())
+
+    def discard(self) -> StreamCounts:
+        """Throw away what has arrived, the unfinished frame at its end included; return what that was.
+
+        The next block begins with the first whole frame after this; what was thrown away does not count as lost.
+        """
+        counts = self.read_block().counts
+        self._decoder.reset()
+        self._interrupted = True
+        return counts
+
+    def identify(self) -> ImuIdentity:
+        """Ask the unit who it is, or, where it cannot be asked, wait for a good sample.
+
+        Samples that arrive meanwhile are thrown away. Raise `DeviceTimeout` where no good frame (or no answer) arrives,
+        `WrongDevice` where the unit is not the expected one.
+        """
+        self.discard()
+        begins_s = self._clock.now()
+        deadline_s = begins_s + self._identity_timeout_s
+        asked, arrived, counts = 0, 0, StreamCounts()
+        while (now_s := self._clock.now()) < deadline_s:
+            if now_s >= begins_s + asked * self._identity_timeout_s / _ASK_AGAIN:
+                self._ask_identity()
+                asked += 1
+            raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self._rate_hz))
+            raw += self._transport.read_available()
+            decoded, _ = self._take(raw, self._clock.now())
+            arrived += len(raw)
+            counts += decoded.counts
+            found = self._identity_in(decoded)
+            if found is not None:
+                self._refuse_wrong(found)
+                return found
+        raise DeviceTimeout(self._no_identity(arrived, counts))
+
+    def command_index(self, code: int) -> None:
+        """Send the command to index to the position with number `code`; the stream's status tells what becomes of it.
+
+        Raise `ProtocolError` where the description gives no such command.
+        """
+        commands = self._description.commands
+        if commands is None or commands.index is None or self._roles.index is None:
+            raise ProtocolError(f"{self.port}: {self._description.name} has no index command; use an operator")
+        self._transport.write(commands.line(commands.index.replace("{code}", str(code))))
+
+    def close(self) -> None:
+        """Release the port."""
+        self._transport.close()
+
+    def _block(self, raw: bytes, arrival_s: float) -> SampleBlock:
+        decoded, times_s = self._take(raw, arrival_s)
+        counts, batch = decoded.counts, decoded[self._roles.frame]
+        if isinstance(self._transport, LiveReader) and (overflow := self._transport.take_overflow()):
+            counts += StreamCounts(overflow_bytes=overflow)
+        return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
+
+    def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
+        """Decode, place the samples in time and remember what the newest one says about the index."""
+        decoded = self._decoder.feed(raw, arrival_s)
+        batch = decoded[self._roles.frame]
+        if not len(batch):
+            return decoded, np.empty(0)
+        times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
+        if correction and not self._interrupted:
+            lost = max(0, decoded.counts.lost + correction)
+            decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))
+        self._interrupted = False
+        self._index_status = self._status_in(batch, times_s)
+        return decoded, times_s
+
+    def _status_in(self, batch: FrameBatch, times_s: FloatArray) -> IndexStatus | None:
+        role = self._roles.index
+        if role is None:
+            return None
+        words = {field: batch.wire(field) for field in batch.layout.description.status}
+        bits = batch.layout.description.status
+        on = {name for field, of in bits.items() for name, bit in of.items() if int(words[field][-1]) >> bit.bit & 1}
+        codes = batch.wire(role.position)
+        same = codes == codes[-1]
+        for field, of in bits.items():
+            mask = sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position))
+            same &= (words[field] ^ words[field][-1]) & mask == 0
+        status = IndexStatus(
+            time_s=float(times_s[-1]),
+            since_s=float(times_s[0 if same.all() else len(same) - int(np.argmin(same[::-1]))]),
+            code=int(codes[-1]),
+            moving=role.moving in on,
+            in_position=role.in_position in on,
+            fault=role.fault in on,
+            rejected=role.rejected in on,
+        )
+        before = self._index_status
+        if before is not None and same.all() and before.place == status.place:
+            return replace(status, since_s=before.since_s)
+        return status
+
+    def _ask_identity(self) -> None:
+        commands = self._description.commands
+        if commands is not None and commands.identify is not None:
+            self._transport.write(commands.line(commands.identify))
+
+    def _identity_in(self, decoded: Decoded) -> ImuIdentity | None:
+        role = self._roles.identity
+        if role is None or role.frame is None:
+            model = self._description.name if role is None else role.model
+            return ImuIdentity(model) if len(decoded[self._roles.frame]) else None
+        batch = decoded[role.frame]
+        if not len(batch):
+            return None
+        serial, firmware = (batch.text(name)[-1] if name else "" for name in (role.serial, role.firmware))
+        return ImuIdentity(batch.text(role.model)[-1], serial, firmware)
+
+    def _refuse_wrong(self, found: ImuIdentity) -> None:
+        if self._expected is None:
+            return
+        for what in ("model", "serial"):
+            wanted, given = getattr(self._expected, what), getattr(found, what)
+            if wanted and wanted != given:
+                raise WrongDevice(
+                    f"{self.port}: the unit says {what} {given!r}, the bench file says {wanted!r}; "
+                    "connect the right unit or correct the bench file"
+                )
+
+    def _no_identity(self, arrived: int, counts: StreamCounts) -> str:
+        begin = f"{self.port}: within {self._identity_timeout_s:g} s "
+        name = self._description.name
+        if not arrived:
+            return begin + "nothing arrived; is the unit powered, and is the cable in the right port?"
+        if not counts.ok:
+            return begin + (
+                f"{arrived} bytes arrived but no good {name} frame (bad checksum {counts.bad_checksum}, unknown id "
+                f"{counts.unknown_id}); check the baud rate, and that {name} describes this unit"
+            )
+        return begin + f"the unit streamed {counts.ok} good frames but did not say who it is; check its receive line"

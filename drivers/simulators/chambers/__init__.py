@@ -1,0 +1,1 @@
+"""Simulated chambers: one file per controller, all before the same plant."""

@@ -1,0 +1,140 @@
+"""Every simulated chamber controller, under the name of the driver that speaks to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from drivers.chambers.controllers.description import load_box
+from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
+from drivers.simulators import SimulatedDevice
+from drivers.simulators.chambers.controller import ChamberFault
+from drivers.simulators.chambers.described import SimulatedSetpointBox
+from drivers.simulators.chambers.espec import SimulatedEspec
+from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
+from drivers.simulators.chambers.julabo import SimulatedJulabo
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.simserv import SimulatedSimServ
+from drivers.simulators.chambers.thermotron import SimulatedThermotron
+from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
+from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
+from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
+
+
+@dataclass(frozen=True)
+class SimulatorOptions:
+    """What a bench file says about its simulated chamber; None for the driver's own."""
+
+    address: int | None = None
+    terminator: bytes | None = None
+    framing: Literal["rtu", "tcp"] | None = None
+    description: Path | None = None
+    layout: AsciiLayout | None = None
+    faults: tuple[ChamberFault, ...] = ()
+    begins_s: float = 0.0
+
+
+class SimulatedChamberController(SimulatedDevice, Protocol):
+    """A simulated controller whose state tests and twins look at."""
+
+    mode: str
+    setpoint_degC: float
+    alarms: tuple[str, ...]
+
+    def inject(self, fault: ChamberFault) -> None:
+        """Let one more thing go wrong."""
+
+
+def ramp_port_of(chamber: object) -> SimulatedDevice | None:
+    """Return the simulated second port on which a controller takes its ramp, None where it has none."""
+    return SimulatedF4tScpi(chamber) if isinstance(chamber, SimulatedWatlowF4t) else None
+
+
+Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
+
+
+def _espec(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedEspec(
+        plant,
+        address=options.address,
+        terminator=options.terminator or b"\r\n",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _watlow_f4(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedWatlowF4(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "rtu",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _ezt570i(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedEzt570i(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "rtu",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _voetsch_ascii(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedVoetschAscii(
+        plant,
+        address=options.address or 0,
+        layout=options.layout,
+        terminator=options.terminator or b"\r",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _simserv(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedSimServ(plant, faults=options.faults, begins_s=options.begins_s)
+
+
+def _thermotron(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedThermotron(
+        plant, terminator=options.terminator or b"\r", faults=options.faults, begins_s=options.begins_s
+    )
+
+
+def _julabo(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedJulabo(plant, faults=options.faults, begins_s=options.begins_s)
+
+
+def _watlow_f4t(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    return SimulatedWatlowF4t(
+        plant,
+        address=options.address or 1,
+        framing=options.framing or "tcp",
+        faults=options.faults,
+        begins_s=options.begins_s,
+    )
+
+
+def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    if options.description is None:
+        raise ValueError("a box needs its description")
+    description = load_box(options.description)
+    return SimulatedSetpointBox(plant, description, faults=options.faults, begins_s=options.begins_s)
+
+
+CHAMBER_SIMULATORS: Mapping[str, Build] = {
+    "espec": _espec,
+    "watlow-f4": _watlow_f4,
+    "ezt-570i": _ezt570i,
+    "voetsch-ascii2": _voetsch_ascii,
+    "simserv": _simserv,
+    "thermotron": _thermotron,
+    "julabo": _julabo,
+    "watlow-f4t": _watlow_f4t,
+    "box": _box,
+}

@@ -1,0 +1,323 @@
+"""What all simulated chamber controllers share: the air, the state, the faults, and replies that are on their way.
+
+A protocol's simulator cuts requests out of the bytes (`_next_request`), says what they are called (`_name`), carries
+them out (`_carry_out`) and knows how to refuse (`_refused`). It formats and judges by itself, independently of the
+driver.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from drivers.chambers import ChamberLimits
+from drivers.simulators.chambers.plant import ChamberPlant
+
+_PACING_TOLERANCE_S = 0.01
+FACTORY_SETPOINT_DEGC = 23.0
+
+
+class ChamberFaultKind(StrEnum):
+    """What can be wrong with a simulated controller."""
+
+    # Of one request and its reply:
+    DEAF = "deaf"  # the request is lost: nothing is done, nothing is answered
+    SILENCE = "silence"  # the request is carried out, the reply is lost
+    GARBAGE = "garbage"  # carried out, the reply is noise
+    TRUNCATED = "truncated"  # carried out, the reply breaks off
+    CORRUPTED = "corrupted"  # carried out, one bit of the reply is wrong (and with it its checksum, where it has one)
+    LATE = "late"  # carried out, the reply comes `delay_s` late: perhaps after the next request
+    REFUSED = "refused"  # not carried out: the protocol's refusal
+    # Of the chamber, from a moment on:
+    ALARM = "alarm"  # the chamber stops
+    PANEL_LOCK = "panel_lock"  # what is written is refused
+    POWER_CYCLE = "power_cycle"  # comes back stopped, its setpoint forgotten
+    FAHRENHEIT = "fahrenheit"  # somebody switches the panel to °F
+    PROGRAM = "program"  # somebody starts a program at the panel
+    SENSOR_FROZEN = "sensor_frozen"
+    SENSOR_BROKEN = "sensor_broken"  # reads `reading`
+    RUNAWAY = "runaway"  # conditions, but `astray_degC` beyond its setpoint
+    PLANT_DEAD = "plant_dead"  # takes setpoints and does not follow them
+
+
+OF_A_REPLY = frozenset(
+    {
+        ChamberFaultKind.DEAF,
+        ChamberFaultKind.SILENCE,
+        ChamberFaultKind.GARBAGE,
+        ChamberFaultKind.TRUNCATED,
+        ChamberFaultKind.CORRUPTED,
+        ChamberFaultKind.LATE,
+        ChamberFaultKind.REFUSED,
+    }
+)
+
+
+@dataclass(frozen=True)
+class ChamberFault:
+    """One thing that goes wrong from `begins_s` on, until `ends_s` at the latest.
+
+    A fault of a reply strikes `times` requests (None: all) whose name begins with `command` ("" for any). `reading` is
+    what a broken sensor reads. `text` is a protocol's own word for a refusal or an alarm, None for its usual one. What
+    a power cycle has made the controller forget, and a program that was started, do not come back at the end.
+    """
+
+    kind: ChamberFaultKind
+    begins_s: float = 0.0
+    command: str = ""
+    times: int | None = 1
+    delay_s: float = 3.0
+    reading: float = -199.9
+    text: str | None = None
+    ends_s: float = math.inf
+    astray_degC: float = 60.0
+
+
+class Refusal(Exception):
+    """The controller will not; the text is the protocol's own word or number."""
+
+
+class SimulatedController(ABC):
+    """The part of a `SimulatedDevice` that every simulated controller has.
+
+    `setpoint_degC`, `limits` and `mode` are as the last user left them. Times are seconds on the caller's clock. A
+    request that comes sooner than `pause_s` after the last reply is ignored, and counted.
+    """
+
+    def __init__(
+        self,
+        plant: ChamberPlant,
+        *,
+        setpoint_degC: float = FACTORY_SETPOINT_DEGC,
+        limits: ChamberLimits = ChamberLimits(-75.0, 185.0),  # noqa: B008 - frozen
+        mode: str = "OFF",
+        latency_s: float = 0.05,
+        pause_s: float = 0.0,
+        faults: Iterable[ChamberFault] = (),
+        begins_s: float = 0.0,
+    ) -> None:
+        self.mode = mode
+        self.setpoint_degC = setpoint_degC
+        self.limits = limits
+        self.alarms: tuple[str, ...] = ()
+        self.panel_locked = False
+        self.fahrenheit = False
+        self.ignored_requests = 0
+        self._plant = plant
+        self._latency_s = latency_s
+        self._pause_s = pause_s
+        self._faults: list[ChamberFault] = list(faults)
+        self._going_on: list[ChamberFault] = []  # have happened, and will end
+        self._received = b""
+        self._pending: list[tuple[float, bytes]] = []
+        self._ready_at_s = begins_s
+        self._sensor_degC: float | None = None
+        self._condition(begins_s)
+
+    def inject(self, fault: ChamberFault) -> None:
+        """Let one more thing go wrong."""
+        self._faults.append(fault)
+
+    def acknowledge_alarms(self) -> None:
+        """Do what an operator does at the panel: clear the alarms. The chamber stays stopped."""
+        self.alarms = ()
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes from the host; every complete request is carried out."""
+        self._suffer(now_s)
+        self._received += data
+        while (request := self._next_request()) is not None:
+            self._take(request, now_s)
+
+    def transmit(self, now_s: float) -> bytes:
+        """Return the replies that are due."""
+        if not self._pending:
+            return b""
+        self._suffer(now_s)
+        due = [reply for at_s, reply in self._pending if at_s <= now_s + 1e-9]
+        self._pending = [(at_s, reply) for at_s, reply in self._pending if at_s > now_s + 1e-9]
+        return b"".join(due)
+
+    def next_transmission(self, now_s: float) -> float | None:
+        """Return when the next reply is due, None where none is."""
+        return max(now_s, min(at_s for at_s, _ in self._pending)) if self._pending else None
+
+    # What a protocol says.
+
+    @abstractmethod
+    def _next_request(self) -> bytes | None:
+        """Cut one complete request off what was received, None where there is none."""
+
+    @abstractmethod
+    def _name(self, request: bytes) -> str:
+        """Return what faults call this request."""
+
+    @abstractmethod
+    def _carry_out(self, request: bytes, now_s: float) -> bytes:
+        """Do what a request asks and return the reply, nothing where there is none; raise `Refusal`."""
+
+    @abstractmethod
+    def _refused(self, request: bytes, refusal: Refusal) -> bytes:
+        """Return the reply to a request that was refused."""
+
+    def _refusal(self) -> str:
+        """Return the protocol's usual word for a refusal."""
+        return ""
+
+    def _pause_after(self, request: bytes) -> float:
+        """Return how long it wants to be left alone after its reply to this request, s."""
+        del request
+        return self._pause_s
+
+    def _power_up(self) -> None:  # noqa: B027 - most protocols forget nothing of their own
+        """Forget what the protocol's own part forgets with its power."""
+
+    # What is common.
+
+    def _take(self, request: bytes, now_s: float) -> None:
+        """Answer one request, as far as pacing and faults let it."""
+        if now_s < self._ready_at_s - _PACING_TOLERANCE_S:
+            self.ignored_requests += 1
+            return
+        fault = self._strike(self._name(request), now_s)
+        kind = None if fault is None else fault.kind
+        if kind is ChamberFaultKind.DEAF:
+            return
+        due_s = now_s + self._latency_s
+        self._ready_at_s = due_s + self._pause_after(request)
+        try:
+            if fault is not None and kind is ChamberFaultKind.REFUSED:
+                raise Refusal(self._refusal() if fault.text is None else fault.text)
+            reply = self._carry_out(request, now_s)
+        except Refusal as refusal:
+            reply = self._refused(request, refusal)
+        self._condition(now_s)
+        self._answer(reply, due_s, fault)
+
+    def _answer(self, reply: bytes, due_s: float, fault: ChamberFault | None) -> None:
+        """Put the reply on its way, damaged as `fault` says."""
+        if not reply:
+            return
+        match fault.kind if fault else None:
+            case ChamberFaultKind.SILENCE:
+                return
+            case ChamberFaultKind.GARBAGE:
+                reply = self._noise()
+            case ChamberFaultKind.TRUNCATED:
+                reply = reply[: max(1, len(reply) // 2)]
+            case ChamberFaultKind.CORRUPTED:
+                place = min(3, len(reply) - 1)
+                reply = reply[:place] + bytes([reply[place] ^ 0x40]) + reply[place + 1 :]
+            case ChamberFaultKind.LATE if fault:
+                due_s += fault.delay_s
+        self._pending.append((due_s, reply))
+
+    def _noise(self) -> bytes:
+        """Return a burst of noise, with what ends a reply so that it is taken for one."""
+        return b"\x00\x7f\xfe#~"
+
+    def _strike(self, name: str, now_s: float) -> ChamberFault | None:
+        """Return the fault of a reply that meets this request, and count it."""
+        for number, fault in enumerate(self._faults):
+            in_time = fault.begins_s <= now_s < fault.ends_s
+            if fault.kind in OF_A_REPLY and in_time and name.startswith(fault.command):
+                if fault.times is not None:
+                    left = fault.times - 1
+                    self._faults[number : number + 1] = [replace(fault, times=left)] if left > 0 else []
+                return fault
+        return None
+
+    def _suffer(self, now_s: float) -> None:
+        """Let the faults of the chamber happen whose time has come."""
+        due = [each for each in self._faults if each.kind not in OF_A_REPLY and each.begins_s <= now_s]
+        for fault in sorted(due, key=lambda each: each.begins_s):
+            self._faults.remove(fault)
+            self._happen(fault)
+            self._condition(fault.begins_s)
+            self._going_on.append(fault)
+        for fault in [each for each in self._going_on if each.ends_s <= now_s]:
+            self._going_on.remove(fault)
+            self._end(fault)
+
+    def _happen(self, fault: ChamberFault) -> None:
+        match fault.kind:
+            case ChamberFaultKind.ALARM:
+                self.alarms = (*self.alarms, fault.text or self._usual_alarm())
+                if self.mode != "OFF":
+                    self.mode = self._stopped()
+            case ChamberFaultKind.PANEL_LOCK:
+                self.panel_locked = True
+            case ChamberFaultKind.POWER_CYCLE:
+                self.mode, self.setpoint_degC, self.alarms = "OFF", FACTORY_SETPOINT_DEGC, ()
+                self._received, self._pending = b"", []
+                self._power_up()
+            case ChamberFaultKind.FAHRENHEIT:
+                self.fahrenheit = True
+            case ChamberFaultKind.PROGRAM:
+                if not self._dark(fault.begins_s):
+                    self.mode = "RUN"
+            case ChamberFaultKind.SENSOR_FROZEN:
+                self._sensor_degC = self._plant.advance(fault.begins_s)
+            case ChamberFaultKind.SENSOR_BROKEN:
+                self._sensor_degC = fault.reading
+            case ChamberFaultKind.RUNAWAY:
+                self._plant.go_astray(fault.astray_degC, fault.begins_s)
+            case _:
+                self._plant.kill(fault.begins_s)
+
+    def _dark(self, at_s: float) -> bool:
+        """Tell whether its power is gone at that time: nobody starts anything at a panel that is dark."""
+        gone = [each for each in self._going_on if each.kind is ChamberFaultKind.POWER_CYCLE]
+        return any(each.begins_s <= at_s < each.ends_s < math.inf for each in gone)
+
+    def _end(self, fault: ChamberFault) -> None:
+        """Let a fault of the chamber be over."""
+        match fault.kind:
+            case ChamberFaultKind.ALARM:
+                self.acknowledge_alarms()
+            case ChamberFaultKind.PANEL_LOCK:
+                self.panel_locked = False
+            case ChamberFaultKind.FAHRENHEIT:
+                self.fahrenheit = False
+            case ChamberFaultKind.SENSOR_FROZEN | ChamberFaultKind.SENSOR_BROKEN:
+                self._sensor_degC = None
+            case ChamberFaultKind.RUNAWAY:
+                self._plant.go_astray(0.0, fault.ends_s)
+            case ChamberFaultKind.PLANT_DEAD:
+                self._plant.revive(fault.ends_s)
+            case _:
+                pass  # what was forgotten stays forgotten
+
+    def _usual_alarm(self) -> str:
+        """Return the protocol's alarm where a fault names none."""
+        return "1"
+
+    def _stopped(self) -> str:
+        """Return the mode in which an alarm leaves it."""
+        return "OFF"
+
+    def _condition(self, at_s: float) -> None:
+        """Tell the plant what mode and setpoint mean for it."""
+        self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
+
+    def _bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
+        """Bound how fast the air is moved from the next setpoint on; 0 for not at all."""
+        self._plant.bound_ramp(up_degC_per_min, down_degC_per_min)
+
+    def _air(self, now_s: float) -> float:
+        """Return the sensor's temperature in the unit of the panel."""
+        degC = self._plant.advance(now_s) if self._sensor_degC is None else self._sensor_degC
+        return self._shown(degC)
+
+    def _shown(self, degC: float) -> float:
+        return degC * 1.8 + 32.0 if self.fahrenheit else degC
+
+    def _taken(self, value: float) -> float:
+        return (value - 32.0) / 1.8 if self.fahrenheit else value
+
+    def _refuse_if_locked(self) -> None:
+        if self.panel_locked:
+            raise Refusal(self._refusal())

@@ -1,0 +1,263 @@
+r"""An ESPEC ASCII controller with a chamber behind it, byte for byte, and with faults in front of it.
+
+    plant = ChamberPlant()
+    device = SimulatedEspec(plant, limits=ChamberLimits(-75.0, 105.0))
+    device.receive(b"TEMP?\r\n", now_s=0.0)
+    device.transmit(now_s=0.1)            # b"22.0,23.0,105.0,-75.0\r\n"
+
+Independent of the driver: it formats and judges by itself. As real ones do, it ignores a request that comes before
+the vendor's pause (0.3 s after a monitor command, 0.5 s after a setting), refuses a setpoint beyond its alarm limits,
+and forgets its setpoint and its timer with its power. Byte-exact from sources: `TEMP?`, `TYPE?`, `HUMI?`, `MON?`,
+`CONSTANT SET?,TEMP`, the `OK` spellings, `CMD ERR`, `DATA OUT OF RANGE`, `INVALID REQ`; the requests that begin with
+`TIMER`. Inferred: the replies to `TIMER LIST?,0` and `TIMER ON?` (from a client's parser), that an alarm stops the
+chamber to STANDBY, that crossing an alarm limit raises code 1, that an alarm limit which would exclude the setpoint is
+refused, and that a request coming too early is dropped without a word.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any, Literal
+
+from drivers.chambers import ChamberLimits
+from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind, Refusal
+from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.plant import ChamberPlant
+
+_PAUSE_AFTER_MONITOR_S = 0.3
+_PAUSE_AFTER_SETTING_S = 0.5
+_LIMIT_ALARM = "1"
+_MONITORS = ("TEMP?", "MON?", "MODE?", "ALARM?", "CONSTANT SET?", "ROM?", "TYPE?", "HUMI?", "TIMER LIST?", "TIMER ON?")
+_TARGETS = re.compile(r"(?:[SHL]-?\d+(?:\.\d+)?(?:\s+|$))+")
+_TARGET = re.compile(r"([SHL])(-?\d+(?:\.\d+)?)")
+_PROGRAM_ENDS = {"STANDBY": "STANDBY", "OFF": "OFF", "CONST": "CONSTANT", "HOLD": "RUN"}
+
+
+class SimulatedEspec(SimulatedLines):
+    """A `SimulatedDevice`: the controller of one chamber.
+
+    `model` is the reply to `ROM?` and says by default that it is simulated; `type_text` the reply to `TYPE?`;
+    `humidity` the reply to `HUMI?`, None for a chamber without. `limits` are the alarm limits as the last user left
+    them; `hardware_limits` bound what they can be set to. `spelling` is the form of `OK`: plain `OK:TEMP,S25`,
+    addressed `OK:1,temp,s25`, manual `OK : 1,TEMP,S25`. A fault's text is what a refusal says after `NA:`, the code of
+    an alarm, or what a broken sensor shows.
+    """
+
+    def __init__(
+        self,
+        plant: ChamberPlant,
+        *,
+        model: str = "P300 SIMULATED 1.00",
+        type_text: str = "T,T,P3,180.0",
+        limits: ChamberLimits = ChamberLimits(-75.0, 105.0),  # noqa: B008 - frozen
+        hardware_limits: ChamberLimits = ChamberLimits(-80.0, 190.0),  # noqa: B008 - frozen
+        humidity: str | None = None,
+        address: int | None = None,
+        terminator: bytes = b"\r\n",
+        spelling: Literal["plain", "addressed", "manual"] = "plain",
+        **settings: Any,
+    ) -> None:
+        self._model = model
+        self._type_text = type_text
+        self._hardware = hardware_limits
+        self._humidity = humidity
+        self._address = address
+        self._spelling = spelling
+        self._shown_instead: str | None = None
+        self._timer = ("STANDBY", 0)  # the mode that it leads to, and after how many minutes
+        self.timer_ends_s: float | None = None
+        super().__init__(plant, limits=limits, terminator=terminator, **settings)
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes from the host; every complete line is a request."""
+        self._suffer(now_s)
+        self._watch_limits(now_s)
+        super().receive(data, now_s)
+
+    # What arrives.
+
+    def _take(self, request: bytes, now_s: float) -> None:
+        """Answer one line, where it is for this controller."""
+        if self._command(request) is not None:
+            super()._take(request, now_s)
+
+    def _command(self, request: bytes) -> str | None:
+        """Return the command without its address, None where it is for another controller on the same line."""
+        text = self._text(request)
+        if self._address is None:
+            return text
+        addressed = re.match(r"(\d+)\s*,\s*(.*)", text)
+        if addressed is None or int(addressed[1]) != self._address:
+            return None
+        return addressed[2]
+
+    def _name(self, request: bytes) -> str:
+        return self._command(request) or ""
+
+    def _pause_after(self, request: bytes) -> float:
+        return _PAUSE_AFTER_MONITOR_S if b"?" in request else _PAUSE_AFTER_SETTING_S
+
+    def _respond(self, request: str, now_s: float) -> str | None:
+        command = self._command(request.encode(self._encoding, errors="replace")) or ""
+        return self._monitor(command, now_s) if "?" in command else self._setting(command, request, now_s)
+
+    def _refuse(self, request: str, refusal: Refusal) -> str | None:
+        del request
+        return f"NA:{refusal}"
+
+    def _refusal(self) -> str:
+        return "PROTECT ON" if self.panel_locked else "CMD ERR"
+
+    # What happens by itself.
+
+    def _happen(self, fault: ChamberFault) -> None:
+        super()._happen(fault)
+        if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
+            self._shown_instead = fault.text
+
+    def _end(self, fault: ChamberFault) -> None:
+        super()._end(fault)
+        if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
+            self._shown_instead = None
+
+    def _suffer(self, now_s: float) -> None:
+        super()._suffer(now_s)
+        if self.timer_ends_s is not None and now_s >= self.timer_ends_s:
+            if self.mode != "OFF":
+                self.mode = self._timer[0]
+            self._condition(self.timer_ends_s)
+            self.timer_ends_s = None
+
+    def _watch_limits(self, now_s: float) -> None:
+        """Raise the alarm of an air beyond the alarm limits, as seen whenever the host speaks."""
+        if self.mode in ("CONSTANT", "RUN") and _LIMIT_ALARM not in self.alarms:
+            air = self._plant.advance(now_s)
+            if not self.limits.low_degC <= air <= self.limits.high_degC:
+                self.alarms = (*self.alarms, _LIMIT_ALARM)
+                self.mode = self._stopped()
+                self._condition(now_s)
+
+    def _power_up(self) -> None:
+        self.timer_ends_s = None
+
+    def _usual_alarm(self) -> str:
+        return "19"
+
+    def _stopped(self) -> str:
+        return "STANDBY"
+
+    # What it says.
+
+    def _monitor(self, command: str, now_s: float) -> str:
+        """Return the data that a monitor command asks for."""
+        if command in ("MON?,DETAIL", "MODE?,DETAIL"):
+            if not self._model.startswith("P3"):
+                raise Refusal("PARA ERR")
+            command = command.removesuffix(",DETAIL")
+        match command:
+            case "TEMP?":
+                settings = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
+                return ",".join((self._air_text(now_s), *(f"{self._shown(each):.1f}" for each in settings)))
+            case "MON?":
+                return f"{self._air_text(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}"
+            case "MODE?":
+                return self.mode
+            case "ALARM?":
+                return ",".join((str(len(self.alarms)), *self.alarms))
+            case "CONSTANT SET?,TEMP":
+                return f"{self._shown(self.setpoint_degC):.1f},ON"
+            case "ROM?":
+                return self._model
+            case "TYPE?":
+                return self._type_text
+            case "HUMI?":
+                return self._humidity_reply()
+            case "TIMER LIST?,0":
+                mode, minutes = self._timer
+                return f"{mode},{minutes // 60}:{minutes % 60}"
+            case "TIMER ON?":
+                return "0" if self.timer_ends_s is None else "1,0"
+        raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
+
+    def _air_text(self, now_s: float) -> str:
+        return f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
+
+    def _humidity_now(self) -> str:
+        return "" if self._humidity is None else self._humidity.split(",", 1)[0]
+
+    def _humidity_reply(self) -> str:
+        if self._humidity is None:
+            raise Refusal("INVALID REQ")
+        return self._humidity
+
+    # What it does.
+
+    def _setting(self, command: str, request: str, now_s: float) -> str:
+        """Carry out a setting and return its acknowledgement."""
+        head, _, parameter = command.partition(",")
+        settings: dict[str, Callable[[str], None]] = {
+            "TEMP": self._set_temperatures,
+            "MODE": self._set_mode,
+            "POWER": self._set_power,
+            "PRGM": self._set_program,
+            "TIMER WRITE": self._set_timer,
+            "TIMER": lambda switch: self._switch_timer(switch, now_s),
+        }
+        if head not in settings:
+            raise Refusal("CMD ERR")
+        self._refuse_if_locked()
+        settings[head](parameter.strip())
+        address = self._address or 1
+        if self._spelling == "addressed":
+            return f"OK:{address},{command.lower()}"
+        return f"OK : {address},{command}" if self._spelling == "manual" else f"OK:{request}"
+
+    def _set_temperatures(self, parameter: str) -> None:
+        """`S25`, `H80.0`, `L-45.0`, or several of them, judged together."""
+        if not _TARGETS.fullmatch(parameter):
+            raise Refusal("PARA ERR")
+        asked = {letter: self._taken(float(value)) for letter, value in _TARGET.findall(parameter)}
+        setpoint = asked.get("S", self.setpoint_degC)
+        limits = ChamberLimits(asked.get("L", self.limits.low_degC), asked.get("H", self.limits.high_degC))
+        in_order = (self._hardware.low_degC, limits.low_degC, setpoint, limits.high_degC, self._hardware.high_degC)
+        if list(in_order) != sorted(in_order):
+            raise Refusal("DATA OUT OF RANGE")
+        self.setpoint_degC, self.limits = setpoint, limits
+
+    def _set_mode(self, parameter: str) -> None:
+        if parameter not in ("OFF", "STANDBY", "CONSTANT"):
+            raise Refusal("PARA ERR")
+        self.mode = parameter
+
+    def _set_power(self, parameter: str) -> None:
+        if parameter not in ("ON", "OFF"):
+            raise Refusal("PARA ERR")
+        if parameter == "OFF":
+            self.mode = "OFF"
+        elif self.mode == "OFF":
+            self.mode = "STANDBY"
+
+    def _set_program(self, parameter: str) -> None:
+        """Start or end a program; it holds the present setpoint, which is enough to be in its way."""
+        if re.fullmatch(r"RUN,(RAM|ROM):\d+,STEP\d+", parameter):
+            self.mode = "RUN"
+            return
+        ended = re.fullmatch(r"END,(\w+)", parameter)
+        if ended is None or ended[1] not in _PROGRAM_ENDS:
+            raise Refusal("PARA ERR")
+        if self.mode != "RUN":
+            raise Refusal("CONT NOT READY-2")
+        self.mode = _PROGRAM_ENDS[ended[1]]
+
+    def _set_timer(self, parameter: str) -> None:
+        """`NO0,3:0,STANDBY`: the quick timer, which is number 0."""
+        written = re.fullmatch(r"NO0,(\d+):(\d+),(STANDBY|OFF)", parameter)
+        if written is None or int(written[2]) > 59:
+            raise Refusal("PARA ERR")
+        self._timer = (written[3], 60 * int(written[1]) + int(written[2]))
+
+    def _switch_timer(self, parameter: str, now_s: float) -> None:
+        if parameter not in ("ON,0", "OFF,0"):
+            raise Refusal("PARA ERR")
+        self.timer_ends_s = now_s + 60.0 * self._timer[1] if parameter == "ON,0" else None

@@ -1,0 +1,99 @@
+r"""A SimServ control panel with a chamber behind it.
+
+    device = SimulatedSimServ(ChamberPlant())
+    device.receive("11004¶1¶1\r".encode("latin-1"), 0.0)
+    device.transmit(0.1)                  # "1¶22.000\r\n"
+
+Requests are those of its clients; every reply is inferred from what they parse. A leading `\xb6`, which one of them
+sends, is tolerated. A setpoint beyond its limits is error -6, a locked panel -12. An alarm stops it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from drivers.simulators.chambers.controller import Refusal
+from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.plant import ChamberPlant
+
+_SEPARATOR = "\xb6"
+_UNKNOWN, _WRONG_PARAMETERS, _NO_PRIVILEGE, _NO_CHAMBER = "-5", "-6", "-12", "-4"
+
+
+class SimulatedSimServ(SimulatedLines):
+    """A `SimulatedDevice`: one chamber with one control variable. `model` says by default that it is simulated."""
+
+    def __init__(self, plant: ChamberPlant, *, model: str = "LabEvent T/110/70/3 simulated", **settings: Any) -> None:
+        self._model = model
+        self.gradient_degC_per_min = {"up": 0.0, "down": 0.0}
+        super().__init__(plant, terminator=b"\r", reply_terminator=b"\r\n", encoding="latin-1", **settings)
+
+    def _respond(self, request: str, now_s: float) -> str | None:
+        command, *arguments = request.removeprefix(_SEPARATOR).split(_SEPARATOR)
+        if not arguments or arguments[0] != "1":
+            raise Refusal(_NO_CHAMBER)
+        try:
+            numbers = [float(argument) for argument in arguments[1:]]
+        except ValueError:
+            raise Refusal(_WRONG_PARAMETERS) from None
+        try:
+            reply = self._ask(command, numbers, now_s)
+        except IndexError:
+            raise Refusal(_WRONG_PARAMETERS) from None
+        return "1" if reply is None else f"1{_SEPARATOR}{reply}"
+
+    def _refuse(self, request: str, refusal: Refusal) -> str | None:
+        del request
+        return str(refusal)
+
+    def _refusal(self) -> str:
+        return _NO_PRIVILEGE
+
+    def _ask(self, command: str, numbers: list[float], now_s: float) -> str | None:
+        reads: dict[str, Callable[[], str]] = {
+            "99997": lambda: [self._model, "2026", "0"][int(numbers[0]) - 1],
+            "11004": lambda: f"{self._air(now_s):.3f}",
+            "11002": lambda: f"{self._shown(self.setpoint_degC):.1f}",
+            "10012": lambda: str((3 if self.mode in ("CONSTANT", "RUN") else 1) + (8 if self.alarms else 0)),
+            "14003": lambda: str(int(self.mode == "CONSTANT")),
+            "11066": lambda: f"{self.gradient_degC_per_min['up']:g}",
+            "11070": lambda: f"{self.gradient_degC_per_min['down']:g}",
+            "17002": lambda: str(len(self.alarms)),
+            "17005": lambda: "1",
+            "17007": lambda: self.alarms[int(numbers[0]) - 1],
+            "17009": lambda: "1",
+        }
+        if command in reads:
+            return reads[command]()
+        self._refuse_if_locked()
+        match command:
+            case "11001":
+                self._set(self._taken(numbers[1]))
+            case "14001":
+                self._switch(on=numbers[1] == 1.0)
+            case "11068" | "11072":
+                self.gradient_degC_per_min["up" if command == "11068" else "down"] = numbers[1]
+                self._bound_ramp(self.gradient_degC_per_min["up"], self.gradient_degC_per_min["down"])
+            case "19014":
+                self.mode = "RUN"
+            case "19015":
+                self.mode = "OFF" if self.mode == "RUN" else self.mode
+            case "17012":
+                self.alarms = ()
+            case _:
+                raise Refusal(_UNKNOWN)
+        return None
+
+    def _set(self, setpoint_degC: float) -> None:
+        if not self.limits.low_degC <= setpoint_degC <= self.limits.high_degC:
+            raise Refusal(_WRONG_PARAMETERS)
+        self.setpoint_degC = setpoint_degC
+
+    def _switch(self, *, on: bool) -> None:
+        if self.mode == "RUN" and on:
+            return
+        self.mode = "CONSTANT" if on else "OFF"
+
+    def _usual_alarm(self) -> str:
+        return "temperature limiter test space"

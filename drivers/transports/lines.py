@@ -1,0 +1,150 @@
+"""Requests and replies over lines of text: pacing, deadlines, stale bytes, and retries for reads only.
+
+Most chamber controllers speak lines, one request and one reply at a time, and want a pause between them. What goes
+wrong goes wrong in the same ways for all of them: a reply is lost, cut, or comes late and would answer the next
+request. A read is asked again a bounded number of times. A write is sent once: when its reply is lost nobody knows
+whether it was carried out, so its sender must read back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TypeVar
+
+from drivers.clock import Clock
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+from drivers.transports.transport import Transport
+
+Reply = TypeVar("Reply")
+
+_LONGEST_LINE = 512  # bytes; what is longer is noise
+_SHOWN = 40  # bytes of it in a message
+
+
+@dataclass(frozen=True)
+class LineTiming:
+    """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read.
+
+    `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
+    answer the line is listened to for so long, so that a late reply is not taken for the next one's.
+    """
+
+    timeout_s: float = 2.0
+    pause_after_query_s: float = 0.3
+    pause_after_command_s: float = 0.5
+    attempts: int = 3
+    late_s: float = 0.0
+
+
+class LineExchange:
+    """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
+
+    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own. `encoding` is that
+    of the text between them.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        device: str,
+        terminator: bytes,
+        timing: LineTiming | None = None,
+        reply_terminator: bytes | None = None,
+        encoding: str = "ascii",
+    ) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._device = device
+        self._terminator = terminator
+        self._reply_terminator = terminator if reply_terminator is None else reply_terminator
+        self._encoding = encoding
+        self._timing = timing or LineTiming()
+        self._ready_at_s = clock.now()
+        self._unanswered = False
+
+    def query(self, request: str, parse: Callable[[str], Reply]) -> Reply:
+        """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
+
+        `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
+        A refusal is asked again too: noise on the line turns a good request into an unknown one; and so is a port that
+        failed, because a transport opens it again where it can.
+        """
+        attempts = self._timing.attempts
+        for attempt in range(1, attempts + 1):
+            try:
+                return self._ask(request, parse)
+            except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
+                if attempt == attempts:
+                    raise type(error)(f"{error} (asked {attempts} times)") from error
+        raise ValueError("a read needs at least one attempt")
+
+    def command(self, request: str, accept: Callable[[str], bool]) -> bool:
+        """Send `request` once; return whether it was acknowledged before the deadline.
+
+        False means that nobody knows whether it was carried out: read back. `accept` returns True for an
+        acknowledgement, False for a line that belongs to something else (a late reply to an earlier request, an
+        unreadable line), and raises `CommandRefused` for a refusal. `TransportError` where it could not be sent.
+        """
+        self._send(request)
+        try:
+            deadline_s = self._clock.now() + self._timing.timeout_s
+            while True:
+                try:
+                    line = self._receive(request, deadline_s)
+                except ProtocolError:
+                    continue
+                except (DeviceTimeout, TransportError):
+                    return False
+                if accept(line):
+                    return True
+        finally:
+            self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
+
+    def tell(self, request: str) -> None:
+        """Send `request` once, to a controller that answers such requests with nothing: read back."""
+        self._send(request)
+        self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
+
+    def _ask(self, request: str, parse: Callable[[str], Reply]) -> Reply:
+        try:
+            self._send(request)
+            return parse(self._receive(request, self._clock.now() + self._timing.timeout_s))
+        finally:
+            self._ready_at_s = self._clock.now() + self._timing.pause_after_query_s
+
+    def _send(self, request: str) -> None:
+        self._clock.sleep(self._ready_at_s - self._clock.now())
+        if self._unanswered and self._timing.late_s > 0.0:
+            with suppress(DeviceTimeout):
+                self._transport.read_until(self._reply_terminator, self._timing.late_s)
+        self._unanswered = False
+        self._transport.drain()
+        self._transport.write(request.encode(self._encoding) + self._terminator)
+
+    def _receive(self, request: str, deadline_s: float) -> str:
+        """Return the next line that is not the echo of the request (two-wire adapters hear themselves)."""
+        while True:
+            remaining_s = max(0.0, deadline_s - self._clock.now())
+            try:
+                received = self._transport.read_until(self._reply_terminator, remaining_s)
+            except DeviceTimeout as error:
+                self._unanswered = True
+                raise DeviceTimeout(
+                    f"{self._device} did not answer {request!r} in {self._timing.timeout_s:g} s; check its power, the "
+                    f"cable, and the line settings and delimiter on its panel ({error})"
+                ) from error
+            try:
+                if len(received) > _LONGEST_LINE:
+                    raise ValueError("longer than any reply")
+                line = received[: -len(self._reply_terminator)].decode(self._encoding).strip()
+            except ValueError as error:
+                raise ProtocolError(
+                    f"{self._device} answered {request!r} with {len(received)} bytes that begin with "
+                    f"{received[:_SHOWN]!r}: no text; check baud rate and parity"
+                ) from error
+            if line != request:
+                return line

@@ -1,0 +1,131 @@
+"""A thread that only drains a port, so that nothing else the controller does can make the system's buffer run over.
+
+    port = LiveReader(open_port("/dev/ttyUSB0", clock=clock, low_latency=True), clock)
+
+It is a transport like the one it drains, for benches under the system clock; a simulated bench in this process needs
+none and stays in one thread. What was read waits in a bounded queue. Where nobody takes it for too long, the oldest
+bytes are dropped and counted: `take_overflow` tells how many, and the IMU driver puts them into its counts.
+
+A port that fails is opened again, again and again, until the reader is closed. Every failure is raised once to whoever
+reads, after the bytes that arrived before it, and on every call while it lasts.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.errors import TransportError
+from drivers.transports.buffered import BufferedTransport
+from drivers.transports.transport import Transport
+
+_MOST_BYTES = 1 << 24  # three minutes of 2000 frames per second of 40 bytes
+_LOOK_S = 0.05  # between looks whether the reader shall end
+_GATHER_S = 0.005  # between reads of a slow stream: one waking for many frames, far from what the system can hold
+_GATHERED = 2048  # bytes of a read after which the next follows at once
+_REOPEN_S = 0.25  # between attempts to open a port that failed
+
+
+class LiveReader(BufferedTransport):
+    """A `drivers.transports.transport.Transport` that drains `port` in a thread of its own until it is closed.
+
+    A port that can `wait(timeout_s)` for bytes, as a serial port can, costs nothing while none arrive.
+    """
+
+    def __init__(self, port: Transport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
+        super().__init__(clock)
+        self._port = port
+        self._wait: Any = getattr(port, "wait", None)
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+        self._queue: deque[bytes | TransportError] = deque()
+        self._queued = 0
+        self._overflow = 0
+        self._down: TransportError | None = None  # the port's failure, while it lasts
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._drain, name=f"reader of {port.name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def name(self) -> str:
+        """The port's name."""
+        return self._port.name
+
+    def take_overflow(self) -> int:
+        """Return how many bytes were dropped since the last call because nobody read."""
+        with self._lock:
+            overflow, self._overflow = self._overflow, 0
+        return overflow
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        self._port.write(data)
+
+    def close(self) -> None:
+        """End the thread and release the port. Closing twice is allowed."""
+        self._ending.set()
+        self._thread.join()
+        self._port.close()
+
+    def _fill(self) -> None:
+        """Take over what the thread has read, up to the next failure; raise that once nothing is before it."""
+        if self._ending.is_set():
+            raise TransportError(f"{self.name}: the port is closed")
+        with self._lock:
+            while self._queue and not isinstance(self._queue[0], TransportError):
+                self._arrived += self._pop()
+            if self._arrived:
+                return
+            failure = self._queue.popleft() if self._queue else self._down
+        if isinstance(failure, TransportError):
+            raise TransportError(str(failure)) from failure
+
+    def _pop(self) -> bytes:
+        first = self._queue.popleft()
+        if isinstance(first, TransportError):
+            return b""
+        self._queued -= len(first)
+        return first
+
+    def _drain(self) -> None:
+        """Read until the end. Nothing else happens here: what takes long would let the port run over."""
+        while not self._ending.is_set():
+            try:
+                data = self._next()
+            except TransportError as failure:
+                self._note(failure)
+                self._ending.wait(_REOPEN_S)
+                continue
+            with self._lock:
+                self._down = None
+                if data:
+                    self._queue.append(data)
+                    self._queued += len(data)
+                self._bound()
+            if 0 < len(data) < _GATHERED:
+                self._ending.wait(_GATHER_S)
+
+    def _next(self) -> bytes:
+        """Return what arrives next, within the time between two looks."""
+        if self._wait is not None:
+            return self._port.read_available() if self._wait(_LOOK_S) else b""
+        first = self._port.read(1, _LOOK_S)
+        return first + self._port.read_available() if first else b""
+
+    def _bound(self) -> None:
+        """Drop the oldest bytes that are too many, and no failure among them."""
+        failures: list[TransportError] = []
+        while self._queued > self._most_bytes:
+            if isinstance(self._queue[0], TransportError):
+                failures += [failure for failure in (self._queue.popleft(),) if isinstance(failure, TransportError)]
+            else:
+                self._overflow += len(self._pop())
+        self._queue.extendleft(failures[-1:])  # of many, the last tells
+
+    def _note(self, failure: TransportError) -> None:
+        with self._lock:
+            if self._down is None:  # the first of this outage
+                self._queue.append(failure)
+            self._down = failure
