@@ -42,7 +42,7 @@ from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.faults import FaultInjector
 from hil.twin.devices import SimulatedBench, simulate_devices
-from procedures.bench import BenchDevices
+from procedures.devices import BenchDevices
 
 Unopened = Callable[[str, DeviceError], None]
 """Is told the key of the bench file whose port could not be opened, and why."""

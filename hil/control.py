@@ -24,7 +24,7 @@ from hil.errors import InputError
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.journal_records import Event, RequestRow
 from hil.lock import living_owner
-from procedures.control import RequestKind
+from procedures.requests import RequestKind
 
 __all__ = ["RequestKind", "request", "standing_prompt", "wait_for_answer", "who_asks"]
 

@@ -33,9 +33,9 @@ from hil.files import Disk, RealDisk
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.journal_records import Night, result_digest, step_row, to_json
 from hil.lock import FolderLock
-from procedures.control import Request, RequestKind
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step
+from procedures.requests import Request, RequestKind
 
 __all__ = ["JOURNAL_NAME", "SqliteJournal"]
 
@@ -47,7 +47,7 @@ Listener = Callable[[str, Mapping[str, Any]], None]
 
 
 class SqliteJournal(JournalReader):
-    """A journal that is written: `procedures.journal.Journal`, durable. Belongs to one thread of one controller."""
+    """A journal that is written: `procedures.journal_protocol.Journal`, durable. Belongs to one thread of one controller."""
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ from hil.journal_records import (
     result_digest,
     step_of,
 )
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step
 
 JOURNAL_NAME = "journal.sqlite"

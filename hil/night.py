@@ -52,12 +52,12 @@ from hil.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night_words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.notify import LAST_WORDS_S
 from procedures.attended import Attendant, Terminal
-from procedures.ending import SweepOutcome, SweepState
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
 from procedures.sequencer import Sequencer
 from procedures.settings import Polling
 from procedures.stop import StopRequest
+from procedures.sweep_outcome import SweepOutcome, SweepState
 
 CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0

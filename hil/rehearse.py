@@ -37,7 +37,7 @@ from hil.night import NightOutcome, resume_night, start_night
 from hil.random_faults import draw_faults
 from hil.solve import solve_campaign
 from hil.verify import verify_night
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind, make_plan
 from procedures.progress import Silent
 from procedures.verdict import Verdict, self_calibration_verdict

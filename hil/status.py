@@ -21,7 +21,7 @@ from hil.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.journal_reader import JournalReader, reading
 from hil.journal_records import Attempt, Controller
 from hil.lock import Owner, living_owner
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 
 STALE_AFTER_S = 180.0

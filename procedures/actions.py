@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import DeviceError, WrongDevice
-from procedures.bench import BenchDevices
 from procedures.collect import Times, take_collect
+from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.restabilisation import restabilise
 from procedures.settings import CollectSettings, InterlockSettings, Restabilisation

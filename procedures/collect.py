@@ -18,7 +18,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.imu import Imu, SampleBlock, SensorChannels
 from drivers.imu.samples import FloatArray, rate_fields, rate_means
 from procedures.averaging import Average, average_series
-from procedures.bench import BenchDevices
+from procedures.devices import BenchDevices
 from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine

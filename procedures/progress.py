@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Protocol
 
 from drivers.frames.counts import StreamCounts
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step
 
 

@@ -26,19 +26,19 @@ from datetime import datetime
 from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
 from procedures.actions import Actions
 from procedures.attended import Attendant
-from procedures.bench import BenchDevices
-from procedures.control import Control, PauseAsked
-from procedures.ending import SweepOutcome, SweepState, state_after, why
+from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped, standard_interlocks
-from procedures.journal import Journal, Outcome, StepResult
+from procedures.journal_protocol import Journal, Outcome, StepResult
 from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent
-from procedures.rates import rate_interlocks
+from procedures.requests import Control, PauseAsked
+from procedures.runaway import rate_interlocks
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
+from procedures.sign_of_life import SignOfLife
 from procedures.stop import StopRequest, StopRequested
+from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
 from procedures.verdict import Verdict
-from procedures.vital import SignOfLife
 from procedures.watch import Position, Watch
 
 # What each kind of step stands on, in the order in which it has to be restored.

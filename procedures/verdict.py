@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
 _APART = 2.0  # collects further apart than this many times the plan were interrupted

@@ -22,16 +22,16 @@ from drivers.errors import DeviceError
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
 from drivers.imu.samples import rate_fields, rate_means
-from procedures.bench import BenchDevices
-from procedures.control import Control, Desk, NoControl, PauseAsked
-from procedures.frozen import Unchanged
+from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
-from procedures.journal import Journal, StepResult
+from procedures.journal_protocol import Journal, StepResult
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
+from procedures.requests import Control, Desk, NoControl, PauseAsked
 from procedures.settings import Polling
+from procedures.sign_of_life import SignOfLife, Unwatched
 from procedures.stop import StopRequest
-from procedures.vital import SignOfLife, Unwatched
+from procedures.unchanged import Unchanged
 
 _WALL_JUMP_S = 5.0
 _HOLD_CEILING_S = 3600.0

@@ -17,7 +17,7 @@ import hil.journal
 from hil import journal_schema
 from hil.files import Disk, RealDisk
 from hil.journal import SqliteJournal
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Step
 
 

@@ -28,7 +28,7 @@ from hil.night import resume_night, start_night
 from hil.solve import solve_campaign
 from hil.status import night_status
 from hil.verify import verify_night
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.stop import StopRequest
 
 NIGHT = "tonight/night"

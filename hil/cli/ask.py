@@ -7,7 +7,7 @@ import select
 import sys
 
 from hil.cli.output import messages
-from hil.step_words import hours_minutes
+from procedures.words import hours_minutes
 
 _YES, _NO = {"y", "yes"}, {"n", "no"}
 

@@ -10,7 +10,7 @@ import typer
 from hil.cli.ending import Exit
 from hil.cli.output import Folder, JsonFlag, print_json, results
 from hil.errors import InputError
-from procedures.control import RequestKind
+from procedures.requests import RequestKind
 
 Why = Annotated[str, typer.Option("--why", help="The reason, for the record.", show_default=False)]
 Wait = Annotated[float, typer.Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]

@@ -19,8 +19,8 @@ from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
-from hil.step_words import hours_minutes, step_in_words
 from procedures.progress import Audience, Progress
+from procedures.words import hours_minutes, step_in_words
 
 if TYPE_CHECKING:
     from hil.config import Bench, Sweep

@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hil.cli.output import harmless
-from hil.step_words import hours_minutes, step_in_words
 from procedures.progress import Snapshot
+from procedures.words import hours_minutes, step_in_words
 
 _WIDEST_BAR = 40
 

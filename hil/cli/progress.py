@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.live import Live
 
 from hil.cli.panel import Panel
-from hil.step_words import hours_minutes, step_in_words
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
+from procedures.words import hours_minutes, step_in_words
 
 
 def onlooker(console: Console, *, quiet: bool, simulated: bool) -> TerminalProgress | LineProgress | Silent:

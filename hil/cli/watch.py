@@ -18,9 +18,9 @@ from hil.journal_reader import reading
 from hil.live import age_s, read_live, snapshot_of
 from hil.lock import living_owner
 from hil.status import night_status
-from hil.step_words import hours_minutes, step_in_words
 from procedures.plan import Step
 from procedures.progress import Snapshot
+from procedures.words import hours_minutes, step_in_words
 
 EVERY_S = 1.0
 _WORKING = ("running", "paused")

@@ -27,8 +27,8 @@ from hil.journal_records import Event
 from hil.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.lock import Owner, living_owner
 from hil.status import night_status
-from hil.step_words import step_in_words
 from procedures.plan import Plan, StepKind
+from procedures.words import step_in_words
 
 _EVENTS = 80
 _WORKING = ("running", "paused")

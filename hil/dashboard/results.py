@@ -12,7 +12,7 @@ from hil.errors import InputError
 from hil.export import campaign_of_night, measured_verdicts
 from hil.journal_reader import JournalReader
 from hil.solve import judged_as_measured, solve_campaign
-from procedures.journal import StepResult
+from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
 

@@ -21,10 +21,10 @@ from hil.journal_reader import JournalReader, reading
 from hil.journal_records import Attempt, Heartbeat
 from hil.report.provenance import night_provenance
 from hil.status import night_status
-from hil.step_words import hours_minutes, step_in_words
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.verdict import Judgement, self_calibration_verdict
+from procedures.words import hours_minutes, step_in_words
 
 _SECONDS_PER_HOUR = 3600.0
 _SILENT_BEATS = 5.0

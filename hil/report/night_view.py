@@ -9,8 +9,8 @@ from typing import Any
 from hil.report.figures import draw_night, inline_svg
 from hil.report.grid import Cell, Grid, degrees, number, text, wrap
 from hil.report.night import CollectLine, NightContent
-from hil.step_words import hours_minutes
 from procedures.verdict import Verdict
+from procedures.words import hours_minutes
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""

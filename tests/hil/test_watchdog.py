@@ -34,9 +34,9 @@ from hil.night import start_night
 from hil.simulate import Simulation, client_bench, served
 from hil.status import night_status
 from hil.watchdog import Patience, Watchdog, Watched
-from procedures.control import RequestKind
 from procedures.plan import make_plan
 from procedures.progress import Snapshot
+from procedures.requests import RequestKind
 from procedures.stop import StopRequest
 
 SWEEP = """

@@ -18,13 +18,13 @@ from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.frames.counts import StreamCounts
 from drivers.imu import ImuIdentity, SampleBlock, SensorChannels
-from procedures.bench import BenchDevices
-from procedures.ending import SweepOutcome
-from procedures.journal import Outcome, StepResult
+from procedures.devices import BenchDevices
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, make_plan
 from procedures.sequencer import Sequencer
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation, SweepProcedure
 from procedures.stop import StopRequest
+from procedures.sweep_outcome import SweepOutcome
 
 BEGAN = datetime(1985, 10, 1, 17, 0, tzinfo=UTC)
 RATE_HZ = 20.0

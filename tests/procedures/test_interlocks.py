@@ -10,10 +10,10 @@ import pytest
 from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock, SensorChannels
-from procedures.frozen import Unchanged
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
-from procedures.rates import rate_interlocks
+from procedures.runaway import rate_interlocks
 from procedures.settings import InterlockSettings
+from procedures.unchanged import Unchanged
 
 READING = ChamberReading(20.0, 20.0, 80.0, -50.0, "CONSTANT")
 GOOD = Look(

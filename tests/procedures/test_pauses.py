@@ -9,9 +9,9 @@ import pytest
 
 from drivers.positioners.operator import OperatorPositioner
 from procedures.attended import Attendant
-from procedures.control import Request, RequestKind
-from procedures.ending import SweepState
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
+from procedures.requests import Request, RequestKind
+from procedures.sweep_outcome import SweepState
 
 PAUSE = Request(1, RequestKind.PAUSE, "ann", "a cable")
 GO_ON = Request(2, RequestKind.CONTINUE, "bob")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from procedures.ending import SweepState
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
+from procedures.sweep_outcome import SweepState
 from procedures.verdict import Verdict, self_calibration_verdict
 
 _SAME = ("position", "n_samples", "n_expected", "n_missing", "sensors", "verdict", "reason")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import SetpointOutOfLimits, WrongDevice
-from procedures.ending import SweepState
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.plan import StepKind
 from procedures.progress import Silent
+from procedures.sweep_outcome import SweepState
 from procedures.verdict import Verdict, self_calibration_verdict
 
 BEGAN_EARLIER = datetime(1985, 10, 1, 15, 0, tzinfo=UTC)  # two hours before the fakes' clock begins

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.ending import SweepState
+from procedures.sweep_outcome import SweepState
 
 
 class Heard:

@@ -7,9 +7,9 @@ import signal
 
 import pytest
 
-from procedures.ending import SweepState
 from procedures.progress import Silent
 from procedures.stop import StopRequest, StopRequested
+from procedures.sweep_outcome import SweepState
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import StepKind, make_plan
 from procedures.settings import SweepProcedure
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict

@@ -10,9 +10,9 @@ from datetime import timedelta
 import pytest
 
 from drivers.imu import ImuIdentity
-from procedures.ending import SweepState
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.progress import Silent
+from procedures.sweep_outcome import SweepState
 
 
 def _at(t0, t1=1e9):

@@ -12,8 +12,8 @@ from drivers.clock import SystemClock, VirtualClock
 from hil.config import load_sweep
 from hil.journal import SqliteJournal
 from hil.journal_records import Night
-from procedures.control import RequestKind
 from procedures.plan import make_plan
+from procedures.requests import RequestKind
 
 
 @pytest.fixture

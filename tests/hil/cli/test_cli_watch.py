@@ -16,7 +16,7 @@ from hil.cli.watch import watch
 from hil.journal import SqliteJournal
 from hil.journal_records import Night
 from hil.live import LiveFiles
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, make_plan
 from procedures.progress import Snapshot
 from procedures.settings import SweepProcedure

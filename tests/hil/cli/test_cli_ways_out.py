@@ -19,7 +19,7 @@ from hil.control import request
 from hil.errors import InputError
 from hil.journal_reader import open_readonly
 from hil.status import night_status
-from procedures.control import RequestKind
+from procedures.requests import RequestKind
 
 LONG = {
     "title": "A soak that outlasts the test",

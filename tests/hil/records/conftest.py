@@ -15,9 +15,9 @@ from hil.blocks import FieldMeaning
 from hil.control import request
 from hil.journal import SqliteJournal
 from hil.journal_records import Night
-from procedures.control import RequestKind
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind, make_plan
+from procedures.requests import RequestKind
 from procedures.settings import SweepProcedure
 
 MEANINGS = {

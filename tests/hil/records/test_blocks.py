@@ -21,7 +21,7 @@ from hil.blocks import BLOCKS, BlockWriter, DamagedBlock, FieldMeaning, read_raw
 from hil.files import PARTIAL, RealDisk, write_durably
 from hil.journal import SqliteJournal
 from hil.verify import verify_night
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 
 Do = Callable[[SqliteJournal, Step, VirtualClock], None]

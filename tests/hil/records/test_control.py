@@ -22,9 +22,9 @@ from hil.journal_schema import COUNTED_TABLES
 from hil.night import NightOutcome, resume_night, start_night
 from hil.status import night_status
 from hil.verify import verify_night
-from procedures.control import RequestKind
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.progress import Silent, Snapshot
+from procedures.requests import RequestKind
 
 SWEEP = """
 title: One short self-calibration

@@ -15,7 +15,7 @@ from hil import journal_schema
 from hil.errors import InputError
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_records import Night, to_json
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 
 Do = Callable[[SqliteJournal, Step, VirtualClock], None]

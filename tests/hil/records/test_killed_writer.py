@@ -20,7 +20,7 @@ from hil.journal import SqliteJournal
 from hil.journal_records import Night
 from hil.lock import living_owner
 from hil.verify import verify_night
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 
 _STEPS = 4000
@@ -33,7 +33,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from drivers.imu import SampleBlock
 from hil.journal import SqliteJournal
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 
 with SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock(), who="child") as journal:
     done = journal.completed()

@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.lock import FolderLock
 from hil.status import STALE_AFTER_S, night_status
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan
 
 Do = Callable[[SqliteJournal, object, VirtualClock], None]

@@ -15,7 +15,7 @@ from hil.errors import InputError
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_schema import COUNTED_TABLES
 from hil.verify import verify_night
-from procedures.journal import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, StepKind
 
 

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 from drivers.errors import DeviceError
 from procedures.interlocks import InterlockTripped
-from procedures.journal import Outcome
+from procedures.journal_protocol import Outcome
 from procedures.stop import StopRequested
 
 
