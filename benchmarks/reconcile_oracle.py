@@ -17,9 +17,9 @@ from scipy import stats
 from benchmarks.blind.cases import Noise, base_columns, make_case, noise_covariance, write_case
 from benchmarks.blind.jobs import SETTINGS, SIZES, visible
 from benchmarks.blind.night import Design
-from hil.campaign_reader import read_campaign
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
+from hil.campaign.reader import read_campaign
 from hil.model import load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile.problem import pose
 
 _ALPHA, _SAME, _LEAST_KEPT = 0.05, 0.95, 0.04

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hil.equation import Orientation
+from hil.model.equation import Orientation
 from hil.solver import Solution, solve
 
 SOLVES = 100_000

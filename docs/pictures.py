@@ -17,7 +17,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, sync_playwright
 
 from hil.cli.app import run as hil
-from hil.config.files import find_config
+from hil.files.strict import find_config
 
 PICTURES = Path(__file__).parent / "pictures"
 PLOTS = (

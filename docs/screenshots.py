@@ -18,7 +18,7 @@ import yaml
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
-from hil.config.files import find_config
+from hil.files.strict import find_config
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 64  # enough for a page of few colours, and a third of the size

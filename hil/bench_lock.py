@@ -18,7 +18,7 @@ from pathlib import Path
 
 from hil.config import Bench
 from hil.config.ports import SIMULATED_SCHEME
-from hil.lock import LockFile, Owner
+from hil.files.lock import LockFile, Owner
 
 _RUNTIME = Path("/run/lock")
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from hil.errors import InputError
-from hil.files import Disk, RealDisk, remove_partials, write_durably
+from hil.files.durable import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
 BLOCKS = "blocks"

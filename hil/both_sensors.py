@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray
-from hil.linear_forms import MATRIX_6, PER_G, RATE
+from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.repeats import runs_by_temperature
 from hil.scatter import Interval, correlation_interval
 from hil.solve import RunSolution, solve_campaign

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hil.budget_sources import Scene, Source
 from hil.campaign import FloatArray
-from hil.linear_forms import LinearForm
+from hil.model.forms import LinearForm
 from hil.solve import OBSERVABLE
 from hil.solver import solve
 

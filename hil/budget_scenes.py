@@ -18,11 +18,11 @@ from hil.budget_sources import Scene, Source, sources
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
-from hil.effects.base import Base
-from hil.effects.geometry import local_frame
 from hil.errors import InputError
-from hil.linear_forms import LinearForm, default_form
 from hil.model import Model, load_model
+from hil.model.effects.base import Base
+from hil.model.effects.geometry import local_frame
+from hil.model.forms import LinearForm, default_form
 from hil.planned import planned_conditions
 from hil.solve import OBSERVABLE, stated_noise
 from hil.solver import solve

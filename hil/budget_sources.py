@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from hil.campaign import Conditions, FloatArray
 from hil.config.uncertainty import UncertaintySection
-from hil.effects.base import Base
+from hil.model.effects.base import Base
 
 _STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
 

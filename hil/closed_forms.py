@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hil.equation import FloatArray
+from hil.campaign import FloatArray
 
 
 def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:

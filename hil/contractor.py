@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign import Collects, FloatArray, IntArray
-from hil.linear_forms import collins_4_form
+from hil.model.forms import collins_4_form
 from hil.solver import solve
 
 METHOD = "GS from Collects 1 and 2, bias from Collect 3, MU taken as zero: eqs. (A-13)-(A-16)"

@@ -23,10 +23,10 @@ from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder,
 from drivers.frames.counts import StreamCounts
 from drivers.frames.fields import FieldDescription
 from drivers.frames.layout import FloatArray
-from hil.config.files import find_config
 from hil.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
-from hil.files import PARTIAL, RealDisk
+from hil.files.durable import PARTIAL, RealDisk
+from hil.files.strict import find_config
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -17,7 +17,7 @@ import numpy as np
 from drivers.frames import DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import CounterDescription
-from hil.config.files import config_folders
+from hil.files.strict import config_folders
 
 _LOOK = 1 << 16  # bytes from the beginning of a file that are tried with other descriptions
 _FEW = 20  # frames from which on a counter's habit can be told

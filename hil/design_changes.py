@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.effects.geometry import local_frame
-from hil.effects.history import collect_interval_s, joined
+from hil.model.effects.geometry import local_frame
+from hil.model.effects.history import collect_interval_s, joined
 
 
 @dataclass(frozen=True)

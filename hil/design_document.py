@@ -12,11 +12,11 @@ from typing import Any
 import yaml
 
 from hil.config.bench import Bench
-from hil.config.files import parse_yaml
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
 from hil.design_search import Candidate, Goal, Proposal
 from hil.errors import InputError
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
+from hil.files.strict import parse_yaml
 
 SCHEMA = "hil.design/1"
 

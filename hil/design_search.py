@@ -23,11 +23,11 @@ from hil.budget_sources import Scene, sources
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
-from hil.config.units import RATE, to_number
 from hil.design_sequences import Worth, palindromes, scene_of, sequence_worth, sequences
 from hil.errors import InputError
-from hil.linear_forms import LinearForm, default_form
+from hil.files.units import RATE, to_number
 from hil.model import Model, load_model
+from hil.model.forms import LinearForm, default_form
 from procedures.plan import make_plan
 
 DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)

@@ -22,8 +22,8 @@ import numpy as np
 from hil.budget_sources import Scene
 from hil.campaign import Conditions, FloatArray
 from hil.config.bench import Bench
-from hil.linear_forms import LinearForm
 from hil.model import Model
+from hil.model.forms import LinearForm
 from hil.solve import OBSERVABLE
 from hil.solver import solve
 from hil.visibility import base_values

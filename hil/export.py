@@ -19,9 +19,9 @@ import numpy as np
 
 from hil.blocks import SAMPLES, Block, Samples, read_samples
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
-from hil.campaign_writer import SeriesFormat, write_campaign
+from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.config import Bench
-from hil.configuration import bench_of_record
+from hil.config.recorded import bench_of_record
 from hil.damage import LostBlock, lost_blocks
 from hil.errors import InputError
 from hil.journal_reader import JournalReader, reading

@@ -24,7 +24,7 @@ from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKin
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
 from hil.config.faults import Fault
-from hil.files import Disk, RealDisk
+from hil.files.durable import Disk, RealDisk
 from hil.twin.devices import SimulatedBench
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot

@@ -29,10 +29,10 @@ from drivers.clock import Clock, SystemClock
 from hil import journal_schema
 from hil.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
 from hil.errors import InputError
-from hil.files import Disk, RealDisk
+from hil.files.durable import Disk, RealDisk
+from hil.files.lock import FolderLock
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.journal_records import Night, result_digest, step_row, to_json
-from hil.lock import FolderLock
 from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
@@ -47,7 +47,7 @@ Listener = Callable[[str, Mapping[str, Any]], None]
 
 
 class SqliteJournal(JournalReader):
-    """A journal that is written: `procedures.journal_protocol.Journal`, durable. Belongs to one thread of one controller."""
+    """A journal that is written: `procedures`' `Journal`, durable. Belongs to one thread of one controller."""
 
     def __init__(
         self,

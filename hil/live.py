@@ -27,7 +27,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SensorChannels
 from drivers.imu.samples import rate_fields
-from hil.files import PARTIAL
+from hil.files.durable import PARTIAL
 from hil.heartbeat import Heartbeat
 from hil.journal_records import to_json
 from procedures.plan import Step

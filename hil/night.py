@@ -38,16 +38,16 @@ from hil.bench import LiveBench, build_bench
 from hil.bench_lock import bench_lock
 from hil.blocks import FieldMeaning
 from hil.config import Bench, Sweep, check_sweep_against_bench
-from hil.configuration import configuration_of, configuration_text
+from hil.config.recorded import configuration_of, configuration_text
 from hil.damage import damaged_self_calibrations
 from hil.errors import InputError
-from hil.files import PARTIAL, RealDisk, make_folders, remove_folders
+from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
+from hil.files.lock import FolderLock
 from hil.heartbeat import HeartbeatFile
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import reading
 from hil.journal_records import Night
 from hil.live import LiveFiles
-from hil.lock import FolderLock
 from hil.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night_words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.notify import LAST_WORDS_S

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.equation import FloatArray
+from hil.campaign import FloatArray
 
 LEAK = 1e-4
 """A parameter counts as known where an unseen combination of size 100 moves it by less than 0.01 deg/hr.

@@ -16,7 +16,7 @@ import numpy as np
 
 from hil.blocks import Block, read_samples
 from hil.campaign import Campaign, FloatArray
-from hil.campaign_reader import HEADER_FILE, read_campaign, read_series
+from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
 from hil.export import samples_by_collect
 from hil.journal_reader import JOURNAL_NAME

@@ -18,7 +18,7 @@ import numpy as np
 
 from hil.audit.printed import check_sizes, check_units, find_table
 from hil.campaign import Campaign, Collects, Conditions, Sensor
-from hil.collects_table import ABSOLUTE_ZERO_DEGC, Table
+from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
 
 _COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")

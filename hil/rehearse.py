@@ -29,9 +29,9 @@ import yaml
 from hil.bench import LiveBench
 from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench
 from hil.config.faults import Fault
-from hil.config.files import parse_yaml
 from hil.errors import InputError
 from hil.export import campaign_of_night
+from hil.files.strict import parse_yaml
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.night import NightOutcome, resume_night, start_night
 from hil.random_faults import draw_faults

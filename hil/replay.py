@@ -31,7 +31,7 @@ from hil.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, rea
 from hil.campaign import Campaign, Collects
 from hil.closed_port import ClosedPort
 from hil.config.frames import load_frames
-from hil.configuration import configuration_of
+from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.export import campaign_of_night
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly

@@ -23,11 +23,11 @@ import numpy as np
 from hil.audit import Audit, audit_table
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
-from hil.config.units import TEMPERATURE, to_number
 from hil.contractor import report_collects
-from hil.equation import RD_GC_86_1_SENSOR_2
 from hil.errors import InputError
-from hil.linear_forms import MATRIX_6
+from hil.files.units import TEMPERATURE, to_number
+from hil.model.equation import RD_GC_86_1_SENSOR_2
+from hil.model.forms import MATRIX_6
 from hil.repeats import runs_by_temperature
 
 SCHEMA = "hil.reproduction/1"

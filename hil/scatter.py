@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, f
 
-from hil.equation import FloatArray
+from hil.campaign import FloatArray
 
 HYPOTHESES: Mapping[str, str] = {
     "white": "white noise within the collects",

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from hil.audit import audit_table
 from hil.audit.printed import TABLE_1
-from hil.config.units import TEMPERATURE, to_number
 from hil.errors import InputError
+from hil.files.units import TEMPERATURE, to_number
 from hil.scatter import ScatterSignature, repeats_of_sigmas
 from hil.scatter_sources import signatures_by_channel
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.linear_forms import MATRIX_6, matrix_6_form
+from hil.model.forms import MATRIX_6, matrix_6_form
 from hil.repeats import runs_by_temperature
 from hil.scatter import QUIET_COLLECT_DEG_PER_HR, Repeats, ScatterSignature, scatter_signature
 from hil.solve import OBSERVABLE, stated_noise

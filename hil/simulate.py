@@ -26,11 +26,11 @@ from drivers.clock import SystemClock
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
 from hil.config.bench import Bench, parse_bench
-from hil.config.files import parse_yaml
 from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.faults import FaultInjector
+from hil.files.strict import parse_yaml
 from hil.twin.devices import SimulatedBench, simulate_devices
 
 SCHEMA = "hil.simulate/1"

@@ -20,7 +20,7 @@ from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.contractor import METHOD, can_follow, solve_as_contractor
-from hil.linear_forms import LinearForm, default_form, named_form
+from hil.model.forms import LinearForm, default_form, named_form
 from hil.solver import solve
 from procedures.verdict import Judgement, Verdict
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hil.equation import FloatArray
+from hil.campaign import FloatArray
 from hil.observability import Observability, describe, directions_seen
 
 RANK_TOLERANCE = 1e-9

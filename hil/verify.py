@@ -19,7 +19,7 @@ import numpy as np
 
 from hil.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
 from hil.errors import InputError
-from hil.files import PARTIAL
+from hil.files.durable import PARTIAL
 from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.journal_records import Attempt, BlockRow
 from hil.status import missing_in_words

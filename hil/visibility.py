@@ -17,8 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.effects.base import Base, Effect, Parameter, flattened
-from hil.effects.catalogue import askable
 from hil.effects.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
@@ -30,8 +28,10 @@ from hil.effects.identifiability import (
     visible,
     whitener,
 )
-from hil.linear_forms import default_form, mu_columns, named_form
 from hil.model import Model
+from hil.model.effects.base import Base, Effect, Parameter, flattened
+from hil.model.effects.catalogue import askable
+from hil.model.forms import default_form, mu_columns, named_form
 
 _MOST_SHAPES = 12  # of an effect's grid, evenly chosen: a map needs no finer search
 _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}

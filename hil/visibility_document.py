@@ -15,8 +15,8 @@ from hil.campaign import Campaign, Conditions, FloatArray
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design_value import improvements
-from hil.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model import Model
+from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.planned import planned_conditions
 from hil.visibility import NoiseLevel, Sight, Sights, visibility
 from procedures.plan import make_plan

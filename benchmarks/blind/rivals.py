@@ -40,9 +40,9 @@ class Library:
 
 def library(folder: Path, case: Case, model: str) -> Library:
     """Stack RA over RB, project the base out of everything."""
-    from hil.campaign_reader import read_campaign
-    from hil.effects.catalogue import EFFECTS
+    from hil.campaign.reader import read_campaign
     from hil.model import load_model
+    from hil.model.effects.catalogue import EFFECTS
     from hil.reconcile.problem import pose
 
     problem = pose(read_campaign(folder), load_model(model), EFFECTS)
@@ -162,7 +162,7 @@ def _reproduces(given: Library, name: str, k: int) -> bool:
 
 def compare(job: Job) -> dict[str, tuple[bool, bool, bool]]:
     """One case, everybody's answer."""
-    from hil.campaign_reader import read_campaign
+    from hil.campaign.reader import read_campaign
     from hil.reconcile import reconcile
 
     case = make_case(job.seed, job.hidden, job.d, model=job.model, design=job.design, noise=job.noise)

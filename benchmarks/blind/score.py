@@ -45,7 +45,7 @@ AGAIN = "measured again as advised"
 
 def reconcile_job(job: Job) -> dict[str, Any]:
     """Make the case, write it, read it, reconcile it; return the document, with what the truth says of it."""
-    from hil.campaign_reader import read_campaign
+    from hil.campaign.reader import read_campaign
     from hil.reconcile import reconcile
 
     with tempfile.TemporaryDirectory() as scratch:

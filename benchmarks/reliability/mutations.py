@@ -15,7 +15,7 @@ import hil.blocks
 import hil.files
 import hil.journal
 from hil import journal_schema
-from hil.files import Disk, RealDisk
+from hil.files.durable import Disk, RealDisk
 from hil.journal import SqliteJournal
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step

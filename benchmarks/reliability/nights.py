@@ -21,7 +21,7 @@ import yaml
 
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
 from hil.export import campaign_of_night
-from hil.files import PARTIAL
+from hil.files.durable import PARTIAL
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.log import LOG_NAME
 from hil.night import resume_night, start_night

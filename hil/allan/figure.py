@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from hil.allan.document import TERMS, AllanResult
 from hil.allan.fit import SLOPES
-from hil.plot_file import SETTINGS, save_figure
+from hil.files.figure import SETTINGS, save_figure
 
 _LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
 

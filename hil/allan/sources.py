@@ -22,10 +22,10 @@ import pyarrow.parquet
 from hil.allan.stretches import Recording, cut, recording, sampling_interval
 from hil.blocks import Block, read_samples
 from hil.campaign import Campaign, FloatArray
-from hil.campaign_reader import HEADER_FILE, read_campaign, read_series
-from hil.config.units import RATE, to_number
+from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
 from hil.export import samples_by_collect
+from hil.files.units import RATE, to_number
 from hil.journal_reader import JOURNAL_NAME
 
 _TIMES = ("t_s", "time_s")

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.collects_table import Table
-from hil.config.files import config_folders
+from hil.campaign.table import Table
 from hil.errors import InputError
+from hil.files.strict import config_folders
 
 TABLE_1, TABLE_A1 = "table-1", "table-a1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))

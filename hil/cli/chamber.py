@@ -70,7 +70,7 @@ def chamber(
 
 def _target(given: str | None, bench: Bench) -> float:
     """Return the temperature in °C; raise `InputError` where it is none, or outside the limits."""
-    from hil.config.units import TEMPERATURE, to_number
+    from hil.files.units import TEMPERATURE, to_number
 
     if given is None:
         raise InputError("set needs a temperature, such as: hil chamber BENCH set '-20 degC'")

@@ -53,8 +53,8 @@ def allan(
     from hil.allan.document import analyse
     from hil.allan.figure import write_figure
     from hil.allan.sources import read_recording
-    from hil.config.units import FREQUENCY, RATE, TIME, to_number
-    from hil.plot_file import check_name
+    from hil.files.figure import check_name
+    from hil.files.units import FREQUENCY, RATE, TIME, to_number
 
     if out is not None:
         check_name(out)
@@ -194,7 +194,7 @@ def thermal(
     as_json: JsonFlag = False,
 ) -> None:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
-    from hil.config.units import DIFFERENCE, to_number
+    from hil.files.units import DIFFERENCE, to_number
     from hil.thermal import fit_thermal
     from hil.thermal.document import thermal_document
     from hil.thermal.files import write_thermal

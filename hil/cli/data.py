@@ -18,7 +18,7 @@ Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's fo
 
 def read_source(source: Path) -> Campaign:
     """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
-    from hil.campaign_reader import HEADER_FILE, read_campaign
+    from hil.campaign.reader import HEADER_FILE, read_campaign
     from hil.export import campaign_of_night
     from hil.journal_reader import JOURNAL_NAME
 
@@ -43,7 +43,7 @@ def solve(
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
     from hil.both_sensors import common_and_differential
-    from hil.linear_forms import MODEL_NAMES
+    from hil.model.forms import MODEL_NAMES
     from hil.scatter_sources import campaign_signatures, overall
     from hil.solve import judged_as_measured, solution_document, solve_campaign
 
@@ -131,7 +131,7 @@ def import_table(
     out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
 ) -> None:
     """Make a campaign folder from a published table of parameters, as printed, flags kept."""
-    from hil.campaign_writer import write_campaign
+    from hil.campaign.writer import write_campaign
     from hil.published_table import read_published_table
 
     campaign = read_published_table(table)

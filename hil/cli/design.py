@@ -69,7 +69,7 @@ def budget(
 def _bench_of(folder: Path) -> Any:
     """Return the bench that a night was recorded on, else the simulated one."""
     from hil.config import load_bench
-    from hil.configuration import bench_of_record
+    from hil.config.recorded import bench_of_record
     from hil.journal_reader import JOURNAL_NAME, reading
 
     if not (folder / JOURNAL_NAME).is_file():
@@ -177,9 +177,9 @@ def design(
 ) -> None:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep
-    from hil.config.units import TIME, to_number
     from hil.design_document import check_new, design_document, write_sweep
     from hil.design_search import Goal, parse_target, propose
+    from hil.files.units import TIME, to_number
 
     base, its_bench = load_sweep(sweep), load_bench(bench)
     if out is not None:

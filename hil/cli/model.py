@@ -112,7 +112,7 @@ def visibility(
 
 def effects(as_json: JsonFlag = False) -> None:
     """List the catalogue: every effect that the twin can simulate and reconcile can name."""
-    from hil.effects.pages import effects_document
+    from hil.model.effects.pages import effects_document
 
     document = effects_document()
     if as_json:

@@ -176,7 +176,7 @@ def _confirmed() -> bool:
 
 def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: WithWatchdog = True) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
-    from hil.configuration import bench_of_record
+    from hil.config.recorded import bench_of_record
     from hil.journal_reader import open_readonly
     from hil.night import resume_night
 

@@ -38,8 +38,8 @@ def series(
     ] = None,
 ) -> None:
     """Draw the samples of one collect, their short means, and the average that was taken of them."""
+    from hil.files.figure import check_name, save_figure
     from hil.plot import collect_series, draw_series
-    from hil.plot_file import check_name, save_figure
 
     check_name(out)
     found = collect_series(source, sensor=sensor, collect=collect, run=run, position=position)
@@ -52,8 +52,8 @@ def temperatures(
     out: Out,
 ) -> None:
     """Draw chamber and unit temperature through a night, with soaks, collects and events."""
+    from hil.files.figure import check_name, save_figure
     from hil.plot import draw_temperatures
-    from hil.plot_file import check_name, save_figure
 
     check_name(out)
     save_figure(draw_temperatures(folder), out)
@@ -62,8 +62,8 @@ def temperatures(
 
 def parameters(source: Source, out: Out, sensor: OfSensor = None) -> None:
     """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
+    from hil.files.figure import check_name, save_figure
     from hil.plot import draw_parameters
-    from hil.plot_file import check_name, save_figure
 
     check_name(out)
     campaign = read_source(source)
@@ -87,7 +87,7 @@ def allan(
     from hil.allan.document import analyse
     from hil.allan.figure import write_figure
     from hil.allan.sources import read_recording
-    from hil.plot_file import check_name
+    from hil.files.figure import check_name
 
     check_name(out)
     write_figure(analyse(read_recording(source, channel=channel, sensor=sensor, collect=collect)), out)

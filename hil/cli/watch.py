@@ -13,10 +13,10 @@ from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel
+from hil.files.lock import living_owner
 from hil.heartbeat import read_heartbeat
 from hil.journal_reader import reading
 from hil.live import age_s, read_live, snapshot_of
-from hil.lock import living_owner
 from hil.status import night_status
 from procedures.plan import Step
 from procedures.progress import Snapshot

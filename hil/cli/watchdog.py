@@ -41,7 +41,7 @@ def watchdog(
     could not: then somebody must go to the chamber.
     """
     from hil.config import load_bench
-    from hil.configuration import configuration_of
+    from hil.config.recorded import configuration_of
     from hil.journal_reader import open_readonly
     from procedures.stop import StopRequest
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hil.config.bench import Bench, load_bench, parse_bench
-from hil.config.files import find_config
 from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, load_sweep, parse_sweep
+from hil.files.strict import find_config
 
 __all__ = [
     "Bench",

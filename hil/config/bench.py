@@ -22,17 +22,17 @@ from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, Privat
 from hil.campaign import Sensor
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
-from hil.config.files import Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
 from hil.config.settings import to_settings
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
-from hil.config.units import Degrees, Gravities, Hertz, Seconds
-from hil.earth import Site
-from hil.equation import Orientation
 from hil.errors import InputError
+from hil.files.strict import Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.files.units import Degrees, Gravities, Hertz, Seconds
+from hil.model.earth import Site
+from hil.model.equation import Orientation
 from procedures.settings import InterlockSettings, Polling
 
 

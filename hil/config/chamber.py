@@ -11,9 +11,9 @@ from drivers.chambers import CHAMBER_DRIVERS, SafeState
 from drivers.chambers.catalogue import SerialLine
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
-from hil.config.files import Section, validated_inside
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
-from hil.config.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
+from hil.files.strict import Section, validated_inside
+from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
 
 
 def _off_is_a_word(value: object) -> object:

@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from hil.config.files import Section, near
-from hil.config.units import DIFFERENCE, TEMPERATURE, TIME, Kind, to_number
+from hil.files.strict import Section, near
+from hil.files.units import DIFFERENCE, TEMPERATURE, TIME, Kind, to_number
 
 Device = Literal["imu", "chamber", "disk", "clock", "operator", "controller"]
 

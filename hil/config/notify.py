@@ -11,7 +11,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from hil.config.files import Section
+from hil.files.strict import Section
 
 Topic = Literal["started", "needs-you", "fault", "finished"]
 _EVERYTHING: tuple[Topic, ...] = ("started", "needs-you", "fault", "finished")

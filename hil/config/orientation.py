@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hil.config.units import ANGLE, to_number
-from hil.equation import FloatArray, Orientation
+from hil.campaign import FloatArray
+from hil.files.units import ANGLE, to_number
+from hil.model.equation import Orientation
 
 _FORMS = "{A: -1, B: +2, S: +3}, {from: '3', rotate: -90 deg, about: 2} or {matrix: [[…], […], […]]}"
 

@@ -11,15 +11,8 @@ from typing import Any, TypeVar, get_type_hints
 
 from pydantic import create_model
 
-from hil.config.files import Section, validated_inside
-from hil.config.units import (
-    Celsius,
-    CelsiusDifference,
-    CelsiusPerMinute,
-    DegreesPerHourPerMinute,
-    Gravities,
-    Seconds,
-)
+from hil.files.strict import Section, validated_inside
+from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, DegreesPerHourPerMinute, Gravities, Seconds
 
 _BY_SUFFIX: Mapping[str, Any] = {
     "_deg_per_hr_per_min": DegreesPerHourPerMinute,

@@ -8,9 +8,9 @@ from pydantic import BeforeValidator, Field, NonNegativeInt
 
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.faults import FaultWindow
-from hil.config.files import Section
 from hil.config.settings import to_settings
-from hil.config.units import (
+from hil.files.strict import Section
+from hil.files.units import (
     Celsius,
     CelsiusDifference,
     CelsiusPerMinute,

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, PrivateAttr
 
 from hil.config.bench import Bench
-from hil.config.files import Section, find_config, near, parse_yaml, read_text, validated
 from hil.config.settings import to_settings
-from hil.config.units import Celsius, CelsiusPerMinute
 from hil.errors import InputError
+from hil.files.strict import Section, find_config, near, parse_yaml, read_text, validated
+from hil.files.units import Celsius, CelsiusPerMinute
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 

@@ -6,15 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from hil.config.files import Section
-from hil.config.units import (
-    BiasPerDegree,
-    Degrees,
-    DegreesPerHour,
-    DegreesPerHourPerMinute,
-    Gravities,
-    RandomWalk,
-)
+from hil.files.strict import Section
+from hil.files.units import BiasPerDegree, Degrees, DegreesPerHour, DegreesPerHourPerMinute, Gravities, RandomWalk
 
 
 class UncertaintySection(Section):

@@ -14,9 +14,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hil.campaign import FloatArray
 
 _FIRST_WIDTH_S = 1.0
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.effects.base import flattened
+from hil.model.effects.base import flattened
 
 RANK_TOLERANCE = 1e-8
 """Directions weaker than this fraction of an effect's own norm are numerical noise, not columns."""

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hil.campaign import Collects, Conditions, FloatArray, IntArray
-
-BoolArray = NDArray[np.bool_]
+from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
 _STATION_WIDTH_DEGC = 4.0  # temperatures closer than this belong to one setpoint

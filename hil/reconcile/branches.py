@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.effects.base import Effect
 from hil.model import Model
+from hil.model.effects.base import Effect
 from hil.reconcile.blocks import is_repeated
 from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, log_evidence, may_differ
 from hil.reconcile.evidence import pruned

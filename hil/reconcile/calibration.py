@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
-from hil.linear_forms import LinearForm
 from hil.model import Model
+from hil.model.forms import LinearForm
 from hil.reconcile.blocks import Block, independent_columns, stations
 from hil.reconcile.evidence import BlockEvidence
 from hil.reconcile.likelihood import NoiseTable

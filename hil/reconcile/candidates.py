@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter
-from hil.effects.drivers import driver_values, expressible, position_is
-from hil.effects.history import joined
-from hil.linear_forms import RATE
+from hil.model.effects.base import Base, Effect, Parameter
+from hil.model.effects.followed import driver_values, expressible, position_is
+from hil.model.effects.history import joined
+from hil.model.forms import RATE
 from hil.reconcile.blocks import stations
 
 _TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base
-from hil.effects.history import joined
+from hil.model.effects.base import Base
+from hil.model.effects.history import joined
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.naming import Naming, Weighed
 from hil.reconcile.problem import SensorProblem

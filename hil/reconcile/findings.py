@@ -10,8 +10,9 @@ import numpy as np
 
 from drivers.clock import SystemClock
 from hil.campaign import Campaign, Conditions
-from hil.effects.base import Effect
-from hil.model import InsideCollects, Model
+from hil.model import Model
+from hil.model.effects.base import Effect
+from hil.model.model_file import InsideCollects
 from hil.reconcile.blocks import Block
 from hil.reconcile.branches import Step
 from hil.reconcile.exchanges import Exchange

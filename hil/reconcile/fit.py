@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import FloatArray
-from hil.reconcile.blocks import Block, BoolArray
+from hil.campaign import BoolArray, FloatArray
+from hil.reconcile.blocks import Block
 from hil.reconcile.hypotheses import Hypothesis, Unit
 from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.noise import covariances

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray, IntArray
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import BlockEvidence
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses

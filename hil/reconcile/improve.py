@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Conditions
-from hil.curve import Constant, Polynomial, Table, TableRows
-from hil.effects.drivers import driver_reference
-from hil.effects.empirical import empirical
-from hil.linear_forms import LinearForm, matrix_6_form, triad_12_form
 from hil.model import Model, Term
+from hil.model.curve import Constant, Polynomial, Table, TableRows
+from hil.model.effects.empirical import empirical
+from hil.model.effects.followed import driver_reference
+from hil.model.forms import LinearForm, matrix_6_form, triad_12_form
 from hil.reconcile.calibration import PerTemperatureForm
 from hil.reconcile.candidates import POWERS, Candidate
 from hil.reconcile.fit import Added, Fit

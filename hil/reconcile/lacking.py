@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
-from hil.effects.catalogue import effect_by_id
-from hil.effects.noise import power_cycles
+from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.noise import power_cycles
 from hil.reconcile.blocks import stations
 from hil.reconcile.naming import Naming, Weighed, with_rivals
 

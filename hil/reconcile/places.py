@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from hil.campaign import Conditions, FloatArray, IntArray
-from hil.reconcile.blocks import Block, BoolArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
+from hil.reconcile.blocks import Block
 from hil.reconcile.fit import Added, BlockNoise, Fit
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search import false_discovery

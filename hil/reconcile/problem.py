@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
-from hil.effects.base import Base, Effect
 from hil.errors import InputError
-from hil.linear_forms import LinearForm, named_form
 from hil.model import Model
+from hil.model.effects.base import Base, Effect
+from hil.model.forms import LinearForm, named_form
 from hil.reconcile.blocks import Block, independent_columns, is_repeated, sensor_blocks, stations
 from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block, BoolArray, independent_columns
+from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, Layout
 from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood

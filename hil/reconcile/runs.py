@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions, FloatArray, IntArray
-from hil.reconcile.blocks import Block, BoolArray, independent_columns
+from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
+from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.candidates import Candidate
 
 _LEAST_RUNS = 8

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hil.campaign import FloatArray
-from hil.effects.base import ShapeParameter
+from hil.model.effects.base import ShapeParameter
 from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.fit import Added, BlockNoise

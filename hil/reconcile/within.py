@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.campaign_reader import read_series
-from hil.effects.base import SeriesEffect, SeriesFinding
-from hil.effects.catalogue import effect_by_id
+from hil.campaign.reader import read_series
+from hil.model.effects.base import SeriesEffect, SeriesFinding
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.result import FoundEffect, Rival
 
 _LEAST_P = 1e-300

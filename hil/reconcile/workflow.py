@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.effects.base import Effect
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.errors import InputError
 from hil.model import Model, load_model
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
 from hil.reconcile.blocks import Block
 from hil.reconcile.branches import CERTAIN, Branch, Step, joined_columns, other_calibration, posed, pursue
 from hil.reconcile.calibration import ONE_SET

@@ -18,12 +18,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from hil.plot_file import SETTINGS
+from hil.campaign import FloatArray
+from hil.files.figure import SETTINGS
 from hil.report.night import NightContent
-
-FloatArray = NDArray[np.float64]
 
 LOOKS: dict[str, dict[str, Any]] = {
     "matrix": {"color": "#0072B2", "marker": "o", "linestyle": "-"},

@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
 from hil.report.against import Comparison, Difference
 from hil.report.content import ReportContent
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text

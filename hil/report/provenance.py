@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.campaign import Campaign
-from hil.campaign_reader import COLLECTS_FILE, HEADER_FILE
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
 from hil.journal_reader import JournalReader
 
 

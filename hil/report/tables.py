@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
 from hil.report.content import ReportContent
 
 TableFormat = Literal["csv", "parquet"]

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hil.campaign import Collects, FloatArray
-from hil.linear_forms import LinearForm
+from hil.model.forms import LinearForm
 from hil.solver import solve
 from hil.thermal.noise import RateNoise
 from hil.thermal.stations import Stations

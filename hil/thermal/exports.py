@@ -15,7 +15,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.errors import InputError
-from hil.linear_forms import bias_names
+from hil.model.forms import bias_names
 from hil.thermal.fit import ParameterFit, SensorFit
 
 RAD_PER_S = np.pi / 180.0 / 3600.0

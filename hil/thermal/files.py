@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hil.errors import InputError
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
 from hil.model import save_model
 from hil.thermal.document import thermal_document
 from hil.thermal.exports import ARDUPILOT_LEAST_RANGE_DEGC, ardupilot_parameters, px4_parameters

@@ -14,11 +14,11 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.errors import InputError
-from hil.linear_forms import MODEL_NAMES, LinearForm, default_form, named_form
-from hil.model import SCHEMA as MODEL_SCHEMA
 from hil.model import Model
+from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
+from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
+from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import OBSERVABLE
 from hil.solver import solve
 from hil.thermal.choice import FALSE_ALARM, Choice, choose

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hil.campaign import FloatArray
-from hil.equation import Orientation
+from hil.model.equation import Orientation
 
 Axes = Mapping[int, FloatArray]  # by sensor: its axes in the bench frame, one per row
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.model import SensorNoise
+from hil.model.model_file import SensorNoise
 from hil.twin.thermal import GRID_S
 
 _WHITE, _SLOW, _RUNS, _WANDER = 0, 1, 2, 3

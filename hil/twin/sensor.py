@@ -9,10 +9,11 @@ import numpy as np
 from drivers.frames.roles import SensorRole
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.curve import Constant
 from hil.errors import InputError
-from hil.linear_forms import bias_names
-from hil.model import Model, SensorNoise
+from hil.model import Model
+from hil.model.curve import Constant
+from hil.model.forms import bias_names
+from hil.model.model_file import SensorNoise
 from hil.twin.scatter import run_scatter
 
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.history import joined
+from hil.model.effects.history import joined
 from hil.twin.grid import CASE, ROTOR, SlowGrid
 from hil.twin.motion import Leg
 from hil.twin.sensor import SimulatedSensor

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base
-from hil.equation import RD_GC_86_1_SENSOR_2, Orientation
+from hil.model.effects.base import Base
+from hil.model.equation import RD_GC_86_1_SENSOR_2, Orientation
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})

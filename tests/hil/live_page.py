@@ -16,10 +16,10 @@ from typing import Any
 import uvicorn
 import yaml
 
-from hil.config.files import find_config
 from hil.dashboard.access import Access
 from hil.dashboard.server import create_app, listen
 from hil.dashboard.watcher import Watcher
+from hil.files.strict import find_config
 
 SWEEP: dict[str, Any] = {
     "title": "A short night",

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.campaign_reader import read_campaign
-from hil.earth import Site
-from hil.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.campaign.reader import read_campaign
+from hil.model.earth import Site
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import RunSolution, solve_campaign
 
 TRUTH = np.array([22.08, -37.83, 46.8, -19.8, -37.23, -7.53])

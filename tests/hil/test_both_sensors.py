@@ -9,8 +9,8 @@ import pytest
 
 from hil.both_sensors import BothSensors, common_and_differential
 from hil.campaign import Campaign, Collects, Conditions, Sensor
-from hil.earth import Site
-from hil.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.model.earth import Site
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 
 SITE = Site(34.6, 30.0)
 SIGNED = {

@@ -25,12 +25,13 @@ from hil.budget_sources import (
     Tilt,
     sources,
 )
-from hil.campaign import EARTH_RATE_DEG_PER_HR, Conditions, Sensor
+from hil.campaign import Conditions, Sensor
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.config.uncertainty import UncertaintySection
-from hil.earth import Site
-from hil.effects.base import Base
-from hil.equation import Orientation, rotor_matrix
-from hil.linear_forms import matrix_6_form
+from hil.model.earth import Site
+from hil.model.effects.base import Base
+from hil.model.equation import Orientation, rotor_matrix
+from hil.model.forms import matrix_6_form
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]

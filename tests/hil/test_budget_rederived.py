@@ -16,8 +16,8 @@ from hil.budget import analytic_share, error_budget, response
 from hil.budget_scenes import RunScene, planned_scenes
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
-from hil.curve import Constant
 from hil.model import Model, load_model
+from hil.model.curve import Constant
 
 Vector = np.ndarray
 SEQUENCE = ("1", "3", "2", "3", "1", "4")

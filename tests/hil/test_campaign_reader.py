@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.campaign_reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign, read_series
 from hil.errors import InputError
 
 YAML = """\

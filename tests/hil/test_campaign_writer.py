@@ -9,8 +9,8 @@ import pyarrow.parquet
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
-from hil.campaign_reader import read_campaign, read_series
-from hil.campaign_writer import SeriesFormat, write_campaign
+from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.errors import InputError
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})

@@ -20,7 +20,7 @@ from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports import Transport
 from hil.bench import build_bench, open_chamber
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
-from hil.configuration import configuration_of, configuration_text
+from hil.config.recorded import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.export import campaign_of_night
 from hil.night import start_night

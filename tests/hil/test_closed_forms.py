@@ -13,7 +13,7 @@ from hil.closed_forms import (
     matrix_solution,
     seven_biases,
 )
-from hil.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
+from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.solver import solve
 
 SEEDS = range(4)

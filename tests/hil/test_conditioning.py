@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.closed_forms import contractor_covariance, matrix_covariance
-from hil.earth import Site
+from hil.model.earth import Site
 from hil.solver import solve
 
 NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]

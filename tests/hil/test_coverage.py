@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hil.closed_forms import contractor_covariance, contractor_solution
-from hil.earth import Site
-from hil.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.model.earth import Site
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solver import Solution, solve
 
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")

@@ -25,10 +25,10 @@ from hil.dashboard.facts import NightFacts
 from hil.dashboard.watcher import MOST_NIGHTS, Watcher
 from hil.errors import InputError
 from hil.export import campaign_of_night
+from hil.files.lock import FolderLock
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.live import LIVE_NAME, LiveFiles
-from hil.lock import FolderLock
 from hil.night import start_night
 from hil.solve import solution_document, solve_campaign
 from procedures.progress import Silent, Snapshot

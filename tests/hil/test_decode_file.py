@@ -14,9 +14,9 @@ import pytest
 
 from drivers.frames import StreamDescription, encode, parse_description
 from hil import decode as decode_module
-from hil.config.files import config_folders
 from hil.decode import decode_file, load_frames_named
 from hil.errors import InputError
+from hil.files.strict import config_folders
 from hil.frames_check import explain_frames
 
 

@@ -19,11 +19,11 @@ from hil.config.bench import Bench
 from hil.design_document import design_document, sweep_text
 from hil.design_search import Goal, Proposal, parse_target, propose
 from hil.design_sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
-from hil.earth import Site
-from hil.equation import Orientation
 from hil.errors import InputError
-from hil.linear_forms import default_form
 from hil.model import load_model
+from hil.model.earth import Site
+from hil.model.equation import Orientation
+from hil.model.forms import default_form
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.campaign import EARTH_RATE_DEG_PER_HR
-from hil.earth import Site
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from hil.model.earth import Site
 
 LATITUDES = st.floats(-90.0, 90.0)
 HEADINGS = st.floats(-360.0, 360.0)

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.effects.base import Base, Described, Effect, VarianceEffect, flattened
-from hil.effects.catalogue import (
+from hil.effects.identifiability import orthonormal, project_out
+from hil.errors import InputError
+from hil.model.effects.base import Base, Described, Effect, VarianceEffect, flattened
+from hil.model.effects.catalogue import (
     BASE_EFFECTS,
     EFFECTS,
     FORM_EFFECTS,
@@ -24,10 +26,8 @@ from hil.effects.catalogue import (
     entries,
     why_not,
 )
-from hil.effects.empirical import empirical
-from hil.effects.identifiability import orthonormal, project_out
-from hil.errors import InputError
-from hil.linear_forms import named_form
+from hil.model.effects.empirical import empirical
+from hil.model.forms import named_form
 from tests.hil.effect_conditions import ROTOR, campaign, one_run, power_cycled, rotor_base, triad_base, triad_poses
 
 TWO_AXES = Sensor(3, ("X", "Y", "Z"), {"P": "Z", "Q": "X"})

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter, column, per_channel
-from hil.effects.catalogue import entries
-from hil.effects.pages import effects_document, family_pages, write_pages
+from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
+from hil.model.effects.catalogue import entries
+from hil.model.effects.pages import effects_document, family_pages, write_pages
 from tests.hil.effect_conditions import one_run
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_pages_in_the_docs_are_those_of_the_catalogue(tmp_path: Path) -> None:
-    """Written again they are the same, and none is left over: `python -m hil.effects.pages docs/effects`."""
+    """Written again they are the same, and none is left over: `python -m hil.model.effects.pages docs/effects`."""
     write_pages(tmp_path)
     written = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
     assert written == family_pages()

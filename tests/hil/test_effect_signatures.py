@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.effects.catalogue import effect_by_id
+from hil.model.effects.catalogue import effect_by_id
 from tests.hil.effect_conditions import TERMS, W, moved, one_run, rotor_base
 
 W1, W2, W3 = W

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.equation import RD_GC_86_1_SENSOR_2, Orientation, pickoff_rates, rotor_matrix
+from hil.model.equation import RD_GC_86_1_SENSOR_2, Orientation, pickoff_rates, rotor_matrix
 
 # Transcribed from the report by hand, independently of the code: (collect, channel) to the right-hand side.
 PRINTED = {

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from hil.effects.base import flattened
 from hil.effects.identifiability import (
     by_level,
     classes,
@@ -27,7 +26,8 @@ from hil.effects.identifiability import (
     visible,
     whitener,
 )
-from hil.linear_forms import mu_columns
+from hil.model.effects.base import flattened
+from hil.model.forms import mu_columns
 from tests.hil.effect_conditions import campaign
 
 EMPTY = np.zeros((6, 0))

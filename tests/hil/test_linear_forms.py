@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.equation import pickoff_rates, rotor_matrix
 from hil.errors import InputError
-from hil.linear_forms import (
+from hil.model.equation import pickoff_rates, rotor_matrix
+from hil.model.forms import (
     bias_columns,
     default_form,
     excites_every_axis,

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign import Campaign
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model_terms import solve_beside

@@ -12,13 +12,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.curve import Constant, Polynomial, Table, TableRows
-from hil.effects.base import Effect
-from hil.effects.catalogue import EFFECTS, effect_by_id
-from hil.effects.history import joined
-from hil.equation import pickoff_rates, rotor_matrix
 from hil.errors import InputError
 from hil.model import Model, Term, built_in_model, load_model, save_model
+from hil.model.curve import Constant, Polynomial, Table, TableRows
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import EFFECTS, effect_by_id
+from hil.model.effects.history import joined
+from hil.model.equation import pickoff_rates, rotor_matrix
 from tests.hil.effect_conditions import ROTOR, TERMS, TRIAD, campaign, one_run, power_cycled, triad_poses
 
 UNITS = {"BA": "deg/hr", "BB": "deg/hr"}

@@ -11,13 +11,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from benchmarks.blind.cases import make_case, write_case
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
 from hil.config import load_bench, parse_sweep
 from hil.export import campaign_of_night, export_campaign
+from hil.files.figure import save_figure
 from hil.night import start_night
 from hil.plot import collect_series, draw_parameters, draw_series, draw_temperatures
-from hil.plot_file import save_figure
 
 SWEEP = """
 title: One temperature

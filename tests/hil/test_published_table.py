@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hil.audit import audit_table
-from hil.campaign_reader import read_campaign
-from hil.campaign_writer import write_campaign
+from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 from hil.published_table import read_published_table
 from hil.solve import solve_campaign

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.effects.catalogue import EFFECTS
 from hil.model import load_model
+from hil.model.effects.catalogue import EFFECTS
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.problem import pose
 from tests.hil.hidden_effects import Hidden, Rows, both, hidden_campaign

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.effects.drivers import driver_values, expressible, position_is
 from hil.model import load_model
+from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.reconcile import reconcile
 from hil.reconcile.branches import posed
 from hil.reconcile.outliers import BEYOND_SCORES, find_outliers

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import load_model
 from hil.reconcile import Screen, reconcile, write_result

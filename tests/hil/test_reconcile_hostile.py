@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.effects.catalogue import effect_by_id
-from hil.effects.history import place_in_run
 from hil.model import load_model
+from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.branches import Branch, posed
 from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE

@@ -11,9 +11,9 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign
-from hil.campaign_reader import read_campaign
-from hil.effects.catalogue import SERIES_EFFECTS
+from hil.campaign.reader import read_campaign
 from hil.model import load_model, save_model
+from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.within import within_collects
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, FloatArray, Series
-from hil.effects.series import JumpInCollect, SettlingInCollect
+from hil.model.effects.series import JumpInCollect, SettlingInCollect
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.lacking import with_stand_ins
 from tests.hil.effect_conditions import ROTOR

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.jobs import EIGHT
-from hil.campaign_reader import read_campaign
-from hil.curve import Constant
+from hil.campaign.reader import read_campaign
 from hil.model import Model
+from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.page import page, write_result
 

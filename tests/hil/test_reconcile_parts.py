@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from hil.campaign import Conditions
-from hil.effects.drivers import driver_columns, driver_reference, driver_values
-from hil.effects.empirical import empirical
 from hil.errors import InputError
+from hil.model.effects.empirical import empirical
+from hil.model.effects.followed import driver_columns, driver_reference, driver_values
 from hil.reconcile.blocks import Block, independent_columns, sensor_blocks, stations
 from hil.reconcile.evidence import BlockEvidence
 from hil.reconcile.likelihood import NoiseTable

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.model import load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile import reconcile
 from hil.reconcile.page import summary
 from hil.reconcile.problem import pose

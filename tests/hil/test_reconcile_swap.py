@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions
-from hil.curve import Polynomial
 from hil.model import Model, load_model
+from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.branches import posed
 from hil.reconcile.exchanges import Exchange, as_labelled, exchanges

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.model import load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile.branches import posed
 from hil.reconcile.evidence import relevant_points
 from hil.reconcile.hypotheses import Layout, hypotheses

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign import Campaign, Collects
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
 from hil.report.against import Comparison, compare
 from hil.report.content import gather

@@ -12,10 +12,10 @@ import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.closed_forms import contractor_solution, seven_biases
-from hil.earth import Site
-from hil.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.errors import InputError
 from hil.model import load_model
+from hil.model.earth import Site
+from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.reproduction import Reproduction, reproduce
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})

@@ -11,7 +11,7 @@ import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.closed_forms import contractor_solution, matrix_solution
-from hil.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
+from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.scatter import (
     HYPOTHESES,
     NAMED,

@@ -8,9 +8,9 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from hil.campaign import FloatArray, Series
-from hil.effects.base import SeriesEffect
-from hil.effects.catalogue import SERIES_EFFECTS
-from hil.effects.series import (
+from hil.model.effects.base import SeriesEffect
+from hil.model.effects.catalogue import SERIES_EFFECTS
+from hil.model.effects.series import (
     Bursts,
     JumpInCollect,
     Lattice,

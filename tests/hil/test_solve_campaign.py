@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from hil.closed_forms import contractor_covariance, contractor_solution, matrix_covariance, matrix_solution
-from hil.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.errors import InputError
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import judge, solution_document, solve_campaign
 from procedures.verdict import Verdict
 from tests.hil.solved_campaigns import (

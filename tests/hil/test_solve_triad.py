@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
-from hil.campaign_reader import read_campaign
+from hil.campaign.reader import read_campaign
 from procedures.verdict import Verdict
 from tests.hil.solved_campaigns import TRIAD_YAML, Row, only, values_of, write
 

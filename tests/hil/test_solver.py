@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solver import solve
 
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")

@@ -25,11 +25,11 @@ from hil.cli.watchdog import WatchdogBeside
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
 from hil.control import request
 from hil.errors import InputError
+from hil.files.lock import LOCK_NAME, FolderLock, Owner, process_start
 from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
 from hil.journal import JOURNAL_NAME, SqliteJournal
 from hil.journal_reader import open_readonly
 from hil.journal_records import Night
-from hil.lock import LOCK_NAME, FolderLock, Owner, process_start
 from hil.night import start_night
 from hil.simulate import Simulation, client_bench, served
 from hil.status import night_status

@@ -13,8 +13,8 @@ from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, load_sweep, parse_bench
-from hil.config.files import config_folders
 from hil.config.frames import load_frames
+from hil.files.strict import config_folders
 
 _ROOT = Path(__file__).parents[2]
 _SIMULATED: dict[str, Any] = yaml.safe_load(load_bench("simulated").text)

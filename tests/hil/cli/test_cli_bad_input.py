@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hil.cli.ending import run_to_exit
-from hil.config import find_config
+from hil.files.strict import find_config
 from hil.journal import SqliteJournal
 
 

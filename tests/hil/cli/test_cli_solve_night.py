@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hil.campaign_header import read_header
-from hil.campaign_reader import read_campaign
+from hil.campaign.header import read_header
+from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.report.content import gather
 from procedures.verdict import Verdict

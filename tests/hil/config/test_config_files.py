@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.config import check_sweep_against_bench, find_config, load_bench, load_sweep
-from hil.config.files import config_folders, parse_yaml
+from hil.config import check_sweep_against_bench, load_bench, load_sweep
 from hil.errors import InputError
+from hil.files.strict import config_folders, find_config, parse_yaml
 from procedures.plan import StepKind, make_plan
 
 

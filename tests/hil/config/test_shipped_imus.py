@@ -9,7 +9,7 @@ import pytest
 
 from drivers.frames import load_description
 from drivers.frames.decoder import StreamDecoder
-from hil.config import find_config
+from hil.files.strict import find_config
 
 
 def test_the_stim300_description_gives_rates_in_deg_per_hr(reference: Path) -> None:

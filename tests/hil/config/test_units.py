@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.config.units import (
+from hil.files.units import (
     ACCELERATION,
     ANGLE,
     BIAS_SLOPE,

@@ -18,7 +18,7 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
 from hil.blocks import BLOCKS, BlockWriter, DamagedBlock, FieldMeaning, read_raw, read_samples
-from hil.files import PARTIAL, RealDisk, write_durably
+from hil.files.durable import PARTIAL, RealDisk, write_durably
 from hil.journal import SqliteJournal
 from hil.verify import verify_night
 from procedures.journal_protocol import Outcome, StepResult

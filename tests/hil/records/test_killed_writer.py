@@ -16,9 +16,9 @@ import pytest
 from drivers.clock import SystemClock
 from hil.blocks import RAW, SAMPLES, read_raw, read_samples
 from hil.errors import InputError
+from hil.files.lock import living_owner
 from hil.journal import SqliteJournal
 from hil.journal_records import Night
-from hil.lock import living_owner
 from hil.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind

@@ -15,11 +15,11 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.blocks import SAMPLES, read_samples
-from hil.campaign_reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign, read_series
 from hil.config import load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.export import campaign_of_night, export_campaign
-from hil.files import PARTIAL, RealDisk
+from hil.files.durable import PARTIAL, RealDisk
 from hil.journal import SqliteJournal
 from hil.log import NightLog
 from hil.night import resume_night, start_night

@@ -20,7 +20,7 @@ from hil.blocks import RAW, SAMPLES, Block, read_raw
 from hil.cli.app import run
 from hil.config import load_bench, parse_sweep
 from hil.errors import InputError
-from hil.files import RealDisk
+from hil.files.durable import RealDisk
 from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.night import resume_night, start_night
 from hil.replay import replay_night

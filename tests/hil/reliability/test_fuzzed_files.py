@@ -27,7 +27,8 @@ from drivers.clock import VirtualClock
 from drivers.errors import DeviceError
 from drivers.simulators.memory import MemoryTransport
 from hil.cli.app import run
-from hil.config import find_config, load_bench
+from hil.config import load_bench
+from hil.files.strict import find_config
 
 _JUNK: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 10**30, 0.5, math.nan, math.inf, "", " ", "x", "nan degC", "1e999 degC", "-300 degC"),

@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import SystemClock
 from hil.blocks import BLOCKS, BlockWriter
 from hil.config import load_bench, parse_bench, parse_sweep
-from hil.files import PARTIAL, RealDisk, make_folders
+from hil.files.durable import PARTIAL, RealDisk, make_folders
 from hil.night import start_night
 from hil.simulate import served
 from procedures.stop import StopRequest

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
-from hil.equation import RD_GC_86_1_SENSOR_2
-from hil.linear_forms import matrix_6_form, triad_12_form
+from hil.model.equation import RD_GC_86_1_SENSOR_2
+from hil.model.forms import matrix_6_form, triad_12_form
 
 Curve = Callable[[np.ndarray], np.ndarray]
 PUBLISHED_DEGC = (-29.7, -14.4, -6.8, 6.3, 23.4, 37.8, 48.9, 60.0)

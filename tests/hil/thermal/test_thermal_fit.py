@@ -12,11 +12,11 @@ import pytest
 from hil.audit.printed import find_table
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
-from hil.campaign_writer import write_campaign
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
-from hil.curve import Constant, Polynomial, Table
 from hil.errors import InputError
 from hil.model import load_model, save_model
+from hil.model.curve import Constant, Polynomial, Table
 from hil.model_terms import solve_beside
 from hil.published_table import read_published_table
 from hil.thermal import ThermalFit, fit_thermal

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
-from hil.campaign_writer import write_campaign
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.model import Model, load_model, save_model
 from hil.published_table import read_published_table

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign import EARTH_RATE_DEG_PER_HR, Collects
-from hil.campaign_header import Header
-from hil.collects_table import Table, rows_in_words
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, Collects
+from hil.campaign.header import Header
+from hil.campaign.table import Table, rows_in_words
 
 F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hil.campaign import SCHEMA, Sensor
+from hil.campaign.data import SCHEMA, Sensor
 from hil.errors import InputError
 from procedures.verdict import Judgement, Verdict
 

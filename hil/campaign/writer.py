@@ -1,4 +1,4 @@
-"""Write a campaign folder (schema hil.campaign/1) that `hil.campaign_reader` reads back as the same campaign.
+"""Write a campaign folder (schema hil.campaign/1) that `hil.campaign.reader` reads back as the same campaign.
 
     write_campaign(campaign, "my-campaign")
 
@@ -19,8 +19,8 @@ import pyarrow as pa
 import pyarrow.parquet
 import yaml
 
-from hil.campaign import SCHEMA, Campaign, Collects, FloatArray, Sensor, Series
-from hil.campaign_reader import (
+from hil.campaign.data import SCHEMA, Campaign, Collects, FloatArray, Sensor, Series
+from hil.campaign.reader import (
     COLLECTS_FILE,
     HEADER_FILE,
     IDENTITY,
@@ -32,7 +32,7 @@ from hil.campaign_reader import (
     w_columns,
 )
 from hil.errors import InputError
-from hil.files import PARTIAL, RealDisk
+from hil.files.durable import PARTIAL, RealDisk
 
 SeriesFormat = Literal["csv", "parquet"]
 

@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import (
-    Base,
-    Effect,
-    Parameter,
-    above_reference,
-    channel_labels,
-    required_base,
-)
+from hil.model.effects.base import Base, Effect, Parameter, above_reference, channel_labels, required_base
 
 MILLI = 1e-3
 PPM = 1e-6

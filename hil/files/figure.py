@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.errors import InputError
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

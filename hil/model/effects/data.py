@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
-from hil.effects.geometry import local_frame
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
+from hil.model.effects.geometry import local_frame
 
 ALL_RUNS = -1.0
 """Value of swap's shape parameter `run` that stands for the whole campaign."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import (
+from hil.model.effects.base import (
     Base,
     Effect,
     Parameter,
@@ -17,8 +17,8 @@ from hil.effects.base import (
     per_channel,
     required_base,
 )
-from hil.effects.history import averaged_decay, slew_since_previous
-from hil.effects.pickoff import turned_pair
+from hil.model.effects.history import averaged_decay, slew_since_previous
+from hil.model.effects.pickoff import turned_pair
 
 
 class IndexSettling(Effect):

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import (
+from hil.errors import InputError
+from hil.model.effects.base import (
     Base,
     Effect,
     Parameter,
@@ -17,8 +18,7 @@ from hil.effects.base import (
     per_channel,
     required_base,
 )
-from hil.effects.history import averaged_decay, loop_side, setpoint_step
-from hil.errors import InputError
+from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Base, Effect, Parameter, column, per_channel
+from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
 
 _RMS = "vibration_rms_g|vibration_g"
 

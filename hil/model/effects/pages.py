@@ -1,7 +1,7 @@
 """The catalogue for people and programs: the JSON document of `hil effects`, and a page per family for the docs.
 
 effects_document()                        # schema hil.effects/1
-python -m hil.effects.pages docs/effects  # write the pages again; a test compares them with the catalogue
+python -m hil.model.effects.pages docs/effects  # write the pages again; a test compares them with the catalogue
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil.effects.base import Described, Effect, Parameter, SeriesEffect, VarianceEffect
-from hil.effects.catalogue import entries
+from hil.model.effects.base import Described, Effect, Parameter, SeriesEffect, VarianceEffect
+from hil.model.effects.catalogue import entries
 
 _FAMILIES: Mapping[str, str] = {
     "thermal": "What temperature, its rate and its history do to the bias.",

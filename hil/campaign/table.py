@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign.data import FloatArray, IntArray
 from hil.errors import InputError
 
 ABSOLUTE_ZERO_DEGC = -273.15

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base, Effect, Parameter, VarianceEffect, above_reference, channel_labels, flattened
-from hil.linear_forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
+from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect, above_reference, channel_labels, flattened
+from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
 _MATRIX_TYPICAL = {"RLG": (0.0, 0.01), "FOG": (0.0, 0.01), "DTG": (0.5, 20.0), "MEMS": (10.0, 500.0)}
 

@@ -22,7 +22,8 @@ EARTH_RATE_DEG_PER_HR = 15.041067
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]
-RowIndex = NDArray[np.bool_] | IntArray
+BoolArray = NDArray[np.bool_]
+RowIndex = BoolArray | IntArray
 
 SCHEMA = "hil.campaign/1"
 
@@ -129,7 +130,7 @@ class Series:
 class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 
-    `series_files` says where the series of a collect stands, by collect number; `hil.campaign_reader.read_series` reads
+    `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series` reads
     one when it is needed. `verdicts` says how each run was measured, where whoever recorded the campaign said so.
     """
 

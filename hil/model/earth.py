@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import EARTH_RATE_DEG_PER_HR
-from hil.equation import FloatArray
+from hil.campaign import FloatArray
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 
 
 @dataclass(frozen=True)

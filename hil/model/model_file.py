@@ -20,14 +20,14 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from drivers.strict_yaml import first_mistake
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.config.files import find_config, parse_yaml, read_text
-from hil.curve import Curve
-from hil.effects.base import Base, Effect
-from hil.effects.catalogue import SERIES_EFFECTS, effect_by_id
-from hil.effects.history import joined
 from hil.errors import InputError
-from hil.files import RealDisk, write_durably
-from hil.linear_forms import (
+from hil.files.durable import RealDisk, write_durably
+from hil.files.strict import find_config, parse_yaml, read_text
+from hil.model.curve import Curve
+from hil.model.effects.base import Base, Effect
+from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.model.effects.history import joined
+from hil.model.forms import (
     MATRIX_6,
     MODEL_NAMES,
     PER_G,

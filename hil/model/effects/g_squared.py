@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base, Effect, Parameter, channel_labels, per_channel
+from hil.model.effects.base import Base, Effect, Parameter, channel_labels, per_channel
 
 _OTHER = {"FOG": (0.0, 0.01), "DTG": (0.01, 0.1), "MEMS": (0.1, 1.0)}
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import (
+from hil.model.effects.base import (
     REFERENCE_DEGC,
     Base,
     Effect,
@@ -19,7 +19,7 @@ from hil.effects.base import (
     median_of,
     per_channel,
 )
-from hil.effects.geometry import local_frame
+from hil.model.effects.geometry import local_frame
 
 EARTH_FIELD_G = 0.5
 DIP = np.deg2rad(62.0)

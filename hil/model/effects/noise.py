@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import (
+from hil.model.effects.base import (
     Base,
     Effect,
     Parameter,
@@ -18,7 +18,7 @@ from hil.effects.base import (
     column,
     per_channel,
 )
-from hil.effects.history import collect_interval_s, place_in_run
+from hil.model.effects.history import collect_interval_s, place_in_run
 
 _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter

@@ -16,16 +16,15 @@ from functools import cached_property
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
 from scipy.interpolate import PchipInterpolator
 
+from hil.campaign import FloatArray
 from hil.errors import InputError
 
 BEYOND_DEGC = 1.0
 """How far outside its range a fitted curve still answers: setpoints and thermometers repeat no better."""
-
-FloatArray = NDArray[np.float64]
 
 
 class _Entry(BaseModel):

@@ -18,10 +18,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
-from hil.campaign_header import Header, read_header
-from hil.campaign_warnings import F_LIMITS_G, suspicions
-from hil.collects_table import LARGEST, Table, rows_in_words
+from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.header import Header, read_header
+from hil.campaign.table import LARGEST, Table, rows_in_words
+from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
 
 HEADER_FILE = "campaign.yaml"

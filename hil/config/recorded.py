@@ -17,9 +17,9 @@ from typing import Any
 import yaml
 
 from hil.config import Bench, Sweep, parse_bench, parse_sweep
-from hil.config.files import parse_yaml, read_text
 from hil.errors import InputError
-from hil.files import RealDisk, write_durably
+from hil.files.durable import RealDisk, write_durably
+from hil.files.strict import parse_yaml, read_text
 
 SCHEMA = "hil.configuration/1"
 IMU_FILE, MODEL_FILE, CHAMBER_FILE = "imu.yaml", "model.yaml", "chamber.yaml"

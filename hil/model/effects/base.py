@@ -1,7 +1,7 @@
 """What an effect is: one small class that everything else uses.
 
 The twin simulates with it, the solver solves for it, reconcile searches over it, the report prints it. A model is a sum
-of effects. Adding one is a class with a docstring and a line in the catalogue (`hil.effects.catalogue`).
+of effects. Adding one is a class with a docstring and a line in the catalogue (`hil.model.effects.catalogue`).
 
     effect = effect_by_id("bias_Tdot")
     effect.missing(conditions)                   # () or ("dTdt_degC_per_min",): it cannot be asked about this data
@@ -25,7 +25,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor, Series
 from hil.errors import InputError
-from hil.linear_forms import bias_names
+from hil.model.forms import bias_names
 
 REFERENCE_DEGC = 25.0
 

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base, Effect, Parameter, ShapeParameter
-from hil.effects.drivers import driver_columns, driver_reference, driver_values
 from hil.errors import InputError
-from hil.linear_forms import LinearForm, constant_form, matrix_6_form, triad_12_form
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter
+from hil.model.effects.followed import driver_columns, driver_reference, driver_values
+from hil.model.forms import LinearForm, constant_form, matrix_6_form, triad_12_form
 
 PREFIX = "empirical:"
 EARTH_RATE = "w"
@@ -66,7 +66,7 @@ class EmpiricalTerm(Effect):
 
 
 def empirical(parameter: str, driver: str) -> EmpiricalTerm:
-    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `hil.effects.drivers`."""
+    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `hil.model.effects.followed`."""
     return EmpiricalTerm(parameter, driver)
 
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from hil.campaign import Conditions
-from hil.effects import (
+from hil.errors import InputError
+from hil.model.effects import (
     data,
     dynamics,
     electronics,
@@ -25,9 +26,8 @@ from hil.effects import (
     thermal,
     vibration,
 )
-from hil.effects.base import Base, Described, Effect, SeriesEffect, VarianceEffect
-from hil.effects.empirical import PREFIX, empirical_from_id
-from hil.errors import InputError
+from hil.model.effects.base import Base, Described, Effect, SeriesEffect, VarianceEffect
+from hil.model.effects.empirical import PREFIX, empirical_from_id
 
 BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
 """In every model, so never looked for."""

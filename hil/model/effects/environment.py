@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.base import Parameter, VarianceEffect, column
-from hil.effects.geometry import local_frame
+from hil.model.effects.base import Parameter, VarianceEffect, column
+from hil.model.effects.geometry import local_frame
 
 _TAU_S = 1800.0
 """Correlation time of pier and floor motion (heating, ventilation, people)."""

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.effects.base import Base, Effect, Parameter, required_base
-from hil.effects.geometry import local_frame, turned_about_index_axis
+from hil.model.effects.base import Base, Effect, Parameter, required_base
+from hil.model.effects.geometry import local_frame, turned_about_index_axis
 
 MILLI = 1e-3
 

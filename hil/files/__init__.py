@@ -1,0 +1,1 @@
+"""How text and bytes cross the border: strict YAML by name, units, durable writing, locks, figures."""
