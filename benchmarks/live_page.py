@@ -18,9 +18,9 @@ import numpy as np
 from drivers.clock import SystemClock, VirtualClock
 from drivers.imu import SensorChannels
 from hil.dashboard.watcher import Watcher
-from hil.journal import SqliteJournal
-from hil.journal_records import Night
-from hil.live import TRACE_NAME, LiveFiles, trace_columns
+from hil.records import SqliteJournal
+from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
+from hil.records.rows import Night
 from procedures.plan import Step, make_plan
 from procedures.progress import Snapshot
 from procedures.settings import SweepProcedure

@@ -12,7 +12,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from hil.model.equation import Orientation
-from hil.solver import Solution, solve
+from hil.solve import Solution, solve
 
 SOLVES = 100_000
 LOOP = 2_000

@@ -24,9 +24,9 @@ from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import MATRIX_6, PER_G, RATE
-from hil.repeats import runs_by_temperature
 from hil.scatter import Interval, correlation_interval
 from hil.solve import RunSolution, solve_campaign
+from hil.solve.repeats import runs_by_temperature
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from hil.budget_sources import Scene, Source
 from hil.campaign import FloatArray
 from hil.model.forms import LinearForm
-from hil.solve import OBSERVABLE
-from hil.solver import solve
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE
 
 DRAWS = 100_000
 

@@ -19,8 +19,8 @@ from hil.budget import DRAWS, Budget, analytic_share, error_budget, response
 from hil.budget_scenes import RunScene
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
-from hil.repeats import runs_by_temperature
 from hil.solve import solve_campaign
+from hil.solve.repeats import runs_by_temperature
 
 SCHEMA = "hil.budget/1"
 

@@ -24,8 +24,8 @@ from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
 from hil.planned import planned_conditions
-from hil.solve import OBSERVABLE, stated_noise
-from hil.solver import solve
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE, stated_noise
 from hil.visibility import base_values
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation

@@ -24,8 +24,8 @@ from hil.campaign import Conditions, FloatArray
 from hil.config.bench import Bench
 from hil.model import Model
 from hil.model.forms import LinearForm
-from hil.solve import OBSERVABLE
-from hil.solver import solve
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE
 from hil.visibility import base_values
 from procedures.settings import CollectSettings
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.blocks import Block, read_samples
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
-from hil.export import samples_by_collect
-from hil.journal_reader import JOURNAL_NAME
+from hil.records.blocks import Block, read_samples
+from hil.records.export import samples_by_collect
+from hil.records.reader import JOURNAL_NAME
 from hil.report.figures import draw_night
 from hil.report.grid import ranges
 from hil.report.night import night_content

@@ -23,12 +23,12 @@ import numpy as np
 from hil.audit import Audit, audit_table
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
-from hil.contractor import report_collects
 from hil.errors import InputError
 from hil.files.units import TEMPERATURE, to_number
 from hil.model.equation import RD_GC_86_1_SENSOR_2
 from hil.model.forms import MATRIX_6
-from hil.repeats import runs_by_temperature
+from hil.solve.contractor import report_collects
+from hil.solve.repeats import runs_by_temperature
 
 SCHEMA = "hil.reproduction/1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))

@@ -15,10 +15,10 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.model.forms import MATRIX_6, matrix_6_form
-from hil.repeats import runs_by_temperature
 from hil.scatter import QUIET_COLLECT_DEG_PER_HR, Repeats, ScatterSignature, scatter_signature
-from hil.solve import OBSERVABLE, stated_noise
-from hil.solver import solve
+from hil.solve import solve
+from hil.solve.repeats import runs_by_temperature
+from hil.solve.runs import OBSERVABLE, stated_noise
 
 # C and M of each channel from the six parameters: MU adds +MUB to A and -MUA to B (eqs. 5, 6).
 _C_AND_M = {

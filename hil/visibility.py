@@ -3,7 +3,7 @@
     sights = visibility(conditions, built_in_model("matrix-6"))
     sights.effects[0].kept, sights.effects[0].members, sights.effects[0].smallest
 
-No rates are needed: it is linear algebra on the conditions (`hil.effects.identifiability`). Sizes are those that a
+No rates are needed: it is linear algebra on the conditions (`hil.solve.identifiability`). Sizes are those that a
 search over the whole catalogue finds with the stated probability, its false-alarm rate shared among the classes
 (Bonferroni, so a little pessimistic). Effects that act on the base's terms need their sizes: from the model, or else
 typical ones. What an effect does not show, it leaks into the base's parameters: that is told too.
@@ -17,7 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.effects.identifiability import (
+from hil.model import Model
+from hil.model.effects.base import Base, Effect, Parameter, flattened
+from hil.model.effects.catalogue import askable
+from hil.model.forms import default_form, mu_columns, named_form
+from hil.solve.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
     classes,
@@ -28,10 +32,6 @@ from hil.effects.identifiability import (
     visible,
     whitener,
 )
-from hil.model import Model
-from hil.model.effects.base import Base, Effect, Parameter, flattened
-from hil.model.effects.catalogue import askable
-from hil.model.forms import default_form, mu_columns, named_form
 
 _MOST_SHAPES = 12  # of an effect's grid, evenly chosen: a map needs no finer search
 _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}

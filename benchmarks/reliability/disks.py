@@ -21,8 +21,8 @@ from benchmarks.reliability import nights
 from hil.config import Bench, parse_bench
 from hil.errors import InputError
 from hil.night import resume_night, start_night
-from hil.status import night_status
-from hil.verify import verify_night
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from procedures.plan import Step, StepKind
 from procedures.progress import Silent
 from procedures.stop import StopRequest

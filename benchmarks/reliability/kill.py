@@ -32,7 +32,7 @@ from benchmarks.reliability import nights
 from benchmarks.reliability.mutations import MUTATIONS
 from benchmarks.reliability.power import everything, renamed_before_safe, survivors, write_tree
 from benchmarks.reliability.tracing import Trace, traceable, traced
-from hil.verify import verify_night
+from hil.records.verify import verify_night
 
 _NEVER_RECORDED = "-shm"  # SQLite's index of its log: mapped memory, made anew at need
 

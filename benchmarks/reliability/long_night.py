@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
-from hil.journal_reader import open_readonly
 from hil.night import start_night
-from hil.status import night_status
-from hil.verify import verify_night
+from hil.records import open_readonly
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from procedures.plan import make_plan
 from procedures.progress import Silent, Snapshot
 

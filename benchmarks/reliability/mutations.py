@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import hil.blocks
 import hil.files
-import hil.journal
-from hil import journal_schema
+import hil.records.blocks
+import hil.records.journal
 from hil.files.durable import Disk, RealDisk
-from hil.journal import SqliteJournal
+from hil.records import SqliteJournal
+from hil.records import schema as journal_schema
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step
 
@@ -42,7 +42,7 @@ def rename_before_fsync() -> None:
             os.fsync(file.fileno())
         disk.synchronise_folder(path.parent)
 
-    hil.blocks.write_durably = write_durably  # type: ignore[attr-defined]
+    hil.records.blocks.write_durably = write_durably  # type: ignore[attr-defined]
 
 
 def rename_after_commit() -> None:
@@ -61,7 +61,7 @@ def rename_after_commit() -> None:
         while waiting:
             RealDisk().rename(*waiting.pop(0))
 
-    hil.blocks.write_durably = write_durably  # type: ignore[attr-defined]
+    hil.records.blocks.write_durably = write_durably  # type: ignore[attr-defined]
     SqliteJournal.end = end_then_rename  # type: ignore[method-assign]
 
 
@@ -90,7 +90,7 @@ def not_synchronous() -> None:
             return super().execute(sql.replace("synchronous = FULL", "synchronous = OFF"), *rest)
 
     connect = sqlite3.connect
-    hil.journal.sqlite3.connect = lambda *a, **k: connect(*a, **{"factory": Careless, **k})  # type: ignore[attr-defined]
+    hil.records.journal.sqlite3.connect = lambda *a, **k: connect(*a, **{"factory": Careless, **k})  # type: ignore[attr-defined]
 
 
 MUTATIONS: Mapping[str, Callable[[], None]] = {

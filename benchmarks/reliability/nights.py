@@ -20,14 +20,15 @@ import numpy as np
 import yaml
 
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
-from hil.export import campaign_of_night
 from hil.files.durable import PARTIAL
-from hil.journal_reader import JOURNAL_NAME, open_readonly
-from hil.log import LOG_NAME
 from hil.night import resume_night, start_night
+from hil.night.log import LOG_NAME
+from hil.records import open_readonly
+from hil.records.export import campaign_of_night
+from hil.records.reader import JOURNAL_NAME
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from hil.solve import solve_campaign
-from hil.status import night_status
-from hil.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.stop import StopRequest
 

@@ -19,7 +19,7 @@ from collections import Counter
 from pathlib import Path
 
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
-from hil.rehearse import Rehearsal, rehearse
+from hil.night.rehearse import Rehearsal, rehearse
 
 _SWEEP = """
 title: A rehearsal

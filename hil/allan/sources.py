@@ -20,13 +20,13 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from hil.allan.stretches import Recording, cut, recording, sampling_interval
-from hil.blocks import Block, read_samples
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
-from hil.export import samples_by_collect
 from hil.files.units import RATE, to_number
-from hil.journal_reader import JOURNAL_NAME
+from hil.records.blocks import Block, read_samples
+from hil.records.export import samples_by_collect
+from hil.records.reader import JOURNAL_NAME
 
 _TIMES = ("t_s", "time_s")
 _PROJECT_UNIT = "deg/hr"

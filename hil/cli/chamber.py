@@ -118,7 +118,7 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.log import LoggedChamber, StreamLog
+    from hil.night.log import LoggedChamber, StreamLog
 
     return LoggedChamber(live.chamber, StreamLog(sys.stderr, live.clock, getpass.getuser()))
 

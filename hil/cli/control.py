@@ -40,7 +40,7 @@ def confirm(
     as_json: JsonFlag = False,
 ) -> int:
     """Answer the question that a running night asks its operator (`hil status` shows it)."""
-    from hil.control import standing_prompt
+    from hil.records.requests import standing_prompt
 
     prompt = standing_prompt(folder)
     if prompt is None:
@@ -53,7 +53,7 @@ def confirm(
 
 
 def _ask(folder: Path, kind: RequestKind, why: str, wait_s: float, *, as_json: bool, prompt: int | None = None) -> int:
-    from hil.control import request, wait_for_answer, who_asks
+    from hil.records.requests import request, wait_for_answer, who_asks
 
     number = request(folder, kind, who_asks(), why, prompt=prompt)
     row = wait_for_answer(folder, number, wait_s)

@@ -19,8 +19,8 @@ Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's fo
 def read_source(source: Path) -> Campaign:
     """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
     from hil.campaign.reader import HEADER_FILE, read_campaign
-    from hil.export import campaign_of_night
-    from hil.journal_reader import JOURNAL_NAME
+    from hil.records.export import campaign_of_night
+    from hil.records.reader import JOURNAL_NAME
 
     if not source.is_dir():
         raise InputError(f"{source}: there is no such folder")
@@ -45,7 +45,8 @@ def solve(
     from hil.both_sensors import common_and_differential
     from hil.model.forms import MODEL_NAMES
     from hil.scatter_sources import campaign_signatures, overall
-    from hil.solve import judged_as_measured, solution_document, solve_campaign
+    from hil.solve import solve_campaign
+    from hil.solve.runs import judged_as_measured, solution_document
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
@@ -55,7 +56,7 @@ def solve(
         solutions = solve_campaign(campaign, model)
     else:
         from hil.model import load_model
-        from hil.model_terms import solve_beside
+        from hil.solve.beside_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
     solutions = [judged_as_measured(each, campaign.verdicts) for each in solutions]
@@ -118,7 +119,7 @@ def export(
     out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
 ) -> None:
     """Write the night as a campaign folder: CSV that a spreadsheet reads."""
-    from hil.export import export_campaign
+    from hil.records.export import export_campaign
 
     written = export_campaign(folder, out)
     for note in written.notes:

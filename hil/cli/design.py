@@ -70,7 +70,8 @@ def _bench_of(folder: Path) -> Any:
     """Return the bench that a night was recorded on, else the simulated one."""
     from hil.config import load_bench
     from hil.config.recorded import bench_of_record
-    from hil.journal_reader import JOURNAL_NAME, reading
+    from hil.records import reading
+    from hil.records.reader import JOURNAL_NAME
 
     if not (folder / JOURNAL_NAME).is_file():
         return load_bench("simulated")

@@ -19,7 +19,7 @@ def simulate(
     One JSON line on standard output says where they are.
     """
     from hil.config import load_bench
-    from hil.simulate import serve_bench
+    from hil.twin.serve import serve_bench
 
     serve_bench(load_bench(bench), _announce, tcp=tcp)
 

@@ -29,7 +29,7 @@ def decode(
     as_json: JsonFlag = False,
 ) -> None:
     """Decode a file of raw bytes and account for every one of them."""
-    from hil.decode import decode_file, load_frames_named
+    from hil.bench.decode import decode_file, load_frames_named
 
     description = load_frames_named(frames, parameters=_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
@@ -54,8 +54,8 @@ def check(
     settings: Settings = None,
 ) -> None:
     """Check a frame description and say in words what it means."""
-    from hil.decode import load_frames_named
-    from hil.frames_check import explain_frames
+    from hil.bench.decode import load_frames_named
+    from hil.bench.frames_check import explain_frames
 
     results().print(explain_frames(load_frames_named(description, parameters=_parameters(settings))))
 

@@ -43,7 +43,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it e
 def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     """Show every step and when it would happen. Nothing moves."""
     from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
-    from hil.plan_document import plan_document
+    from hil.night.plan_document import plan_document
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
@@ -84,8 +84,8 @@ def check(
 
     `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
     """
+    from hil.bench.preflight import check_document, preflight
     from hil.config import check_sweep_against_bench
-    from hil.preflight import check_document, preflight
 
     asked, on = _bench_and_sweep(target, bench, sweep)
     if asked is not None:
@@ -177,8 +177,8 @@ def _confirmed() -> bool:
 def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: WithWatchdog = True) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
     from hil.config.recorded import bench_of_record
-    from hil.journal_reader import open_readonly
     from hil.night import resume_night
+    from hil.records import open_readonly
 
     with open_readonly(folder) as journal:
         on = bench_of_record(journal.night.configuration)
@@ -230,7 +230,7 @@ def status(
 ) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
     from hil.cli.watch import watch as keep_looking
-    from hil.status import night_status
+    from hil.records.status import night_status
 
     if watch and as_json:
         raise InputError("--watch is for people, --json for programs: give one of them")
@@ -263,7 +263,7 @@ def status(
 
 def verify(folder: Folder, as_json: JsonFlag = False) -> int:
     """Check a night's records: every step, every block, every hash."""
-    from hil.verify import verify_night
+    from hil.records.verify import verify_night
 
     document = verify_night(folder)
     if as_json:
@@ -286,12 +286,12 @@ def demo(
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
     from hil.cli.report import write_report
     from hil.config import load_bench, load_sweep
-    from hil.journal_reader import JOURNAL_NAME
+    from hil.records.reader import JOURNAL_NAME
 
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; the night needs a folder, give another with --out")
     if out.exists() and any(out.iterdir()):
-        from hil.journal_reader import open_readonly
+        from hil.records import open_readonly
 
         if not (out / JOURNAL_NAME).is_file():
             raise InputError(f"{out}: exists and holds something else; give another folder with --out")

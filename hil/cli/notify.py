@@ -17,7 +17,7 @@ def notify(
 ) -> int:
     """Send a trial message to everybody whom the nights of a bench would tell; say who could not be reached."""
     from hil.config import load_bench
-    from hil.notify import Notifier
+    from hil.night.notify import Notifier
 
     on = load_bench(bench)
     if on.notify is None:

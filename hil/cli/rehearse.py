@@ -15,7 +15,7 @@ from hil.cli.output import JsonFlag, messages, print_json, results
 from hil.errors import InputError
 
 if TYPE_CHECKING:
-    from hil.rehearse import Rehearsal
+    from hil.night.rehearse import Rehearsal
 
 SCHEMA = "hil.rehearsal/1"
 
@@ -42,7 +42,7 @@ def rehearse(
     and with no wrong number called PASS. Exit status 1 where one was not.
     """
     from hil.config import load_bench, load_sweep
-    from hil.rehearse import rehearse as rehearsals
+    from hil.night.rehearse import rehearse as rehearsals
 
     count = _count(faults)
     asked, on = load_sweep(sweep), load_bench(bench)

@@ -91,7 +91,7 @@ def _campaign(source: Path, night: NightContent | None) -> Campaign:
 
 
 def _night(source: Path) -> NightContent | None:
-    from hil.journal_reader import JOURNAL_NAME
+    from hil.records.reader import JOURNAL_NAME
     from hil.report.night import night_content
 
     return night_content(source) if (source / JOURNAL_NAME).is_file() else None

@@ -14,10 +14,10 @@ from rich.live import Live
 from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel
 from hil.files.lock import living_owner
-from hil.heartbeat import read_heartbeat
-from hil.journal_reader import reading
-from hil.live import age_s, read_live, snapshot_of
-from hil.status import night_status
+from hil.records import reading
+from hil.records.heartbeat import read_heartbeat
+from hil.records.live import age_s, read_live, snapshot_of
+from hil.records.status import night_status
 from procedures.plan import Step
 from procedures.progress import Snapshot
 from procedures.words import hours_minutes, step_in_words

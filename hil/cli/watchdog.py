@@ -20,7 +20,7 @@ from procedures.progress import Silent, Snapshot
 
 if TYPE_CHECKING:
     from hil.config import Bench
-    from hil.watchdog import Watched
+    from hil.night.watchdog import Watched
     from procedures.stop import StopRequest
 
 _LOOKED_AFTER_EVERY_S = 60.0
@@ -42,7 +42,7 @@ def watchdog(
     """
     from hil.config import load_bench
     from hil.config.recorded import configuration_of
-    from hil.journal_reader import open_readonly
+    from hil.records import open_readonly
     from procedures.stop import StopRequest
 
     stop = StopRequest()
@@ -59,8 +59,8 @@ def watchdog(
 
 def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
     from hil.config.ports import SIMULATED_SCHEME
-    from hil.notify import Notifier
-    from hil.watchdog import Patience, Watchdog
+    from hil.night.notify import Notifier
+    from hil.night.watchdog import Patience, Watchdog
 
     if on.chamber.port.startswith(SIMULATED_SCHEME):
         raise InputError(f"{folder}: its chamber is simulated inside the controller and dies with it; nothing to watch")

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hil.dashboard.curve import Curve
-from hil.journal_reader import JournalReader
-from hil.live import Rows, TraceReader
+from hil.records import JournalReader
+from hil.records.live import Rows, TraceReader
 
 _ROWS_AT_ONCE = 20_000
 _COLLECT_BUCKETS = 600

@@ -22,11 +22,12 @@ from hil.dashboard.results import ResultsSoFar
 from hil.errors import InputError
 from hil.files.lock import Owner, living_owner
 from hil.files.strict import parse_yaml
-from hil.heartbeat import read_heartbeat
-from hil.journal_reader import JOURNAL_NAME, JournalReader, reading
-from hil.journal_records import Event
-from hil.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
-from hil.status import night_status
+from hil.records import JournalReader, reading
+from hil.records.heartbeat import read_heartbeat
+from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
+from hil.records.reader import JOURNAL_NAME
+from hil.records.rows import Event
+from hil.records.status import night_status
 from procedures.plan import Plan, StepKind
 from procedures.words import step_in_words
 

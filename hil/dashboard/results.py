@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import InputError
-from hil.export import campaign_of_night, measured_verdicts
-from hil.journal_reader import JournalReader
-from hil.solve import judged_as_measured, solve_campaign
+from hil.records import JournalReader
+from hil.records.export import campaign_of_night, measured_verdicts
+from hil.solve import solve_campaign
+from hil.solve.runs import judged_as_measured
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 

@@ -27,11 +27,11 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from hil.control import RequestKind, wait_for_answer
-from hil.control import request as ask_controller
 from hil.dashboard.access import Access, Guard
 from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
+from hil.records.requests import RequestKind, wait_for_answer
+from hil.records.requests import request as ask_controller
 
 _STATIC = str(files("hil.dashboard") / "static")
 _UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once

@@ -23,7 +23,7 @@ from typing import Any
 from drivers.clock import SystemClock
 from hil.dashboard.facts import NightFacts, Part, unreadable
 from hil.errors import InputError
-from hil.journal_reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME
 
 EVERY_S = 1.0
 MOST_NIGHTS = 12

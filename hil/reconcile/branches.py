@@ -14,16 +14,16 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.model import Model
 from hil.model.effects.base import Effect
-from hil.reconcile.blocks import is_repeated
 from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, log_evidence, may_differ
 from hil.reconcile.evidence import pruned
 from hil.reconcile.fit import Added, BlockNoise, estimate_noise
 from hil.reconcile.hypotheses import build_evidence, hypotheses
-from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
 from hil.reconcile.problem import LEAST_FREEDOM, Problem, pose, rich_columns
 from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
 from hil.reconcile.shapes import between_the_grid
+from hil.solve.likelihood import NoiseTable
+from hil.solve.rows import is_repeated
 
 _MOST_EFFECTS = 5
 _FURTHER = 10.0  # an effect after the first must be as many times rarer by chance

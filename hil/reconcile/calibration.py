@@ -16,9 +16,9 @@ import numpy as np
 from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.forms import LinearForm
-from hil.reconcile.blocks import Block, independent_columns, stations
 from hil.reconcile.evidence import BlockEvidence
-from hil.reconcile.likelihood import NoiseTable
+from hil.solve.likelihood import NoiseTable
+from hil.solve.rows import Block, independent_columns, stations
 
 ONE_SET = "one set"
 PER_TEMPERATURE = "per temperature"

@@ -18,7 +18,7 @@ from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.history import joined
 from hil.model.forms import RATE
-from hil.reconcile.blocks import stations
+from hil.solve.rows import stations
 
 _TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
 _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}

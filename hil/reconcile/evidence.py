@@ -19,18 +19,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block
-from hil.reconcile.likelihood import (
-    NoiseTable,
-    Projection,
-    RichMeans,
-    ScalePrior,
-    _bases,
-    _log_sum,
-    restricted_likelihood,
-)
-from hil.reconcile.noise import covariances
 from hil.reconcile.whitened import Whitened
+from hil.solve.likelihood import NoiseTable, Projection, RichMeans, ScalePrior, _bases, _log_sum, restricted_likelihood
+from hil.solve.noise_grid import covariances
+from hil.solve.rows import Block
 
 _G = (8.0, 64.0, 512.0, 4096.0)
 _INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.fit import BlockNoise, estimate_noise
-from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.search import RESOLVED
+from hil.solve.likelihood import NoiseTable
+from hil.solve.rows import Block
 
 _LEAST_GAIN = 12.0  # log likelihood; chance gives 5 over a hundred pairs
 _PAIRS = 100.0

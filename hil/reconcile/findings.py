@@ -13,7 +13,6 @@ from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.effects.base import Effect
 from hil.model.model_file import InsideCollects
-from hil.reconcile.blocks import Block
 from hil.reconcile.branches import Step
 from hil.reconcile.exchanges import Exchange
 from hil.reconcile.fit import BlockNoise, Fit
@@ -21,6 +20,7 @@ from hil.reconcile.improve import described_parameters
 from hil.reconcile.naming import Weighed, certainty
 from hil.reconcile.prove import HeldOut
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
+from hil.solve.rows import Block
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"

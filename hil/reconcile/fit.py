@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.hypotheses import Hypothesis, Unit
-from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood
-from hil.reconcile.noise import covariances
+from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
+from hil.solve.noise_grid import covariances
+from hil.solve.rows import Block
 
 UNSEEN = 0.02  # a column of which less than this is left beside the base has no value of its own
 

@@ -22,12 +22,12 @@ from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
-from hil.reconcile.blocks import Block
 from hil.reconcile.evidence import BlockEvidence
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
-from hil.reconcile.likelihood import NoiseTable, _log_sum
 from hil.reconcile.problem import pose
 from hil.reconcile.search import _TAIL, _tail, false_discovery
+from hil.solve.likelihood import NoiseTable, _log_sum
+from hil.solve.rows import Block
 
 _POINTS = 48  # noise models: fewer, and units with an unusual noise are found too often
 _NULL_DRAWS = 2000

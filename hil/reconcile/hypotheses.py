@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.evidence import _INVISIBLE, BlockEvidence, relevant_points
 from hil.reconcile.joint import JointColumns, JointEvidence
-from hil.reconcile.likelihood import NoiseTable
 from hil.reconcile.whitened import Whitened
+from hil.solve.likelihood import NoiseTable
+from hil.solve.rows import Block
 
 _ACTS = 0.03  # a parameter that moves a block less than this, beside the block it moves most, does not tie the two
 _SAME = 0.98

@@ -14,8 +14,8 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, State
-from hil.reconcile.likelihood import _log_sum
 from hil.reconcile.whitened import Group
+from hil.solve.likelihood import _log_sum
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import numpy as np
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.noise import power_cycles
-from hil.reconcile.blocks import stations
 from hil.reconcile.naming import Naming, Weighed, with_rivals
+from hil.solve.rows import stations
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
 _SPELLINGS = {

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.fit import BlockNoise, estimate_noise
-from hil.reconcile.likelihood import NoiseTable
+from hil.solve.likelihood import NoiseTable
+from hil.solve.rows import Block
 
 _SHARE = 0.1
 _LEVEL = 0.002  # familywise, of declaring any outlier in clean data

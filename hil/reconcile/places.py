@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import ndtr
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.fit import Added, BlockNoise, Fit
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search import false_discovery
+from hil.solve.rows import Block
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
 _DETERMINED = 0.1  # of an effect, in every direction of its values, what the base must leave to be known by itself

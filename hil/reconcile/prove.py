@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.hypotheses import Hypothesis, Layout
-from hil.reconcile.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.reconcile.problem import LEAST_FREEDOM
+from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
+from hil.solve.rows import Block, independent_columns
 
 _FLIPS = 2000
 _ENOUGH_FOLDS = 6

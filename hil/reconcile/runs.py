@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent_columns
 from hil.reconcile.candidates import Candidate
+from hil.solve.rows import Block, independent_columns
 
 _LEAST_RUNS = 8
 _SHARE = 0.25

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
-from hil.reconcile.likelihood import NoiseTable, _log_sum
+from hil.solve.likelihood import NoiseTable, _log_sum
+from hil.solve.rows import Block
 
 _TAIL = 0.1
 RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances

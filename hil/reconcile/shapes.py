@@ -14,11 +14,11 @@ from scipy.optimize import minimize_scalar
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import ShapeParameter
-from hil.reconcile.blocks import Block
 from hil.reconcile.candidates import Candidate
 from hil.reconcile.fit import Added, BlockNoise
 from hil.reconcile.hypotheses import Hypothesis, units_of
 from hil.reconcile.problem import Problem
+from hil.solve.rows import Block
 
 _BEYOND = 1.6  # by this factor a shape may lie outside its grid
 _WORTH = 1.5  # log likelihood, from which on the point between is kept

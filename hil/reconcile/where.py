@@ -17,9 +17,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from hil.campaign import Conditions, FloatArray
-from hil.reconcile.blocks import Block
 from hil.reconcile.fit import BlockNoise
 from hil.reconcile.result import Disagreement
+from hil.solve.rows import Block
 
 _DRAWS = 1000
 _MOST = 12

@@ -22,7 +22,6 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
-from hil.reconcile.blocks import Block
 from hil.reconcile.branches import CERTAIN, Branch, Step, joined_columns, other_calibration, posed, pursue
 from hil.reconcile.calibration import ONE_SET
 from hil.reconcile.exchanges import as_labelled, exchanges, mended
@@ -57,6 +56,7 @@ from hil.reconcile.runs_said import run_experiment, run_findings, run_notes, run
 from hil.reconcile.search import Scan, Search
 from hil.reconcile.where import disagreements
 from hil.reconcile.within import named_within, within_collects
+from hil.solve.rows import Block
 
 _DRAWS = 300
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series

@@ -19,8 +19,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray
-from hil.repeats import runs_by_temperature
 from hil.solve import Estimate, RunSolution, solve_campaign
+from hil.solve.repeats import runs_by_temperature
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side

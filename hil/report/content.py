@@ -12,15 +12,16 @@ import numpy as np
 
 from hil.both_sensors import common_and_differential
 from hil.campaign import Campaign, FloatArray
-from hil.contractor import METHOD
 from hil.errors import InputError
-from hil.repeats import runs_by_temperature
 from hil.report.against import Comparison
 from hil.report.night import NightContent
 from hil.reproduction import Reproduction, reproduce
 from hil.scatter import ScatterSignature
 from hil.scatter_sources import campaign_signatures
-from hil.solve import RunSolution, judged_as_measured, solve_campaign
+from hil.solve import RunSolution, solve_campaign
+from hil.solve.contractor import METHOD
+from hil.solve.repeats import runs_by_temperature
+from hil.solve.runs import judged_as_measured
 from procedures.verdict import Judgement, Verdict
 
 

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.journal_reader import JournalReader, reading
-from hil.journal_records import Attempt, Heartbeat
+from hil.records import JournalReader, reading
+from hil.records.rows import Attempt, Heartbeat
+from hil.records.status import night_status
 from hil.report.provenance import night_provenance
-from hil.status import night_status
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.verdict import Judgement, self_calibration_verdict

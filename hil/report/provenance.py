@@ -9,7 +9,7 @@ from typing import Any
 
 from hil.campaign import Campaign
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
-from hil.journal_reader import JournalReader
+from hil.records import JournalReader
 
 
 def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from hil.campaign import Collects, FloatArray
 from hil.model.forms import LinearForm
-from hil.solver import solve
+from hil.solve import solve
 from hil.thermal.noise import RateNoise
 from hil.thermal.stations import Stations
 

@@ -19,8 +19,8 @@ from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
-from hil.solve import OBSERVABLE
-from hil.solver import solve
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE
 from hil.thermal.choice import FALSE_ALARM, Choice, choose
 from hil.thermal.estimate import Estimates, Layout, estimate, repeatability
 from hil.thermal.forms import MONOTONE, monotone

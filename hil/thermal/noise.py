@@ -1,6 +1,6 @@
 """The noise of a campaign's rates beside a curve that is free at every temperature: white, run-level, heteroscedastic.
 
-The noise models are those of `hil.reconcile.noise`, on a grid; the one with the largest restricted likelihood is used.
+The noise models are those of `hil.solve.noise_grid`, on a grid; the one with the largest restricted likelihood is used.
 The free curve leaves no misfit that could be taken for noise.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.campaign import Collects, FloatArray, IntArray, TextArray
-from hil.reconcile.blocks import Block, is_repeated, sensor_blocks
-from hil.reconcile.likelihood import NoiseTable, Projection, ScalePrior
-from hil.reconcile.noise import NoiseGrid, covariances, noise_grid
+from hil.solve.likelihood import NoiseTable, Projection, ScalePrior
+from hil.solve.noise_grid import NoiseGrid, covariances, noise_grid
+from hil.solve.rows import Block, is_repeated, sensor_blocks
 
 _CELLS = 4_000_000  # of the grid's matrices in memory at a time
 

@@ -22,10 +22,10 @@ from hil.bench import build_bench, open_chamber
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
 from hil.config.recorded import configuration_of, configuration_text
 from hil.errors import InputError
-from hil.export import campaign_of_night
 from hil.night import start_night
-from hil.simulate import client_bench, served
+from hil.records.export import campaign_of_night
 from hil.solve import Estimate, solve_campaign
+from hil.twin.serve import client_bench, served
 
 _SHIPPED = load_bench("simulated")
 

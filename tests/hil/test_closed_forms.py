@@ -14,7 +14,7 @@ from hil.closed_forms import (
     seven_biases,
 )
 from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
-from hil.solver import solve
+from hil.solve import solve
 
 SEEDS = range(4)
 

@@ -7,7 +7,7 @@ import pytest
 
 from hil.closed_forms import contractor_covariance, matrix_covariance
 from hil.model.earth import Site
-from hil.solver import solve
+from hil.solve import solve
 
 NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]
 

@@ -8,7 +8,7 @@ import pytest
 from hil.closed_forms import contractor_covariance, contractor_solution
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
-from hil.solver import Solution, solve
+from hil.solve import Solution, solve
 
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 RUNS = 20_000

@@ -20,10 +20,9 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.imu import SensorChannels
 from hil.dashboard.access import Access
-from hil.journal import SqliteJournal
-from hil.journal_reader import open_readonly
-from hil.journal_records import Night
-from hil.live import TRACE_NAME, LiveFiles, trace_columns
+from hil.records import SqliteJournal, open_readonly
+from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
+from hil.records.rows import Night
 from procedures.plan import Step, make_plan
 from procedures.progress import Snapshot
 from procedures.settings import SweepProcedure

@@ -24,13 +24,15 @@ from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
 from hil.dashboard.watcher import MOST_NIGHTS, Watcher
 from hil.errors import InputError
-from hil.export import campaign_of_night
 from hil.files.lock import FolderLock
-from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile
-from hil.journal_reader import JOURNAL_NAME, open_readonly
-from hil.live import LIVE_NAME, LiveFiles
 from hil.night import start_night
-from hil.solve import solution_document, solve_campaign
+from hil.records import open_readonly
+from hil.records.export import campaign_of_night
+from hil.records.heartbeat import HEARTBEAT_NAME, HeartbeatFile
+from hil.records.live import LIVE_NAME, LiveFiles
+from hil.records.reader import JOURNAL_NAME
+from hil.solve import solve_campaign
+from hil.solve.runs import solution_document
 from procedures.progress import Silent, Snapshot
 
 SWEEP = {
@@ -70,7 +72,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     sweep.write_text(yaml.safe_dump(SWEEP))
     onlooker = Onlooker(folder / "night", "T1/S2/restabilise")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hil.live._EVERY_S", 0.0)  # this night lasts a second; its live file is to keep up
+        patch.setattr("hil.records.live._EVERY_S", 0.0)  # this night lasts a second; its live file is to keep up
         start_night(folder / "night", load_sweep(str(sweep)), load_bench("simulated"), who="rk", progress=onlooker)
     return folder / "night", onlooker.seen, onlooker.facts
 

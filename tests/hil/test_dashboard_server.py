@@ -18,9 +18,8 @@ from hil.cli.app import run
 from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
 from hil.dashboard.server import listen
 from hil.errors import InputError
-from hil.journal import SqliteJournal
-from hil.journal_reader import open_readonly
-from hil.journal_records import Night
+from hil.records import SqliteJournal, open_readonly
+from hil.records.rows import Night
 from procedures.plan import make_plan
 from procedures.settings import SweepProcedure
 from tests.hil.live_page import TOKEN, served

@@ -13,11 +13,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivers.frames import StreamDescription, encode, parse_description
-from hil import decode as decode_module
-from hil.decode import decode_file, load_frames_named
+from hil.bench import decode as decode_module
+from hil.bench.decode import decode_file, load_frames_named
+from hil.bench.frames_check import explain_frames
 from hil.errors import InputError
 from hil.files.strict import config_folders
-from hil.frames_check import explain_frames
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.effects.identifiability import orthonormal, project_out
 from hil.errors import InputError
 from hil.model.effects.base import Base, Described, Effect, VarianceEffect, flattened
 from hil.model.effects.catalogue import (
@@ -28,6 +27,7 @@ from hil.model.effects.catalogue import (
 )
 from hil.model.effects.empirical import empirical
 from hil.model.forms import named_form
+from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.effect_conditions import ROTOR, campaign, one_run, power_cycled, rotor_base, triad_base, triad_poses
 
 TWO_AXES = Sensor(3, ("X", "Y", "Z"), {"P": "Z", "Q": "X"})

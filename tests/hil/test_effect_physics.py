@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.campaign import Conditions, FloatArray
-from hil.effects.identifiability import orthonormal, project_out
 from hil.model.effects.base import Effect, flattened
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.history import averaged_decay, joined, loop_side, play, setpoint_step
 from hil.model.forms import named_form
+from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.effect_conditions import TEMPERATURES, campaign, moved, one_run, rotor_base, triad_poses
 
 histories = st.lists(st.floats(-60.0, 90.0), min_size=1, max_size=60).map(np.array)

@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from hil.effects.identifiability import (
+from hil.model.effects.base import flattened
+from hil.model.forms import mu_columns
+from hil.solve.identifiability import (
     by_level,
     classes,
     explained,
@@ -26,8 +28,6 @@ from hil.effects.identifiability import (
     visible,
     whitener,
 )
-from hil.model.effects.base import flattened
-from hil.model.forms import mu_columns
 from tests.hil.effect_conditions import campaign
 
 EMPTY = np.zeros((6, 0))

@@ -12,8 +12,8 @@ from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import Model, load_model
-from hil.model_terms import solve_beside
 from hil.solve import solve_campaign
+from hil.solve.beside_terms import solve_beside
 
 MODEL_FILE = """
 schema: hil.model/1

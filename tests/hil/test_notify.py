@@ -14,9 +14,9 @@ import pytest
 from hil.config import Bench, load_bench, parse_bench, parse_sweep
 from hil.config.notify import NotifySection
 from hil.errors import InputError
-from hil.journal_reader import open_readonly
 from hil.night import start_night
-from hil.notify import Notifier, NotSent, addresses_of, send
+from hil.night.notify import Notifier, NotSent, addresses_of, send
+from hil.records import open_readonly
 
 SHORT = parse_sweep(
     """

@@ -14,10 +14,10 @@ from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
 from hil.config import load_bench, parse_sweep
-from hil.export import campaign_of_night, export_campaign
 from hil.files.figure import save_figure
 from hil.night import start_night
 from hil.plot import collect_series, draw_parameters, draw_series, draw_temperatures
+from hil.records.export import campaign_of_night, export_campaign
 
 SWEEP = """
 title: One temperature

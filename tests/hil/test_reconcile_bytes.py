@@ -11,10 +11,10 @@ import yaml
 
 from hil.campaign import Campaign
 from hil.config import Bench, load_sweep
-from hil.export import campaign_of_night
 from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile, write_result
+from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
 from tests.hil.twin.quiet import changed_bench
 

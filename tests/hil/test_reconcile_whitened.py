@@ -10,8 +10,8 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile.branches import posed
 from hil.reconcile.evidence import relevant_points
 from hil.reconcile.hypotheses import Layout, hypotheses
-from hil.reconcile.likelihood import RichMeans
 from hil.reconcile.search import Search
+from hil.solve.likelihood import RichMeans
 from tests.hil.hidden_effects import both, hidden_campaign
 
 

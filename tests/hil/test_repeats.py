@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hil.campaign import Conditions, Sensor
-from hil.repeats import runs_by_temperature
+from hil.solve.repeats import runs_by_temperature
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 

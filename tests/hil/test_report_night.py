@@ -16,8 +16,8 @@ import pytest
 from drivers.clock import VirtualClock
 from hil.cli.app import run as hil
 from hil.config import load_bench
-from hil.journal import SqliteJournal
 from hil.night import resume_night, start_night
+from hil.records import SqliteJournal
 from hil.report.grid import ranges
 from hil.report.night import night_content
 from procedures.stop import StopRequest
@@ -141,7 +141,7 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
     """However good what is there: how much is missing is the first thing that is said."""
     from dataclasses import replace
 
-    from hil.export import campaign_of_night
+    from hil.records.export import campaign_of_night
     from hil.report.content import gather
     from hil.report.statements import good, headline
 
@@ -160,7 +160,7 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
     """Under the number of runs, for each temperature; and nothing where all of them are good."""
     from dataclasses import replace
 
-    from hil.export import campaign_of_night
+    from hil.records.export import campaign_of_night
     from hil.report.content import gather
     from hil.report.sensor_view import sensor_view
 

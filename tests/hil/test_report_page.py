@@ -12,10 +12,10 @@ from yaml import safe_dump, safe_load
 from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
-from hil.repeats import runs_by_temperature
 from hil.report.content import gather
 from hil.report.page import render
 from hil.report.statements import headline
+from hil.solve.repeats import runs_by_temperature
 
 
 @pytest.fixture(scope="module")

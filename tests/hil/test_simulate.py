@@ -16,7 +16,7 @@ from drivers.errors import WrongDevice
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError
-from hil.simulate import client_bench, served
+from hil.twin.serve import client_bench, served
 
 _SIMULATED = load_bench("simulated")
 _PTY = load_bench("simulated-pty")
@@ -130,7 +130,7 @@ def test_serving_says_where_in_one_json_line_and_ends_at_a_signal(number: signal
     """What `hil simulate` does: the terminals are gone when it has ended, and it ends well."""
     (tmp_path / "bench.yaml").write_text(_at(tmp_path / "imu", tmp_path / "chamber").text)
     program = (
-        "import sys; from hil.config import load_bench; from hil.simulate import serve_bench\n"
+        "import sys; from hil.config import load_bench; from hil.twin.serve import serve_bench\n"
         "serve_bench(load_bench(sys.argv[1]), lambda line: print(line, flush=True))"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "bench.yaml")]

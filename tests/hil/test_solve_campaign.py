@@ -13,7 +13,8 @@ from hil.campaign.reader import read_campaign
 from hil.closed_forms import contractor_covariance, contractor_solution, matrix_covariance, matrix_solution
 from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
-from hil.solve import judge, solution_document, solve_campaign
+from hil.solve import solve_campaign
+from hil.solve.runs import judge, solution_document
 from procedures.verdict import Verdict
 from tests.hil.solved_campaigns import (
     NAMES,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
-from hil.solver import solve
+from hil.solve import solve
 
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 THETA_DEG = {"1": -90.0, "2": 90.0, "3": 0.0, "4": 180.0}

@@ -12,8 +12,8 @@ import yaml
 import hil.night
 from hil.bench import LiveBench, build_bench
 from hil.config import load_bench, load_sweep
-from hil.export import campaign_of_night
 from hil.night import start_night
+from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
 
 PARAMETERS = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")

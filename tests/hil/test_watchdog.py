@@ -20,20 +20,20 @@ import yaml
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import DeviceError
 from hil.bench import open_chamber
-from hil.bench_lock import bench_lock
+from hil.bench.lock import bench_lock
 from hil.cli.watchdog import WatchdogBeside
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
-from hil.control import request
 from hil.errors import InputError
 from hil.files.lock import LOCK_NAME, FolderLock, Owner, process_start
-from hil.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_reader import open_readonly
-from hil.journal_records import Night
 from hil.night import start_night
-from hil.simulate import Simulation, client_bench, served
-from hil.status import night_status
-from hil.watchdog import Patience, Watchdog, Watched
+from hil.night.watchdog import Patience, Watchdog, Watched
+from hil.records import SqliteJournal, open_readonly
+from hil.records.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
+from hil.records.journal import JOURNAL_NAME
+from hil.records.requests import request
+from hil.records.rows import Night
+from hil.records.status import night_status
+from hil.twin.serve import Simulation, client_bench, served
 from procedures.plan import make_plan
 from procedures.progress import Snapshot
 from procedures.requests import RequestKind
@@ -161,8 +161,8 @@ HUNG = """
 import signal, sys
 from pathlib import Path
 from drivers.clock import SystemClock, VirtualClock
-from hil.heartbeat import HeartbeatFile
-from hil.journal import SqliteJournal
+from hil.records.heartbeat import HeartbeatFile
+from hil.records.journal import SqliteJournal
 journal = SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock())
 HeartbeatFile(Path(sys.argv[1])).alive()
 print("works", file=sys.stderr, flush=True)
@@ -387,7 +387,7 @@ def test_a_watchdog_that_is_told_to_end_does_not_try_on(tmp_path: Path, monkeypa
     def deaf(*_arguments: object) -> None:
         raise DeviceError("no answer")
 
-    monkeypatch.setattr("hil.watchdog.open_chamber", deaf)
+    monkeypatch.setattr("hil.night.watchdog.open_chamber", deaf)
     bench, clock, stop = load_bench("simulated"), VirtualClock(), StopRequest()
     night = start_night(tmp_path / "night", parse_sweep(SWEEP, "sweep.yaml"), bench, who="rk").folder
     with SqliteJournal.open(night, clock=clock) as journal:

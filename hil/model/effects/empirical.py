@@ -66,7 +66,7 @@ class EmpiricalTerm(Effect):
 
 
 def empirical(parameter: str, driver: str) -> EmpiricalTerm:
-    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `hil.model.effects.followed`."""
+    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `followed.py`."""
     return EmpiricalTerm(parameter, driver)
 
 

@@ -11,7 +11,7 @@ import yaml
 
 from hil.cli.ending import run_to_exit
 from hil.files.strict import find_config
-from hil.journal import SqliteJournal
+from hil.records import SqliteJournal
 
 
 def shipped(kind: str, name: str) -> dict[str, Any]:

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 import yaml
 
-import hil.clock_check
-import hil.preflight
+import hil.bench.clock_check
+import hil.bench.preflight
 from hil.config import load_bench, load_sweep, parse_bench
-from hil.simulate import client_bench, served
+from hil.twin.serve import client_bench, served
 
 SUBJECTS = [
     "imu.port",
@@ -259,10 +259,10 @@ def test_the_clock_is_judged(
     monkeypatch: pytest.MonkeyPatch, known: bool | None, year: int, good: bool, words: str
 ) -> None:
     """A clock that lost its battery is refused; one that nobody sets is told."""
-    monkeypatch.setattr(hil.preflight, "synchronised", lambda: known)
+    monkeypatch.setattr(hil.bench.preflight, "synchronised", lambda: known)
     clock = SimpleNamespace(utc=lambda: datetime(year, 11, 20, tzinfo=UTC))
     live: Any = SimpleNamespace(devices=SimpleNamespace(clock=clock), bench=SimpleNamespace(clock="system"))
-    finding = hil.preflight._clock(live)
+    finding = hil.bench.preflight._clock(live)
     assert finding.good is good
     assert words in finding.message
     assert bool(finding.advice) is (known is not True or not good)
@@ -270,4 +270,4 @@ def test_the_clock_is_judged(
 
 def test_the_kernel_is_asked_and_nothing_is_set() -> None:
     """Whatever this machine answers, it is one of the three."""
-    assert hil.clock_check.synchronised() in (True, False, None)
+    assert hil.bench.clock_check.synchronised() in (True, False, None)

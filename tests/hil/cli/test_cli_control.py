@@ -10,8 +10,8 @@ import pytest
 
 from drivers.clock import SystemClock, VirtualClock
 from hil.config import load_sweep
-from hil.journal import SqliteJournal
-from hil.journal_records import Night
+from hil.records import SqliteJournal
+from hil.records.rows import Night
 from procedures.plan import make_plan
 from procedures.requests import RequestKind
 

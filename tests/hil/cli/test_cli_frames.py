@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.frames import encode
-from hil.decode import load_frames_named
+from hil.bench.decode import load_frames_named
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 
 from hil.cli.output import Lasting
 from hil.cli.panel import Panel
-from hil.verify import verify_night
+from hil.records.verify import verify_night
 
 
 def test_a_console_outlives_its_reader() -> None:

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from hil.config import Bench, load_bench, load_sweep
-from hil.simulate import client_bench
+from hil.twin.serve import client_bench
 
 
 @pytest.fixture

@@ -120,7 +120,7 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
         "missing": ["self-calibration 1 at 23.0 °C: all of it"],
         "problems": [],
     }
-    monkeypatch.setattr("hil.status.night_status", lambda _folder: told)
+    monkeypatch.setattr("hil.records.status.night_status", lambda _folder: told)
     running = hil("status", tmp_path)
     assert running.returncode == 0
     assert "expected end 2026-03-01 05:59 UTC\nto do: self-calibration 1" in running.stdout

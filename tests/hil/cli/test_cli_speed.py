@@ -9,8 +9,8 @@ import pytest
 
 from drivers.clock import PacedClock, VirtualClock
 from hil.config import load_bench, load_sweep
-from hil.export import campaign_of_night
 from hil.night import start_night
+from hil.records.export import campaign_of_night
 
 
 def test_a_night_that_is_watched_gives_what_it_gives_unwatched(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ from rich.console import Console
 from drivers.clock import SystemClock, VirtualClock
 from hil.cli.app import run
 from hil.cli.watch import watch
-from hil.journal import SqliteJournal
-from hil.journal_records import Night
-from hil.live import LiveFiles
+from hil.records import SqliteJournal
+from hil.records.live import LiveFiles
+from hil.records.rows import Night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, make_plan
 from procedures.progress import Snapshot

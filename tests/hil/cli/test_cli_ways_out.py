@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from drivers.clock import SystemClock
-from hil.control import request
 from hil.errors import InputError
-from hil.journal_reader import open_readonly
-from hil.status import night_status
+from hil.records import open_readonly
+from hil.records.requests import request
+from hil.records.status import night_status
 from procedures.requests import RequestKind
 
 LONG = {

@@ -11,10 +11,10 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
-from hil.blocks import FieldMeaning
-from hil.control import request
-from hil.journal import SqliteJournal
-from hil.journal_records import Night
+from hil.records import SqliteJournal
+from hil.records.blocks import FieldMeaning
+from hil.records.requests import request
+from hil.records.rows import Night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind, make_plan
 from procedures.requests import RequestKind

@@ -17,10 +17,10 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
-from hil.blocks import BLOCKS, BlockWriter, DamagedBlock, FieldMeaning, read_raw, read_samples
 from hil.files.durable import PARTIAL, RealDisk, write_durably
-from hil.journal import SqliteJournal
-from hil.verify import verify_night
+from hil.records import SqliteJournal
+from hil.records.blocks import BLOCKS, BlockWriter, DamagedBlock, FieldMeaning, read_raw, read_samples
+from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 
@@ -79,7 +79,7 @@ def test_reading_a_block_starts_no_thread(tmp_path: Path) -> None:
     """A command that only looks ends at once and cleanly: Arrow's thread pools can abort an interpreter that exits."""
     block, _ = BlockWriter(tmp_path, simulated=True).write(_STEP, 1, _SAMPLES)
     script = (
-        "import os, sys, pathlib, hil.blocks as b\n"
+        "import os, sys, pathlib, hil.records.blocks as b\n"
         "count = lambda: len(os.listdir('/proc/self/task'))\n"
         f"before = count(); b.read_samples(pathlib.Path({str(tmp_path)!r}), b.Block(*{astuple(block)!r}))\n"
         "sys.exit(count() - before)\n"

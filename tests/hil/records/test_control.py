@@ -14,14 +14,14 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.config import load_bench, parse_bench, parse_sweep
-from hil.control import request, standing_prompt, wait_for_answer
 from hil.errors import InputError
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_reader import open_readonly
-from hil.journal_schema import COUNTED_TABLES
 from hil.night import NightOutcome, resume_night, start_night
-from hil.status import night_status
-from hil.verify import verify_night
+from hil.records import SqliteJournal, open_readonly
+from hil.records.journal import JOURNAL_NAME
+from hil.records.requests import request, standing_prompt, wait_for_answer
+from hil.records.schema import COUNTED_TABLES
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.progress import Silent, Snapshot
 from procedures.requests import RequestKind

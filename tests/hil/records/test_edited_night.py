@@ -14,14 +14,14 @@ import pytest
 from drivers.clock import SystemClock, VirtualClock
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
-from hil.damage import damaged_self_calibrations
 from hil.errors import InputError
-from hil.heartbeat import SILENCE_BORNE_S, HeartbeatFile
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_reader import open_readonly
 from hil.night import resume_night, start_night
-from hil.status import night_status
-from hil.verify import verify_night
+from hil.records import SqliteJournal, open_readonly
+from hil.records.damage import damaged_self_calibrations
+from hil.records.heartbeat import SILENCE_BORNE_S, HeartbeatFile
+from hil.records.journal import JOURNAL_NAME
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from procedures.stop import StopRequest
 
 

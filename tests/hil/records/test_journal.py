@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from hil import journal_schema
 from hil.errors import InputError
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_records import Night, to_json
+from hil.records import SqliteJournal
+from hil.records import schema as journal_schema
+from hil.records.journal import JOURNAL_NAME
+from hil.records.rows import Night, to_json
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 

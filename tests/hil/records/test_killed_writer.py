@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import SystemClock
-from hil.blocks import RAW, SAMPLES, read_raw, read_samples
 from hil.errors import InputError
 from hil.files.lock import living_owner
-from hil.journal import SqliteJournal
-from hil.journal_records import Night
-from hil.verify import verify_night
+from hil.records import SqliteJournal
+from hil.records.blocks import RAW, SAMPLES, read_raw, read_samples
+from hil.records.rows import Night
+from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 
@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from drivers.clock import SystemClock
 from drivers.imu import SampleBlock
-from hil.journal import SqliteJournal
+from hil.records.journal import SqliteJournal
 from procedures.journal_protocol import Outcome, StepResult
 
 with SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock(), who="child") as journal:

@@ -12,7 +12,7 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SensorChannels
-from hil.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
+from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
 from procedures.plan import Step, StepKind
 from procedures.progress import Audience, Silent, Snapshot
 

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from hil.blocks import SAMPLES, read_samples
 from hil.campaign.reader import read_campaign, read_series
 from hil.config import load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
-from hil.export import campaign_of_night, export_campaign
 from hil.files.durable import PARTIAL, RealDisk
-from hil.journal import SqliteJournal
-from hil.log import NightLog
 from hil.night import resume_night, start_night
+from hil.night.log import NightLog
+from hil.records import SqliteJournal
+from hil.records.blocks import SAMPLES, read_samples
+from hil.records.export import campaign_of_night, export_campaign
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from hil.report.night import night_content
-from hil.status import night_status
-from hil.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.stop import StopRequest
 
@@ -163,7 +163,7 @@ def test_a_full_disk_ends_a_night_safely_and_it_can_be_carried_on(
 _CHILD = """
 import os, signal, sys
 from hil.config import load_bench, parse_sweep
-from hil.journal import SqliteJournal
+from hil.records.journal import SqliteJournal
 from hil.night import start_night
 
 begin = SqliteJournal.begin

@@ -16,14 +16,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hil.blocks import RAW, SAMPLES, Block, read_raw
 from hil.cli.app import run
 from hil.config import load_bench, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import RealDisk
-from hil.journal_reader import JOURNAL_NAME, open_readonly
 from hil.night import resume_night, start_night
-from hil.replay import replay_night
+from hil.night.replay import replay_night
+from hil.records import open_readonly
+from hil.records.blocks import RAW, SAMPLES, Block, read_raw
+from hil.records.reader import JOURNAL_NAME
 
 SHORT = parse_sweep(
     """

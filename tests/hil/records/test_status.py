@@ -12,8 +12,9 @@ import pytest
 from drivers.clock import SystemClock, VirtualClock
 from hil.errors import InputError
 from hil.files.lock import FolderLock
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.status import STALE_AFTER_S, night_status
+from hil.records import SqliteJournal
+from hil.records.journal import JOURNAL_NAME
+from hil.records.status import STALE_AFTER_S, night_status
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan
 

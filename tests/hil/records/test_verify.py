@@ -12,9 +12,10 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
 from hil.errors import InputError
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_schema import COUNTED_TABLES
-from hil.verify import verify_night
+from hil.records import SqliteJournal
+from hil.records.journal import JOURNAL_NAME
+from hil.records.schema import COUNTED_TABLES
+from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, StepKind
 

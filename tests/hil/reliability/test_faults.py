@@ -14,12 +14,12 @@ from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench, parse_sweep
 from hil.config.faults import CATALOGUE, Fault
 from hil.errors import InputError
-from hil.journal_reader import open_readonly
 from hil.night import resume_night, start_night
-from hil.random_faults import draw_faults
-from hil.rehearse import with_faults
-from hil.status import night_status
-from hil.verify import verify_night
+from hil.night.random_faults import draw_faults
+from hil.night.rehearse import with_faults
+from hil.records import open_readonly
+from hil.records.status import night_status
+from hil.records.verify import verify_night
 from procedures.plan import make_plan
 
 _SWEEP = parse_sweep(

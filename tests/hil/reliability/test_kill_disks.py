@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hil.night import resume_night
-from hil.verify import verify_night
+from hil.records.verify import verify_night
 
 _ROOT = Path(__file__).resolve().parents[3]
 _QUIET = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}

@@ -17,8 +17,8 @@ from hil.config import load_bench, load_sweep
 from hil.config.faults import Fault
 from hil.errors import InputError
 from hil.night import start_night
-from hil.rehearse import _begun, _wrong_end, _wrong_records, rehearse
-from hil.status import night_status
+from hil.night.rehearse import _begun, _wrong_end, _wrong_records, rehearse
+from hil.records.status import night_status
 from procedures.stop import StopRequest
 
 _ROOT = Path(__file__).resolve().parents[3]
@@ -117,7 +117,7 @@ def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
     """The same night beside a truth that is ten standard errors away."""
     from benchmarks.reliability.rehearse import bench, sweep
-    from hil.rehearse import _Witness
+    from hil.night.rehearse import _Witness
 
     witness = _Witness(tmp_path)
     start_night(tmp_path / "night", sweep(), bench(), progress=witness, opened=witness.look_at)

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from hil.campaign import Collects
-from hil.reconcile.blocks import sensor_blocks
+from hil.solve.rows import sensor_blocks
 from hil.thermal.estimate import estimate
 from hil.thermal.fit import _layout
 from hil.thermal.noise import block_noise, rate_noise

@@ -17,8 +17,8 @@ from hil.cli.app import run
 from hil.errors import InputError
 from hil.model import load_model, save_model
 from hil.model.curve import Constant, Polynomial, Table
-from hil.model_terms import solve_beside
 from hil.published_table import read_published_table
+from hil.solve.beside_terms import solve_beside
 from hil.thermal import ThermalFit, fit_thermal
 from hil.thermal.document import thermal_document
 from hil.thermal.exports import (

@@ -12,7 +12,7 @@ from dataclasses import replace
 from hil.campaign import Campaign, Collects
 from hil.errors import InputError
 from hil.model import Model
-from hil.solve import RunSolution, solve_campaign
+from hil.solve.runs import RunSolution, solve_campaign
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:

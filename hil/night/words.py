@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from hil.config import Bench
-from hil.journal import Listener, SqliteJournal
-from hil.notify import Notifier
+from hil.night.notify import Notifier
+from hil.records import SqliteJournal
+from hil.records.journal import Listener
 from procedures.verdict import self_calibration_verdict
 
 

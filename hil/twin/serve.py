@@ -29,9 +29,9 @@ from hil.config.bench import Bench, parse_bench
 from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
-from hil.faults import FaultInjector
 from hil.files.strict import parse_yaml
 from hil.twin.devices import SimulatedBench, simulate_devices
+from hil.twin.faults import FaultInjector
 
 SCHEMA = "hil.simulate/1"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -14,9 +14,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil.blocks import SAMPLES, DamagedBlock, checked_bytes
-from hil.journal_reader import JournalReader
-from hil.journal_records import BlockRow
+from hil.records.blocks import SAMPLES, DamagedBlock, checked_bytes
+from hil.records.reader import JournalReader
+from hil.records.rows import BlockRow
 from procedures.plan import StepKind
 
 

@@ -30,13 +30,14 @@ from hil.bench import LiveBench
 from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench
 from hil.config.faults import Fault
 from hil.errors import InputError
-from hil.export import campaign_of_night
 from hil.files.strict import parse_yaml
-from hil.journal_reader import JOURNAL_NAME, open_readonly
-from hil.night import NightOutcome, resume_night, start_night
-from hil.random_faults import draw_faults
+from hil.night.random_faults import draw_faults
+from hil.night.run import NightOutcome, resume_night, start_night
+from hil.records import open_readonly
+from hil.records.export import campaign_of_night
+from hil.records.reader import JOURNAL_NAME
+from hil.records.verify import verify_night
 from hil.solve import solve_campaign
-from hil.verify import verify_night
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind, make_plan
 from procedures.progress import Silent

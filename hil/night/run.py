@@ -9,7 +9,7 @@
       configuration/      what the IMU sends and what is simulated, as the journal has it
       log.jsonl           who did what when, line by line
       controller.lock     who is at work here
-      live.json, .trace   the newest state and a curve, for onlookers (hil.live)
+      live.json, .trace   the newest state and a curve, for onlookers (hil.records.live)
 
 Bad input leaves no folder. A folder, once it is there, holds a whole journal with its plan, and whatever happens after
 that is in it. The chamber is in its safe state at every way out.
@@ -35,22 +35,22 @@ from pathlib import Path
 from drivers.chambers.wear import wear_of
 from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
-from hil.bench_lock import bench_lock
-from hil.blocks import FieldMeaning
+from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
-from hil.damage import damaged_self_calibrations
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
 from hil.files.lock import FolderLock
-from hil.heartbeat import HeartbeatFile
-from hil.journal import JOURNAL_NAME, SqliteJournal
-from hil.journal_reader import reading
-from hil.journal_records import Night
-from hil.live import LiveFiles
-from hil.log import LoggedChamber, LoggedPositioner, NightLog
-from hil.night_words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
-from hil.notify import LAST_WORDS_S
+from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
+from hil.night.notify import LAST_WORDS_S
+from hil.night.words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
+from hil.records import SqliteJournal, reading
+from hil.records.blocks import FieldMeaning
+from hil.records.damage import damaged_self_calibrations
+from hil.records.heartbeat import HeartbeatFile
+from hil.records.journal import JOURNAL_NAME
+from hil.records.live import LiveFiles
+from hil.records.rows import Night
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
@@ -140,7 +140,7 @@ def resume_night(
     """Carry on the night in `folder`, with the configuration with which it began.
 
     Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
-    samples are damaged is done again as a whole (hil.damage). Under a virtual clock
+    samples are damaged is done again as a whole (hil.records.damage). Under a virtual clock
     `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one whose plan or
     configuration was changed, one that another controller is working on, or one whose bench cannot be put together.
     """

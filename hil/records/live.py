@@ -28,8 +28,8 @@ from drivers.frames.counts import StreamCounts
 from drivers.imu import SensorChannels
 from drivers.imu.samples import rate_fields
 from hil.files.durable import PARTIAL
-from hil.heartbeat import Heartbeat
-from hil.journal_records import to_json
+from hil.records.heartbeat import Heartbeat
+from hil.records.rows import to_json
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
 

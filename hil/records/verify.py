@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from hil.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
 from hil.errors import InputError
 from hil.files.durable import PARTIAL
-from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
-from hil.journal_records import Attempt, BlockRow
-from hil.status import missing_in_words
+from hil.records.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.records.rows import Attempt, BlockRow
+from hil.records.status import missing_in_words
 from procedures.plan import StepKind
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this

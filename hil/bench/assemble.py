@@ -35,13 +35,13 @@ from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
 from drivers.transports.port_owner import owned
 from drivers.transports.serial_port import existing_ports
-from hil.closed_port import ClosedPort
+from hil.bench.closed_port import ClosedPort
 from hil.config.bench import Bench
 from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
-from hil.faults import FaultInjector
 from hil.twin.devices import SimulatedBench, simulate_devices
+from hil.twin.faults import FaultInjector
 from procedures.devices import BenchDevices
 
 Unopened = Callable[[str, DeviceError], None]

@@ -27,15 +27,17 @@ from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
-from hil.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
+from hil.bench.closed_port import ClosedPort
 from hil.campaign import Campaign, Collects
-from hil.closed_port import ClosedPort
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
-from hil.export import campaign_of_night
-from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
-from hil.solve import solution_document, solve_campaign
+from hil.records import JournalReader, open_readonly
+from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.export import campaign_of_night
+from hil.records.reader import JOURNAL_NAME
+from hil.solve import solve_campaign
+from hil.solve.runs import solution_document
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings

@@ -19,20 +19,10 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import quote
 
-from hil import journal_schema
-from hil.blocks import Block
 from hil.errors import InputError
-from hil.journal_records import (
-    Attempt,
-    BlockRow,
-    Controller,
-    Event,
-    Heartbeat,
-    Night,
-    RequestRow,
-    result_digest,
-    step_of,
-)
+from hil.records import schema as journal_schema
+from hil.records.blocks import Block
+from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, result_digest, step_of
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step
 

@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from hil.blocks import SAMPLES, Block, Samples, read_samples
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
-from hil.damage import LostBlock, lost_blocks
 from hil.errors import InputError
-from hil.journal_reader import JournalReader, reading
-from hil.status import missing_in_words
+from hil.records.blocks import SAMPLES, Block, Samples, read_samples
+from hil.records.damage import LostBlock, lost_blocks
+from hil.records.reader import JournalReader, reading
+from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, self_calibration_verdict
 

@@ -19,11 +19,11 @@ import sqlite3
 from pathlib import Path
 
 from drivers.clock import SystemClock
-from hil import journal_schema
 from hil.errors import InputError
 from hil.files.lock import living_owner
-from hil.journal_reader import JOURNAL_NAME, open_readonly
-from hil.journal_records import Event, RequestRow
+from hil.records import schema as journal_schema
+from hil.records.reader import JOURNAL_NAME, open_readonly
+from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
 
 __all__ = ["RequestKind", "request", "standing_prompt", "wait_for_answer", "who_asks"]

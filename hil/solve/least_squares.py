@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.campaign import FloatArray
-from hil.observability import Observability, describe, directions_seen
+from hil.solve.observability import Observability, describe, directions_seen
 
 RANK_TOLERANCE = 1e-9
 """A combination counts as unseen where its singular value is this small beside the largest."""

@@ -23,7 +23,7 @@ from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder,
 from drivers.frames.counts import StreamCounts
 from drivers.frames.fields import FieldDescription
 from drivers.frames.layout import FloatArray
-from hil.decode_advice import CounterHabit, misfit
+from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
 from hil.files.strict import find_config

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.contractor import METHOD, can_follow, solve_as_contractor
 from hil.model.forms import LinearForm, default_form, named_form
-from hil.solver import solve
+from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
+from hil.solve.least_squares import solve
 from procedures.verdict import Judgement, Verdict
 
 SCHEMA = "hil.solution/1"

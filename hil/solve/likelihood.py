@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block, independent_columns
-from hil.reconcile.noise import NoiseGrid, noise_grid, whiteners
+from hil.solve.noise_grid import NoiseGrid, noise_grid, whiteners
+from hil.solve.rows import Block, independent_columns
 
 _STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
 _TRUSTED_DOF = 12.0  # and where they are all there is to judge by

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.damage import LostBlock, lost_blocks
 from hil.files.lock import Owner, living_owner
-from hil.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
-from hil.journal_reader import JournalReader, reading
-from hil.journal_records import Attempt, Controller
+from hil.records.damage import LostBlock, lost_blocks
+from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
+from hil.records.reader import JournalReader, reading
+from hil.records.rows import Attempt, Controller
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 

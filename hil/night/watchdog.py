@@ -29,14 +29,13 @@ from pathlib import Path
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError
 from hil.bench import open_chamber
-from hil.bench_lock import bench_lock
+from hil.bench.lock import bench_lock
 from hil.config import Bench
-from hil.control import who_asks
 from hil.errors import InputError
 from hil.files.lock import LOCK_NAME, FolderLock, Owner, living_owner, read_owner
-from hil.heartbeat import SILENCE_BORNE_S, read_heartbeat
-from hil.journal import SqliteJournal
-from hil.journal_reader import open_readonly
+from hil.records import SqliteJournal, open_readonly
+from hil.records.heartbeat import SILENCE_BORNE_S, read_heartbeat
+from hil.records.requests import who_asks
 from procedures.stop import StopRequest
 
 _CHAMBER_S = 9.0  # to open the port and be sure of the safe state: what a slow chamber's pacing takes

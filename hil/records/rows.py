@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.blocks import Block
+from hil.records.blocks import Block
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 

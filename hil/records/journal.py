@@ -5,7 +5,7 @@
         attempt = journal.begin(step)
         journal.end(step, attempt, StepResult(Outcome.DONE, data={...}, samples=block))
 
-The order of `end` is: data blocks (hil.blocks), then one transaction with the result and the names of the blocks. A
+The order of `end` is: data blocks (hil.records.blocks), then one transaction with the result and the names of the blocks. A
 crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a result.
 
 Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
@@ -26,13 +26,13 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import Clock, SystemClock
-from hil import journal_schema
-from hil.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
 from hil.errors import InputError
 from hil.files.durable import Disk, RealDisk
 from hil.files.lock import FolderLock
-from hil.journal_reader import JOURNAL_NAME, JournalReader, open_readonly
-from hil.journal_records import Night, result_digest, step_row, to_json
+from hil.records import schema as journal_schema
+from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
+from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.records.rows import Night, result_digest, step_row, to_json
 from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
@@ -166,7 +166,7 @@ class SqliteJournal(JournalReader):
 
     @staticmethod
     def open_readonly(folder: Path) -> JournalReader:
-        """Open a night to read it, also while a controller writes; see `hil.journal_reader.open_readonly`."""
+        """Open a night to read it, also while a controller writes; see `hil.records.reader.open_readonly`."""
         return open_readonly(folder)
 
     @property

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import collins_4_form
-from hil.solver import solve
+from hil.solve.least_squares import solve
 
 METHOD = "GS from Collects 1 and 2, bias from Collect 3, MU taken as zero: eqs. (A-13)-(A-16)"
 

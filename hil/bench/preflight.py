@@ -20,9 +20,9 @@ from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.errors import DeviceError
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
-from hil.advice import Device, advice_for, closed_port_advice, line_words
-from hil.bench import LiveBench, build_bench, port_is_missing
-from hil.clock_check import EARLIEST, synchronised
+from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
+from hil.bench.assemble import LiveBench, build_bench, port_is_missing
+from hil.bench.clock_check import EARLIEST, synchronised
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
 from procedures.plan import Plan, StepKind, make_plan

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.blocks import Block
+from hil.solve.rows import Block
 
 _RUN_BIAS = (0.0, 0.7, 1.4, 2.5, 4.5, 9.0)
 _RUN_CORRELATION = (0.0, 0.6, 0.97)

@@ -1,0 +1,7 @@
+"""One night carried out: begun, resumed, guarded, told of, rehearsed, replayed."""
+
+from __future__ import annotations
+
+from hil.night.run import NightOutcome, resume_night, start_night
+
+__all__ = ["NightOutcome", "resume_night", "start_night"]
