@@ -10,8 +10,8 @@ import time
 import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hil.allan.document import AllanResult, analyse
-from hil.allan.stretches import recording
+from hil.analysis.allan.document import AllanResult, analyse
+from hil.analysis.allan.stretches import recording
 
 SAMPLES = 1_000_000
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hil.budget import Budget, error_budget
-from hil.budget_scenes import planned_scenes
 from hil.config import load_bench, load_sweep
+from hil.design.budget.budget import Budget, error_budget
+from hil.design.budget.scenes import planned_scenes
 
 
 def test_100_000_draws_of_every_source(benchmark: BenchmarkFixture) -> None:

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from hil.analysis.thermal import fit_thermal
+from hil.analysis.thermal.choice import choose
+from hil.analysis.thermal.estimate import Estimates
+from hil.analysis.thermal.fit import ParameterFit
+from hil.analysis.thermal.improvement import improvement, nested_errors
 from hil.campaign import Campaign
-from hil.thermal import fit_thermal
-from hil.thermal.choice import choose
-from hil.thermal.estimate import Estimates
-from hil.thermal.fit import ParameterFit
-from hil.thermal.improvement import improvement, nested_errors
 from tests.hil.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled
 
 NIGHTS = 100

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hil.thermal.fit import ParameterFit, SensorFit
+    from hil.analysis.thermal.fit import ParameterFit, SensorFit
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MEANS = 60  # a collect is drawn with so many means, whatever its length
@@ -205,7 +205,7 @@ def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Fig
     """
     from matplotlib.figure import Figure
 
-    from hil.thermal import fit_thermal
+    from hil.analysis.thermal import fit_thermal
 
     number = _sensor(folder, campaign, sensor)
     fit = fit_thermal(Campaign(campaign.title, campaign.source, {number: campaign.sensors[number]})).sensors[number]

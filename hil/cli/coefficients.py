@@ -50,9 +50,9 @@ def allan(
     as_json: JsonFlag = False,
 ) -> None:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
-    from hil.allan.document import analyse
-    from hil.allan.figure import write_figure
-    from hil.allan.sources import read_recording
+    from hil.analysis.allan.document import analyse
+    from hil.analysis.allan.figure import write_figure
+    from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name
     from hil.files.units import FREQUENCY, RATE, TIME, to_number
 
@@ -135,7 +135,7 @@ def audit(
     as_json: JsonFlag = False,
 ) -> None:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
-    from hil.audit import audit_table
+    from hil.analysis.published import audit_table
 
     found = audit_table(table)
     document = found.document()
@@ -194,10 +194,10 @@ def thermal(
     as_json: JsonFlag = False,
 ) -> None:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
+    from hil.analysis.thermal import fit_thermal
+    from hil.analysis.thermal.document import thermal_document
+    from hil.analysis.thermal.files import write_thermal
     from hil.files.units import DIFFERENCE, to_number
-    from hil.thermal import fit_thermal
-    from hil.thermal.document import thermal_document
-    from hil.thermal.files import write_thermal
 
     apart_degC = _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
     if apart_degC == 0.0:

@@ -42,9 +42,9 @@ def solve(
     as_json: JsonFlag = False,
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
-    from hil.both_sensors import common_and_differential
+    from hil.analysis.scatter.both_sensors import common_and_differential
+    from hil.analysis.scatter.sources import campaign_signatures, overall
     from hil.model.forms import MODEL_NAMES
-    from hil.scatter_sources import campaign_signatures, overall
     from hil.solve import solve_campaign
     from hil.solve.runs import judged_as_measured, solution_document
 
@@ -132,8 +132,8 @@ def import_table(
     out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
 ) -> None:
     """Make a campaign folder from a published table of parameters, as printed, flags kept."""
+    from hil.analysis.published.table import read_published_table
     from hil.campaign.writer import write_campaign
-    from hil.published_table import read_published_table
 
     campaign = read_published_table(table)
     write_campaign(campaign, out)

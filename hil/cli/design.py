@@ -37,9 +37,9 @@ def budget(
     as_json: JsonFlag = False,
 ) -> None:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
-    from hil.budget_document import Asked, budget_document, scatter_of
-    from hil.budget_scenes import measured_scenes, planned_scenes
     from hil.config import load_bench, load_sweep
+    from hil.design.budget.document import Asked, budget_document, scatter_of
+    from hil.design.budget.scenes import measured_scenes, planned_scenes
     from hil.model import load_model
 
     chosen = None if model is None else load_model(model)
@@ -178,8 +178,8 @@ def design(
 ) -> None:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep
-    from hil.design_document import check_new, design_document, write_sweep
-    from hil.design_search import Goal, parse_target, propose
+    from hil.design.sequence.proposal import check_new, design_document, write_sweep
+    from hil.design.sequence.search import Goal, parse_target, propose
     from hil.files.units import TIME, to_number
 
     base, its_bench = load_sweep(sweep), load_bench(bench)
@@ -264,9 +264,9 @@ def scatter(
     as_json: JsonFlag = False,
 ) -> None:
     """Tell what makes repeats scatter: noise, the bias, MU or Collect 3, a drift; or say that they cannot tell."""
-    from hil.scatter import HYPOTHESES, NAMED
-    from hil.scatter_published import published_signatures
-    from hil.scatter_sources import campaign_signatures, overall
+    from hil.analysis.published.scatter import published_signatures
+    from hil.analysis.scatter.signature import HYPOTHESES, NAMED
+    from hil.analysis.scatter.sources import campaign_signatures, overall
 
     if Path(source).is_dir():
         campaign = read_source(Path(source))

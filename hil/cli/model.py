@@ -95,9 +95,9 @@ def visibility(
 ) -> None:
     """Before a night is spent: say which effects these collects can see, at what size, and which look alike."""
     from hil.config import load_bench, load_sweep
+    from hil.design.visibility.document import campaign_document, sweep_document
+    from hil.design.visibility.text import visibility_text
     from hil.model import load_model
-    from hil.visibility_document import campaign_document, sweep_document
-    from hil.visibility_text import visibility_text
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():

@@ -84,9 +84,9 @@ def allan(
     ] = None,
 ) -> None:
     """Draw the Allan deviation of a recording; `hil allan` says in words what it means."""
-    from hil.allan.document import analyse
-    from hil.allan.figure import write_figure
-    from hil.allan.sources import read_recording
+    from hil.analysis.allan.document import analyse
+    from hil.analysis.allan.figure import write_figure
+    from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name
 
     check_name(out)

@@ -11,7 +11,7 @@ from hil.cli.data import Source, read_source
 from hil.cli.output import JsonFlag, print_json, results, warn
 
 if TYPE_CHECKING:  # a command that is not this one does not wait for it
-    from hil.reproduction import Cell, ContractorError, Printed, Reproduction, SevenBiases
+    from hil.analysis.published.reproduction import Cell, ContractorError, Printed, Reproduction, SevenBiases
 
 
 def reproduce(
@@ -20,7 +20,7 @@ def reproduce(
     as_json: JsonFlag = False,
 ) -> None:
     """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
-    from hil.reproduction import reproduce as give_again
+    from hil.analysis.published.reproduction import reproduce as give_again
 
     campaign = read_source(source)
     found = give_again(campaign, sensor)
@@ -64,7 +64,7 @@ def _printed(printed: Printed | None) -> str:
 
 
 def _table_a1(found: Reproduction) -> Table:
-    from hil.reproduction import SEVEN
+    from hil.analysis.published.reproduction import SEVEN
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("", *SEVEN, "MUB·G1", "MUB·G3", "G3/G1"):
@@ -88,7 +88,7 @@ def _seven(each: SevenBiases) -> list[str]:
 
 
 def _contractor(errors: tuple[ContractorError, ...]) -> list[str]:
-    from hil.reproduction import CONTRACTORS
+    from hil.analysis.published.reproduction import CONTRACTORS
 
     lines = []
     for i, name in enumerate(CONTRACTORS):

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.both_sensors import common_and_differential
+from hil.analysis.published.reproduction import Reproduction, reproduce
+from hil.analysis.scatter.both_sensors import common_and_differential
+from hil.analysis.scatter.signature import ScatterSignature
+from hil.analysis.scatter.sources import campaign_signatures
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.report.against import Comparison
 from hil.report.night import NightContent
-from hil.reproduction import Reproduction, reproduce
-from hil.scatter import ScatterSignature
-from hil.scatter_sources import campaign_signatures
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.contractor import METHOD
 from hil.solve.repeats import runs_by_temperature

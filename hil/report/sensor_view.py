@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
+from hil.analysis.scatter.signature import HYPOTHESES, Interval
+from hil.analysis.scatter.sources import overall
 from hil.campaign import FloatArray
 from hil.report.content import Repeat, ReportContent, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, ranges, text, wrap
-from hil.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.scatter import HYPOTHESES, Interval
-from hil.scatter_sources import overall
 from hil.solve import RunSolution
 from procedures.verdict import Verdict
 

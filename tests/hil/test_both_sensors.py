@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.both_sensors import BothSensors, common_and_differential
+from hil.analysis.scatter.both_sensors import BothSensors, common_and_differential
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix

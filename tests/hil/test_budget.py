@@ -9,8 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.budget import error_budget, response
-from hil.budget_sources import (
+from hil.campaign import Conditions, Sensor
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from hil.config.uncertainty import UncertaintySection
+from hil.design.budget.budget import error_budget, response
+from hil.design.budget.sources import (
     Accelerometer,
     Drift,
     EarthRate,
@@ -25,9 +28,6 @@ from hil.budget_sources import (
     Tilt,
     sources,
 )
-from hil.campaign import Conditions, Sensor
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR
-from hil.config.uncertainty import UncertaintySection
 from hil.model.earth import Site
 from hil.model.effects.base import Base
 from hil.model.equation import Orientation, rotor_matrix

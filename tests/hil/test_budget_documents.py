@@ -16,13 +16,13 @@ import yaml
 
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
-from hil.budget_document import Asked, budget_document, scatter_of
-from hil.budget_scenes import measured_scenes, planned_scenes
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
+from hil.design.budget.document import Asked, budget_document, scatter_of
+from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
 
 FEW = Asked(draws=2000)

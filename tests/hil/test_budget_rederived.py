@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import yaml
 
-from hil.budget import analytic_share, error_budget, response
-from hil.budget_scenes import RunScene, planned_scenes
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
+from hil.design.budget.budget import analytic_share, error_budget, response
+from hil.design.budget.scenes import RunScene, planned_scenes
 from hil.model import Model, load_model
 from hil.model.curve import Constant
 

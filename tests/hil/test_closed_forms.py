@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.closed_forms import (
+from hil.analysis.published.closed_forms import (
     contractor_covariance,
     contractor_error,
     contractor_solution,

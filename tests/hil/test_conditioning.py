@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.closed_forms import contractor_covariance, matrix_covariance
+from hil.analysis.published.closed_forms import contractor_covariance, matrix_covariance
 from hil.model.earth import Site
 from hil.solve import solve
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.closed_forms import contractor_covariance, contractor_solution
+from hil.analysis.published.closed_forms import contractor_covariance, contractor_solution
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import Solution, solve

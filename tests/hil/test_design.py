@@ -12,13 +12,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from hil.budget import error_budget
-from hil.budget_sources import sources
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.bench import Bench
-from hil.design_document import design_document, sweep_text
-from hil.design_search import Goal, Proposal, parse_target, propose
-from hil.design_sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
+from hil.design.budget.budget import error_budget
+from hil.design.budget.sources import sources
+from hil.design.sequence.proposal import design_document, sweep_text
+from hil.design.sequence.search import Goal, Proposal, parse_target, propose
+from hil.design.sequence.sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
 from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site

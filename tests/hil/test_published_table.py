@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.audit import audit_table
+from hil.analysis.published import audit_table
+from hil.analysis.published.table import read_published_table
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
-from hil.published_table import read_published_table
 from hil.solve import solve_campaign
 
 HEADER = "temperature_C,parameter,mean_printed,sigma_printed,n_stated,flag\n"

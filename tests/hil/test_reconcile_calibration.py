@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.analysis.published.table import read_published_table
 from hil.campaign import Campaign
 from hil.model import load_model
-from hil.published_table import read_published_table
 from hil.reconcile import Reconciliation, reconcile, write_result
 from tests.hil.hidden_effects import EIGHT, Rows, campaign_of, hidden_campaign, lay_out, noise
 

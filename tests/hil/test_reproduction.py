@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil.analysis.published.closed_forms import contractor_solution, seven_biases
+from hil.analysis.published.reproduction import Reproduction, reproduce
 from hil.campaign import Campaign, Collects, Conditions, Sensor
-from hil.closed_forms import contractor_solution, seven_biases
 from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site
 from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
-from hil.reproduction import Reproduction, reproduce
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 PRINTED_DEGC = [-29.72, -14.39, -6.83, 6.28, 23.39, 37.83, 48.89, 60.0]

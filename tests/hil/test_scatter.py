@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Collects, Conditions, Sensor
-from hil.closed_forms import contractor_solution, matrix_solution
-from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
-from hil.scatter import (
+from hil.analysis.published.closed_forms import contractor_solution, matrix_solution
+from hil.analysis.scatter.signature import (
     HYPOTHESES,
     NAMED,
     PUBLISHED_RAMP,
@@ -25,7 +23,9 @@ from hil.scatter import (
     repeats_of_sigmas,
     scatter_signature,
 )
-from hil.scatter_sources import campaign_signatures
+from hil.analysis.scatter.sources import campaign_signatures
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 
 WHITE = 0.81 * np.diag([1.0, 0.5])
 RAMP = np.array(PUBLISHED_RAMP)

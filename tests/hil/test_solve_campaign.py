@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.analysis.published.closed_forms import (
+    contractor_covariance,
+    contractor_solution,
+    matrix_covariance,
+    matrix_solution,
+)
 from hil.campaign.reader import read_campaign
-from hil.closed_forms import contractor_covariance, contractor_solution, matrix_covariance, matrix_solution
 from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.allan.averaging import averaging
-from hil.allan.deviation import octaves
-from hil.allan.document import analyse
-from hil.allan.fit import fit_noise
-from hil.allan.stretches import cut, recording
+from hil.analysis.allan.averaging import averaging
+from hil.analysis.allan.deviation import octaves
+from hil.analysis.allan.document import analyse
+from hil.analysis.allan.fit import fit_noise
+from hil.analysis.allan.stretches import cut, recording
 from hil.errors import InputError
 from tests.hil.allan.noise_series import rates
 

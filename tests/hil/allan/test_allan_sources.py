@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hil.allan.document import analyse
-from hil.allan.sources import read_recording
-from hil.allan.stretches import recording
+from hil.analysis.allan.document import analyse
+from hil.analysis.allan.sources import read_recording
+from hil.analysis.allan.stretches import recording
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.allan.noise_series import rates

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.audit import Audit, audit_table
-from hil.audit.lattice import sigma_gap
-from hil.audit.readings import variants
+from hil.analysis.published import Audit, audit_table
+from hil.analysis.published.closed_forms import seven_biases
+from hil.analysis.published.lattice import sigma_gap
+from hil.analysis.published.readings import variants
 from hil.cli.app import run
-from hil.closed_forms import seven_biases
 from hil.errors import InputError
 
 PARAMETERS = ("BA2_collins", "BA2_matrix", "MUB2_matrix", "BB2_collins", "BB2_matrix", "MUA2_matrix")

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from hil.analysis.published.scatter import published_signatures
 from hil.errors import InputError
-from hil.scatter_published import published_signatures
 
 
 def test_a_printed_table_is_read_with_the_runs_that_its_digits_tell(hil: Any) -> None:

@@ -9,8 +9,8 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
-from hil.thermal.choice import FALSE_ALARM, choose
-from hil.thermal.forms import MonotoneForm, PolynomialForm, TableForm, candidate_forms, monotone
+from hil.analysis.thermal.choice import FALSE_ALARM, choose
+from hil.analysis.thermal.forms import MonotoneForm, PolynomialForm, TableForm, candidate_forms, monotone
 from tests.hil.thermal.nights import PUBLISHED_DEGC, scaled
 
 T = np.array(PUBLISHED_DEGC)

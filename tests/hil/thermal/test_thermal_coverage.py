@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from hil.analysis.thermal.estimate import estimate
+from hil.analysis.thermal.fit import _layout
+from hil.analysis.thermal.noise import block_noise, rate_noise
 from hil.campaign import Collects
 from hil.solve.rows import sensor_blocks
-from hil.thermal.estimate import estimate
-from hil.thermal.fit import _layout
-from hil.thermal.noise import block_noise, rate_noise
 from tests.hil.thermal.nights import RUN_TO_RUN, WHITE, rotor_night, scaled
 
 CURVES = {

@@ -9,7 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.audit.printed import find_table
+from hil.analysis.published.printed import find_table
+from hil.analysis.published.table import read_published_table
+from hil.analysis.thermal import ThermalFit, fit_thermal
+from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.exports import (
+    ARDUPILOT_REFERENCE_DEGC,
+    RAD_PER_S,
+    ardupilot_parameters,
+    bias_polynomials,
+    px4_parameters,
+)
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
 from hil.campaign.writer import write_campaign
@@ -17,17 +27,7 @@ from hil.cli.app import run
 from hil.errors import InputError
 from hil.model import load_model, save_model
 from hil.model.curve import Constant, Polynomial, Table
-from hil.published_table import read_published_table
 from hil.solve.beside_terms import solve_beside
-from hil.thermal import ThermalFit, fit_thermal
-from hil.thermal.document import thermal_document
-from hil.thermal.exports import (
-    ARDUPILOT_REFERENCE_DEGC,
-    RAD_PER_S,
-    ardupilot_parameters,
-    bias_polynomials,
-    px4_parameters,
-)
 from tests.hil.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled, triad_night
 from tests.hil.twin.quiet import changed_bench, collect
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.analysis.published.table import read_published_table
+from hil.analysis.thermal import fit_thermal
+from hil.analysis.thermal.document import parameter_in_words, thermal_document
+from hil.analysis.thermal.exports import ardupilot_parameters, px4_parameters
+from hil.analysis.thermal.fit import SensorFit
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.model import Model, load_model, save_model
-from hil.published_table import read_published_table
 from hil.reconcile import reconcile
-from hil.thermal import fit_thermal
-from hil.thermal.document import parameter_in_words, thermal_document
-from hil.thermal.exports import ardupilot_parameters, px4_parameters
-from hil.thermal.fit import SensorFit
 from tests.hil.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled, triad_night
 
 ROTOR: dict[str, Curve] = {

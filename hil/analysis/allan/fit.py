@@ -1,0 +1,193 @@
+"""Fit N, B and K to an Allan deviation, with intervals.
+
+The model is a sum of variances, one per kind of noise, each with its slope in a log-log plot of the deviation:
+
+    sigma²(tau) = 3 Q²/tau² + N²/tau + (2 ln2/pi) B² + K² tau/3
+    slope            -1        -1/2          0           +1/2
+
+An estimated variance scatters about the true one as chi-square with its equivalent degrees of freedom, so the fit is
+the maximum of that (gamma) likelihood: weights edf/2 over the model's own variance squared, found by reweighting
+non-negative least squares. Octaves of overlapping averages share data; by how much is in `_SHARED`. Intervals are
+profile likelihoods: a term that the record does not show gets an upper bound, not a value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, nnls
+from scipy.stats import chi2
+
+from hil.analysis.allan.deviation import CONFIDENCE, Deviation, NoiseKind, Octaves
+from hil.campaign import FloatArray, IntArray
+
+SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
+"""The slope of each term's deviation against tau in a log-log plot."""
+
+_KINDS = (NoiseKind.QUANTISATION, NoiseKind.WHITE, NoiseKind.FLICKER, NoiseKind.RANDOM_WALK)
+_FLICKER = 2.0 * np.log(2.0) / np.pi
+_SHARED = 1.7  # neighbouring octaves share data: simulated records say by how much (tests/hil/allan)
+_ROUNDS = 60
+_MOST_ROUNDS_OF_KINDS = 4
+_LEAST_CHANCE = 0.01
+_FILTERED = 8
+_SEEN = chi2.ppf(CONFIDENCE, 1)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One coefficient: its value, and the interval at `CONFIDENCE`; `low` is 0 where the record does not show it."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether the record tells the term from nothing."""
+        return self.low > 0.0
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """The terms Q, N, B, K in the data's unit and seconds, and how well they describe the deviations.
+
+    `misfit` is the deviance over its degrees of freedom: about 1 where the four terms describe the record, and
+    `describes` says whether chance would exceed it in at least 1 % of records. Where they do not, averages of fewer
+    than eight samples are left out (a unit's own filter shapes them), and `model_error` is the relative error of the
+    deviations that had to be allowed for; the intervals include it.
+    """
+
+    terms: Mapping[str, Term]
+    deviation: Deviation
+    fitted_from_s: float
+    misfit: float
+    describes: bool
+    model_error: float
+
+    def at(self, tau_s: FloatArray, *, only_seen: bool = False) -> FloatArray:
+        """Return the fitted deviation at `tau_s`, shape (k,); `only_seen` leaves out terms that may be nothing."""
+        used = [term.value if term.seen or not only_seen else 0.0 for term in self.terms.values()]
+        squares = np.square(used)
+        return np.asarray(np.sqrt(_columns(np.asarray(tau_s, dtype=np.float64)) @ squares))
+
+
+def fit_noise(measured: Octaves) -> NoiseFit:
+    """Fit the four terms; which noise dominates at each tau is decided by the fit itself."""
+    chosen = np.ones(len(measured.multiple), dtype=bool)
+    fitted = _Fitted.to(measured, chosen)
+    misfit, describes = fitted.deviance / max(fitted.freedom, 1), fitted.chance >= _LEAST_CHANCE
+    if not describes:
+        longer = measured.multiple >= _FILTERED
+        chosen = longer if np.count_nonzero(longer) > len(SLOPES) else chosen
+        fitted = _Fitted.to(measured, chosen).levelled()
+    terms = {name: Term(*fitted.interval(place)) for place, name in enumerate(SLOPES)}
+    kind = _dominant(_columns(measured.tau_s), fitted.squares)
+    first_s = float(measured.interval_s * measured.multiple[chosen][0])
+    return NoiseFit(terms, measured.with_noise(kind), first_s, misfit, describes, fitted.model_error)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """The most likely squares (p,) of the terms, given variances (k,) and their degrees of freedom (k,)."""
+
+    columns: FloatArray
+    variance: FloatArray
+    edf: FloatArray
+    squares: FloatArray
+    model_error: float = 0.0
+
+    @classmethod
+    def to(cls, measured: Octaves, chosen: NDArray[np.bool_]) -> _Fitted:
+        """Fit, and let the fit say which noise dominates at each tau."""
+        columns = _columns(measured.tau_s)
+        variance = measured.variance[chosen]
+        kind = np.zeros(len(columns), dtype=np.int64)
+        for _ in range(_MOST_ROUNDS_OF_KINDS):
+            edf = measured.edf(kind)[chosen] / _SHARED
+            squares = _maximum(columns[chosen], variance, edf)
+            dominant = _dominant(columns, squares)
+            if np.array_equal(dominant, kind):
+                break
+            kind = dominant
+        return cls(columns[chosen], variance, edf, squares)
+
+    @property
+    def deviance(self) -> float:
+        return _deviance(self.columns @ self.squares, self.variance, self.edf)
+
+    @property
+    def freedom(self) -> int:
+        return len(self.edf) - int(np.count_nonzero(self.squares))
+
+    @property
+    def chance(self) -> float:
+        return float(chi2.sf(self.deviance, self.freedom)) if self.freedom > 0 else 1.0
+
+    def levelled(self) -> _Fitted:
+        """Allow for a relative error of the model, so large that what is left is as large as it should be."""
+
+        def allowing(error: float) -> _Fitted:
+            # A deviation wrong by e has a variance wrong by 2e, which is the scatter of 1 / (2 e²) degrees of freedom.
+            edf = 1.0 / (1.0 / self.edf + 2.0 * error**2)
+            return _Fitted(self.columns, self.variance, edf, _maximum(self.columns, self.variance, edf), error)
+
+        def excess(error: float) -> float:
+            found = allowing(error)
+            return float(found.deviance - found.freedom)
+
+        if self.freedom <= 0 or excess(0.0) <= 0.0:
+            return self
+        return allowing(float(brentq(excess, 0.0, 10.0, rtol=1e-3)))
+
+    def interval(self, place: int) -> tuple[float, float, float]:
+        """Return one term's coefficient with its profile-likelihood interval."""
+        others, own = np.delete(self.columns, place, axis=1), self.columns[:, place]
+
+        def excess(value: float) -> float:
+            given = own * value**2
+            rest = _maximum(others, self.variance, self.edf, given)
+            return float(_deviance(others @ rest + given, self.variance, self.edf) - self.deviance - _SEEN)
+
+        # Above `most` the term alone exceeds every measured variance tenfold.
+        best, most = float(np.sqrt(self.squares[place])), float(np.sqrt(10.0 * np.max(self.variance / own)))
+        low = 0.0 if best == 0.0 or excess(0.0) <= 0.0 else float(brentq(excess, 0.0, best, rtol=1e-3))
+        high = float(brentq(excess, best, most, rtol=1e-3)) if excess(most) > 0.0 else most
+        return best, low, high
+
+
+def _columns(tau_s: FloatArray) -> FloatArray:
+    """Return the variance at each tau of a unit of Q, N, B, K, shape (k, 4)."""
+    return np.stack([3.0 / tau_s**2, 1.0 / tau_s, np.full_like(tau_s, _FLICKER), tau_s / 3.0], -1)
+
+
+def _maximum(columns: FloatArray, variance: FloatArray, edf: FloatArray, fixed: FloatArray | None = None) -> FloatArray:
+    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given."""
+    given = np.zeros_like(variance) if fixed is None else fixed
+    fitted = variance.copy()
+    squares = np.zeros(columns.shape[1])
+    for _ in range(_ROUNDS):
+        weight = np.sqrt(edf) / fitted
+        scale = np.linalg.norm(columns * weight[:, None], axis=0)
+        squares = nnls(columns * weight[:, None] / scale, (variance - given) * weight)[0] / scale
+        next_fit = np.maximum(columns @ squares + given, 1e-12 * variance)
+        # Half steps in the logarithm: the weights of a poor first fit would otherwise swing.
+        change = float(np.max(np.abs(np.log(next_fit / fitted))))
+        fitted = np.sqrt(fitted * next_fit)
+        if change < 1e-6:
+            break
+    return np.asarray(squares)
+
+
+def _deviance(fitted: FloatArray, variance: FloatArray, edf: FloatArray) -> float:
+    ratio = variance / np.maximum(fitted, 1e-300)
+    return float(np.sum(edf * (ratio - 1.0 - np.log(ratio))))
+
+
+def _dominant(columns: FloatArray, squares: FloatArray) -> IntArray:
+    """Return the kind of noise that is largest at each tau, shape (k,)."""
+    largest = np.argmax(columns * squares, axis=1)
+    return np.array([int(_KINDS[place]) for place in largest], dtype=np.int64)

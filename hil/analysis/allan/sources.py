@@ -1,0 +1,271 @@
+"""Where a series comes from: a night, a campaign folder, a Parquet or CSV table, a plain column file, a NumPy archive.
+
+    read_recording(Path("night-014"), channel="RA", sensor=2)                  # every collect, a stretch each
+    read_recording(Path("static.csv"), channel="gx", rate_hz=100.0, unit="rad/s")
+
+Rates become deg/hr. Tables that this project wrote say their unit and their times; others are told.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from hil.analysis.allan.stretches import Recording, cut, recording, sampling_interval
+from hil.campaign import Campaign, FloatArray
+from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
+from hil.errors import InputError
+from hil.files.units import RATE, to_number
+from hil.records.blocks import Block, read_samples
+from hil.records.export import samples_by_collect
+from hil.records.reader import JOURNAL_NAME
+
+_TIMES = ("t_s", "time_s")
+_PROJECT_UNIT = "deg/hr"
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """A table's columns, (n,) each, with the units that it states; `simulated` where it says so."""
+
+    path: Path
+    values: Mapping[str, FloatArray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    simulated: bool = False
+
+
+def read_recording(
+    source: Path,
+    *,
+    channel: str | None = None,
+    sensor: int | None = None,
+    collect: int | None = None,
+    rate_hz: float | None = None,
+    unit: str | None = None,
+) -> Recording:
+    """Read one channel of a recorded or imported series.
+
+    `source` is a night's or a campaign's folder (all collects of the channel, or one), or a file. `unit` may carry a
+    factor, such as "0.05 deg/s" for counts. Raises `InputError` saying what is missing: channel, rate or unit.
+    """
+    if source.is_dir():
+        return _of_folder(source, channel, sensor, collect)
+    if collect is not None:
+        raise InputError(f"{source}: --collect is for a night's or a campaign's folder, and this is a file")
+    return _of_table(_read_table(source), channel, rate_hz, unit)
+
+
+def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: int | None) -> Recording:
+    if (folder / JOURNAL_NAME).is_file():
+        campaign, blocks = samples_by_collect(folder)
+        recorded = set(blocks)
+    elif (folder / HEADER_FILE).is_file():
+        campaign, blocks = read_campaign(folder), {}
+        recorded = set(campaign.series_files)
+    else:
+        raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+    number, name = _choose_channel(folder, campaign, channel, sensor)
+    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in recorded]
+    if not own:
+        raise InputError(f"{folder}: no series of sensor {number} was kept")
+    if collect is not None and collect not in own:
+        raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {_listed(own)}")
+    pieces: list[FloatArray] = []
+    interval_s = 0.0
+    for title, time_s, values, block_s in _each_series(folder, campaign, blocks, number, name, own, collect):
+        interval_s = interval_s or block_s or sampling_interval(title, time_s)
+        pieces += cut(title, values, interval_s, time_s)
+    which = "all collects" if collect is None else f"collect {collect}"
+    notes = ("collects at different temperatures are taken together",) if collect is None and len(own) > 1 else ()
+    title = f"{folder.name}, {which}, sensor {number}, {name}"
+    return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
+
+
+def _each_series(
+    folder: Path,
+    campaign: Campaign,
+    blocks: Mapping[int, Block],
+    number: int,
+    name: str,
+    recorded: Sequence[int],
+    collect: int | None,
+) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
+    """Yield a title, times, rates and the averaging time of each row (0 for single samples), one collect at a time."""
+    place = _channels(campaign, number).index(name)
+    for each in recorded if collect is None else [collect]:
+        title = f"{folder}, collect {each}"
+        if each in blocks:
+            samples = read_samples(folder, blocks[each])
+            yield title, samples.time_s, np.where(samples.good, samples.of("rate", number)[name], np.nan), 0.0
+        elif (series := read_series(campaign, each)) is not None:
+            yield title, series.t_s, series.rates_deg_per_hr[:, place], series.block_s or 0.0
+
+
+def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
+    """Return sensor number and channel; refuse where there is more than one to choose from."""
+    if sensor is not None and sensor not in campaign.sensors:
+        raise InputError(f"{folder}: there is no sensor {sensor}; there are {_listed(campaign.sensors)}")
+    numbers = [sensor] if sensor is not None else list(campaign.sensors)
+    found = [
+        (number, name)
+        for number in numbers
+        for name in campaign.sensors[number].conditions.sensor.channels
+        if channel in (None, name)
+    ]
+    if len(found) == 1:
+        return found[0]
+    every = [f"{name} of sensor {number}" for number in numbers for name in _channels(campaign, number)]
+    what = "there is no such channel" if not found else "choose one with --channel and --sensor"
+    raise InputError(f"{folder}: {what}; there are {', '.join(every)}")
+
+
+def _channels(campaign: Campaign, number: int) -> Sequence[str]:
+    return list(campaign.sensors[number].conditions.sensor.channels)
+
+
+def _of_table(table: _Columns, channel: str | None, rate_hz: float | None, unit: str | None) -> Recording:
+    times = next((name for name in _TIMES if name in table.values), None)
+    names = [name for name in table.values if name != times]
+    rates = [name for name in names if name.endswith("_deg_per_hr")] or names
+    if channel is None and len(rates) == 1:
+        channel = rates[0]
+    if not rates:
+        raise InputError(f"{table.path}: it has no column of numbers")
+    if channel is None:
+        raise InputError(f"{table.path}: choose a column with --channel; there are {', '.join(names)}")
+    if channel not in names:
+        raise InputError(f"{table.path}: there is no column {channel}; there are {', '.join(names)}")
+    title = f"{table.path.name}, {channel}"
+    stated = table.units.get(channel) or (_PROJECT_UNIT if channel.endswith("_deg_per_hr") else None)
+    factor = _factor(f"{table.path}, column {channel}", unit, stated)
+    values = table.values[channel] * factor
+    if times is None:
+        if rate_hz is None:
+            raise InputError(f"{table.path}: it has no column {' or '.join(_TIMES)}; give the sample rate with --rate")
+        return recording(title, cut(title, values, 1.0 / rate_hz), 1.0 / rate_hz, simulated=table.simulated)
+    time_s = table.values[times]
+    interval_s = sampling_interval(title, time_s)
+    if rate_hz is not None and abs(rate_hz * interval_s - 1.0) > 0.01:
+        raise InputError(
+            f"{table.path}: its times are {interval_s:g} s apart ({1 / interval_s:.6g} Hz), --rate says "
+            f"{rate_hz:g} Hz; leave --rate out or correct it"
+        )
+    return recording(title, cut(title, values, interval_s, time_s), interval_s, simulated=table.simulated)
+
+
+def _factor(where: str, given: str | None, stated: str | None) -> float:
+    """Return how many deg/hr one unit of the column is."""
+    text = given or stated
+    if text is None:
+        raise InputError(f"{where}: its unit is not stated; give it with --unit, such as deg/s, rad/s or '0.05 deg/s'")
+    if given is not None and stated is not None and given != stated:
+        raise InputError(f"{where}: the file states {stated}, --unit says {given}; leave --unit out")
+    number = text.strip()
+    try:
+        return to_number(number if number[:1] in "0123456789.+-" else f"1 {number}", RATE)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _read_table(path: Path) -> _Columns:
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file")
+    try:
+        match path.suffix.lower():
+            case ".parquet":
+                return _parquet(path)
+            case ".npy" | ".npz":
+                return _numpy(path)
+            case ".csv":
+                return _text(path, ",")
+            case _:
+                return _text(path, None)
+    except (pa.ArrowException, OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
+
+
+def _parquet(path: Path) -> _Columns:
+    with path.open("rb") as opened, pyarrow.parquet.ParquetFile(opened, pre_buffer=False) as file:
+        table = file.read(use_threads=False)
+    units, values = {}, {}
+    for each in table.schema:
+        if pa.types.is_floating(each.type) or pa.types.is_integer(each.type):
+            values[each.name] = np.asarray(table[each.name].cast(pa.float64()).to_numpy(zero_copy_only=False))
+            units[each.name] = ((each.metadata or {}).get(b"unit") or b"").decode()
+    simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
+    return _Columns(path, values, units, simulated)
+
+
+def _numpy(path: Path) -> _Columns:
+    with path.open("rb") as file:
+        loaded = np.load(file, allow_pickle=False)
+        arrays = {path.stem: loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded}
+    values: dict[str, FloatArray] = {}
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            continue
+        if array.ndim == 1 and array.size > 1:
+            values[name] = array.astype(np.float64)
+        elif array.ndim == 2:
+            values |= {f"{name}[{place}]": array[:, place].astype(np.float64) for place in range(array.shape[1])}
+    return _Columns(path, values)
+
+
+def _text(path: Path, delimiter: str | None) -> _Columns:
+    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
+    with path.open(encoding="utf-8-sig") as file:
+        first = next((line for line in file if line.strip() and not line.startswith("#")), "")
+    if not first:
+        raise ValueError("it is empty")
+    cells = [cell.strip() for cell in first.split(delimiter)]
+    named = not all(_is_number(cell) for cell in cells)
+    names = cells if named else [str(place + 1) for place in range(len(cells))]
+    if delimiter == "," and not _has_comments(path):
+        read = pa.csv.ReadOptions(column_names=None if named else names)
+        table = pa.csv.read_csv(path, read_options=read)
+        numeric = [n for n in table.column_names if pa.types.is_floating(table[n].type) or _is_whole(table[n].type)]
+        columns = {n: table[n].cast(pa.float64()).to_numpy(zero_copy_only=False) for n in numeric}
+        return _Columns(path, {n.removeprefix("\ufeff"): np.asarray(v) for n, v in columns.items()})
+    rows = np.loadtxt(path, delimiter=delimiter, skiprows=_rows_before(path, named), ndmin=2, encoding="utf-8-sig")
+    if rows.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
+    return _Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
+
+
+def _is_whole(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_integer(kind))
+
+
+def _has_comments(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(1) == b"#"
+
+
+def _rows_before(path: Path, named: bool) -> int:
+    """Return how many lines stand before the numbers: comments at the top, and the names."""
+    with path.open(encoding="utf-8-sig") as file:
+        for number, line in enumerate(file):
+            if line.strip() and not line.startswith("#"):
+                return number + int(named)
+    return 0
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _listed(numbers: Mapping[int, object] | Sequence[int]) -> str:
+    found = [str(each) for each in numbers]
+    return ", ".join(found if len(found) <= 12 else [*found[:5], "…", found[-1]])

@@ -1,0 +1,181 @@
+"""The audit of a printed table: every identity with its residual, its verdict, and what would mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hil.analysis.published.identities import Identity, identities_of_1, identities_of_a1, tilt_of_a1
+from hil.analysis.published.lattice import run_resolution, runs_told
+from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, find_table, read_printed
+from hil.analysis.published.readings import Demand, Reading, demands, readings
+
+SCHEMA = "hil.audit/1"
+
+MINOR_DEG_PER_HR = 0.075
+"""Up to here a residual beyond its tolerance is minor: a twelfth of what one collect scatters by (0.9 deg/hr).
+
+Some digit is then wrong, and no conclusion hangs on it.
+"""
+
+_MEANS = ("contractor", "matrix", "mu")
+_MOST_CANDIDATES = 40
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One identity of one row: what is left over, what rounding allows, the verdict, and what would mend it."""
+
+    row: PrintedRow
+    identity: Identity
+    residual: float
+    tolerance: float
+    verdict: str
+    candidates: Sequence[Reading] = ()
+    demanded: Sequence[Demand] = ()
+    note: str = ""
+
+    def entry(self) -> dict[str, Any]:
+        """Return the finding as it stands in the document."""
+        return {
+            "row": self.row.label,
+            "group": self.row.group,
+            "axis": self.row.axis,
+            "identity": self.identity.name,
+            "residual": round(self.residual, 6),
+            "tolerance": round(self.tolerance, 6),
+            "verdict": self.verdict,
+            "cells": [
+                {"cell": cell.what, "printed": cell.text, "file_row": cell.file_row, "column": cell.column}
+                for cell in (self.row.cells[role] for role in self.identity.roles)
+            ],
+            "candidates": [
+                {
+                    "cell": each.what,
+                    "printed": each.printed,
+                    "read": each.read,
+                    "change": each.change,
+                    "residual": round(each.residual, 6),
+                    "mends_row": each.mends_row,
+                }
+                for each in self.candidates
+            ],
+            "would_close": [
+                {"cell": each.what, "value": each.value, "others_hold": each.others_hold} for each in self.demanded
+            ],
+            "note": self.note,
+        }
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Every finding of one table. `runs_told` gives by group the number of runs that the digits tell."""
+
+    table: PrintedTable
+    findings: Sequence[Finding]
+    resolution: float | None = None
+    runs_told: dict[str, int | None] = field(default_factory=dict)
+
+    def of(self, verdict: str) -> list[Finding]:
+        """Return the findings with a verdict: ok, minor or inconsistent."""
+        return [each for each in self.findings if each.verdict == verdict]
+
+    @property
+    def inconsistent(self) -> list[Finding]:
+        """The identities that do not close."""
+        return self.of("inconsistent")
+
+    def document(self) -> dict[str, Any]:
+        """Return what `hil audit --json` prints."""
+        document: dict[str, Any] = {
+            "schema": SCHEMA,
+            "table": str(self.table.path),
+            "layout": self.table.layout,
+            "identities": [each.entry() for each in self.findings],
+            "counts": {verdict: len(self.of(verdict)) for verdict in ("ok", "minor", "inconsistent")},
+            "summary": self.summary(),
+            "notes": list(self.table.notes),
+        }
+        if self.table.layout == TABLE_A1:
+            document["rows"] = [{"row": row.label, **tilt_of_a1(row.values())} for row in self.table.rows]
+        else:
+            document["resolution"] = self.resolution
+            document["runs"] = [
+                {"group": group, "stated": _stated(self.table, group), "told_by_digits": told}
+                for group, told in self.runs_told.items()
+            ]
+        return document
+
+    def summary(self) -> str:
+        """Say in one sentence what was found."""
+        if not self.inconsistent and not self.of("minor"):
+            return f"all {len(self.findings)} identities hold"
+        parts = []
+        for kind in dict.fromkeys(each.identity.kind for each in self.findings):
+            same = [each for each in self.findings if each.identity.kind == kind]
+            rows = [str(each.row.label) for each in same if each.verdict == "inconsistent"]
+            minor = sum(each.verdict == "minor" for each in same)
+            if rows or minor:
+                which = f" ({'; '.join(rows)})" if rows else ""
+                parts.append(f"{kind}: {len(rows)} of {len(same)} inconsistent{which}, {minor} minor")
+        return ". ".join([*parts, "Nothing is corrected."])
+
+
+def audit_table(name: str | Path) -> Audit:
+    """Audit a table, by path or by the name of one that ships; raise `InputError` where it cannot be read."""
+    table = read_printed(find_table(name))
+    if table.layout == TABLE_A1:
+        findings = [each for row in table.rows for each in _judge_row(row, list(identities_of_a1(row)))]
+        return Audit(table, findings)
+    half = max(cell.half_digit for row in table.rows for role, cell in row.cells.items() if role in _MEANS)
+    groups = {
+        group: [row.cells[role].value for row in table.rows if row.group == group for role in _MEANS]
+        for group in dict.fromkeys(row.group for row in table.rows)
+    }
+    resolution = run_resolution(list(groups.values()), half)
+    told = {group: runs_told(means, half, resolution) if resolution else None for group, means in groups.items()}
+    findings = []
+    for row in table.rows:
+        # The digits of a temperature may all lie on another lattice than the stated one: then that is the finding.
+        believed = told[row.group] if _contradicts(told[row.group], row.n_stated) else row.n_stated
+        findings += _judge_row(row, list(identities_of_1(row, resolution, believed or told[row.group])))
+        if resolution and believed != row.n_stated and row.n_stated:
+            findings.append(_other_lattice(row, resolution, believed or 0))
+    return Audit(table, findings, resolution, told)
+
+
+def _contradicts(told: int | None, stated: int | None) -> bool:
+    """Whether the digits tell a number of runs that the stated one cannot give (1, 2 or a divisor tell nothing)."""
+    return told is not None and stated is not None and stated % told != 0
+
+
+def _stated(table: PrintedTable, group: str) -> int | None:
+    return next((row.n_stated for row in table.rows if row.group == group), None)
+
+
+def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:
+    values = row.values()
+    found = []
+    for identity in every:
+        residual, tolerance = identity.gap(values), identity.tolerance(values)
+        if identity.holds(values):
+            found.append(Finding(row, identity, residual, tolerance, "ok"))
+            continue
+        verdict = "minor" if abs(residual) <= MINOR_DEG_PER_HR else "inconsistent"
+        candidates = readings(row, identity, every)[:_MOST_CANDIDATES]
+        found.append(Finding(row, identity, residual, tolerance, verdict, candidates, demands(row, identity, every)))
+    return found
+
+
+def _other_lattice(row: PrintedRow, resolution: float, told: int) -> Finding:
+    stated = next(each for each in identities_of_1(row, resolution, row.n_stated) if each.name.startswith("means"))
+    return Finding(
+        row,
+        stated,
+        stated.gap(row.values()),
+        0.0,
+        "minor",
+        note=f"all means of this temperature are multiples of {resolution:g}/{told}: {told} runs, not {row.n_stated}",
+    )

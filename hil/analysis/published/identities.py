@@ -1,0 +1,157 @@
+"""The identities that tie the printed cells of a row together, each with the tolerance that printing allows.
+
+Table 1, with G = (1, 0, 0) and the equations of RD-GC-86-1 (5), (6), (9)-(12): the contractor's bias less the matrix
+bias is +MUB*G1 on axis A and -MUA*G1 on axis B, in every run and so in the mean; and the three standard deviations of
+the same runs form a triangle. Table A-1: eqs. (A-27)-(A-33) give one bias seven ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from hil.analysis.published.lattice import off_lattice, sigma_gap
+from hil.analysis.published.printed import PrintedRow
+
+DEFAULT_RESOLUTION = 0.01
+"""What single runs are taken to have been written down to, deg/hr, where the digits do not tell."""
+
+G1_UNCERTAINTY = 0.0015
+"""How far G1 may be from 1 g: the report prints no G; Table A-1's tilts reach 55 mrad."""
+
+_PRINTED_RUNS = 1.5  # roundings of three single values, each half a digit
+_SLACK = 1e-9  # decimal digits are not exact in binary
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A statement about the cells `roles` of a row; `kind` is what rows have in common.
+
+    `gap` gives what is left over for given values, 0 where the identity holds exactly; `tolerance` how much rounding
+    allows. `linear` says that a value for any one cell can be found that closes it.
+    """
+
+    name: str
+    kind: str
+    roles: tuple[str, ...]
+    gap: Callable[[Values], float]
+    tolerance: Callable[[Values], float]
+    linear: bool = True
+
+    def holds(self, values: Values) -> bool:
+        """Whether the identity closes within its tolerance."""
+        return abs(self.gap(values)) <= self.tolerance(values) + _SLACK
+
+
+def identities_of_1(row: PrintedRow, resolution: float | None, runs: int | None) -> Iterator[Identity]:
+    """Yield the identities of one temperature and axis; `runs` is the number of runs that the lattice is judged for."""
+    axis = row.axis
+    sign, mu, bias = (1.0, "MUB", "BA") if axis == "A" else (-1.0, "MUA", "BB")
+    digit = resolution or DEFAULT_RESOLUTION
+    yield Identity(
+        f"{bias}_collins - {bias}_matrix = {'' if sign > 0 else '-'}{mu}*G1",
+        "collins - matrix = MU*G1",
+        ("contractor", "matrix", "mu"),
+        lambda v: v["contractor"] - v["matrix"] - sign * v["mu"],
+        lambda v: digit + G1_UNCERTAINTY * abs(v["mu"]),
+    )
+    sigmas = ("sigma_contractor", "sigma_matrix", "sigma_mu")
+    if all(role in row.cells for role in sigmas):
+        yield Identity(
+            f"sigma triangle |sC - sM| <= s{mu} <= sC + sM",
+            "sigma triangle",
+            sigmas,
+            lambda v: _triangle(*(v[role] for role in sigmas)),
+            lambda v: _PRINTED_RUNS * digit,  # noqa: ARG005 - every tolerance is asked in the same way
+            linear=False,
+        )
+    if resolution is not None and runs is not None:
+        yield from _lattices(row, resolution, runs)
+
+
+def _lattices(row: PrintedRow, resolution: float, runs: int) -> Iterator[Identity]:
+    means = ("contractor", "matrix", "mu")
+    half = {role: cell.half_digit for role, cell in row.cells.items()}
+    yield Identity(
+        f"means are multiples of {resolution:g}/{runs}",
+        "number of runs in the digits",
+        means,
+        lambda v: max(off_lattice(v[role], half[role], resolution, runs) for role in means),
+        lambda v: 0.0,  # noqa: ARG005
+        linear=False,
+    )
+    if runs != 3:  # more runs can have any sigma
+        return
+    for role in means:
+        if f"sigma_{role}" in row.cells and off_lattice(row.cells[role].value, half[role], resolution, runs) == 0.0:
+            yield _possible_sigma(row, role, resolution)
+
+
+def _possible_sigma(row: PrintedRow, role: str, resolution: float) -> Identity:
+    sigma = f"sigma_{role}"
+    cell = row.cells[sigma]
+    return Identity(
+        f"{cell.what} is possible for 3 runs at {resolution:g}",
+        "sigma possible for 3 runs",
+        (role, sigma),
+        lambda v: sigma_gap(v[role], v[sigma], resolution),
+        lambda v: 1.02 * cell.half_digit,  # noqa: ARG005
+        linear=False,
+    )
+
+
+def identities_of_a1(row: PrintedRow) -> Iterator[Identity]:
+    """Yield the identities of one run of Table A-1; they hold for any GSA, W and tilt.
+
+    With m = MUB*G3 = A-28 - A-31 = A-32 - A-29, MUB*G1 = A-30 - A-33 and eps = (A-28 - A-29)/2 - m, what the GSA used
+    is wrong by (times G1), A-33 = mean(A-28, A-29) - eps*G3/G1.
+    """
+
+    def identity(name: str, roles: tuple[str, ...], gap: Callable[[Values], float]) -> Identity:
+        return Identity(name, name, roles, gap, lambda v: rounding(row, roles, gap, v))
+
+    yield identity(
+        "A-27 = mean(A-28, A-29)", ("A-27", "A-28", "A-29"), lambda v: v["A-27"] - 0.5 * (v["A-28"] + v["A-29"])
+    )
+    yield identity(
+        "A-28 - A-31 = A-32 - A-29",
+        ("A-28", "A-29", "A-31", "A-32"),
+        lambda v: (v["A-28"] - v["A-31"]) - (v["A-32"] - v["A-29"]),
+    )
+    yield identity(
+        "A-33 = mean(A-28, A-29) - eps*G3/G1", ("A-28", "A-29", "A-30", "A-31", "A-32", "A-33"), _off_pattern
+    )
+
+
+def tilt_of_a1(v: Values) -> dict[str, float | None]:
+    """Return what a row of Table A-1 says about its set-up: MUB*G1, MUB*G3 (from A-31), their ratio, and eps."""
+    along, across = v["A-30"] - v["A-33"], v["A-28"] - v["A-31"]
+    eps = 0.5 * (v["A-28"] - v["A-29"]) - across
+    return {"MUB_G1": along, "MUB_G3": across, "G3_over_G1": across / along if along else None, "eps": eps}
+
+
+def rounding(row: PrintedRow, roles: tuple[str, ...], gap: Callable[[Values], float], values: Values) -> float:
+    """Return the most that rounding of every cell to its last digit can add up to."""
+    here, total = gap(values), 0.0
+    for role in roles:
+        half = row.cells[role].half_digit
+        total += abs(gap({**values, role: values[role] + half}) - here)
+    return total
+
+
+def _triangle(contractor: float, matrix: float, mu: float) -> float:
+    return max(abs(contractor - matrix) - mu, mu - (contractor + matrix), 0.0)
+
+
+def _off_pattern(v: Values) -> float:
+    along = v["A-30"] - v["A-33"]
+    if along == 0.0:  # no MU at all: then A-33 is the plain mean
+        return v["A-33"] - 0.5 * (v["A-28"] + v["A-29"])
+    gaps = []
+    # Where A-31 and A-32 contradict each other, that has its own line, and the one that fits the rest is taken here.
+    for across in (v["A-28"] - v["A-31"], v["A-32"] - v["A-29"]):
+        eps = 0.5 * (v["A-28"] - v["A-29"]) - across
+        gaps.append(v["A-33"] - (0.5 * (v["A-28"] + v["A-29"]) - eps * across / along))
+    return min(gaps, key=abs)

@@ -1,0 +1,133 @@
+"""A published table of parameters as a campaign: what the printed means say that the collects must have been.
+
+    campaign = read_published_table(Path("table1.csv"))
+
+Table 1 of RD-GC-86-1 prints no rates. It prints two biases per channel and temperature: the matrix solution's, which
+is the mean of Collects 1 and 2 (eqs. 9, 10), and the contractor's, which is Collect 3 (eqs. 5, 6). With G = (1, 0, 0)
+these are the rates that Collects 1 and 2 have in common and the rate of Collect 3. What the table does not determine
+(GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells become warnings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil.analysis.published.printed import check_sizes, check_units, find_table
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
+from hil.errors import InputError
+
+_COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")
+_BIASES = {"RA": ("BA2_matrix", "BA2_collins"), "RB": ("BB2_matrix", "BB2_collins")}
+_SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+_COLLECT_F = {"1": (-1.0, 0.0, 0.0), "2": (1.0, 0.0, 0.0), "3": (0.0, 0.0, 1.0)}
+_REPEAT_S = 3 * 3600.0  # how far the temperatures lie apart is not printed; only their order matters
+_NOTE = (
+    "Rebuilt from printed means: Collects 1 and 2 share the matrix bias, Collect 3 is the contractor's bias. GSA, GSB "
+    "and the earth rate are not printed and taken as zero; G = (1, 0, 0); when the collects were made is not known. "
+    "Each rate is a mean of the printed number of runs, with the standard error of that mean; the printed sigma of MU "
+    "is not used: standard errors of collects cannot say that the two biases scatter together."
+)
+
+
+@dataclass(frozen=True)
+class _Cell:
+    mean: float
+    sigma: float
+    count: int
+    flag: str
+
+
+def read_published_table(table: Path) -> Campaign:
+    """Read a table in the layout of Table 1, one row per parameter and temperature, as a campaign of one sensor.
+
+    `table` is a path, or the name of a table that ships (rd-gc-86-1-table-1).
+
+    One run per temperature, three collects each; standard errors are the printed sigmas over root n. Raises
+    `InputError` naming file, row and column.
+    """
+    path = find_table(table)
+    cells = _read(path)
+    temperatures = sorted({temperature for temperature, _ in cells})
+    rates, errors, warnings = [], [], []
+    for temperature in temperatures:
+        for label in _COLLECT_F:
+            found = [_bias(cells, path, temperature, names, label) for names in _BIASES.values()]
+            rates.append([cell.mean for cell in found])
+            # Collects 1 and 2 share one mean: each is less certain than their mean by root two.
+            spread = 1.0 if label == "3" else np.sqrt(2.0)
+            errors.append([spread * cell.sigma / np.sqrt(cell.count) for cell in found])
+    for (temperature, parameter), cell in sorted(cells.items()):
+        if cell.flag != "ok":
+            warnings.append(f"{path.name}: {parameter} at {temperature:g} °C is flagged {cell.flag}; kept as printed")
+    repeat = len(_COLLECT_F)
+    n = repeat * len(temperatures)
+    start_s = np.repeat(np.arange(len(temperatures)) * _REPEAT_S, repeat) + np.tile(
+        np.arange(repeat) * 300.0, n // repeat
+    )
+    conditions = Conditions(
+        sensor=_SENSOR,
+        collect=np.arange(1, n + 1),
+        run=np.repeat(np.arange(1, len(temperatures) + 1), repeat),
+        position=np.array(list(_COLLECT_F) * len(temperatures)),
+        start_s=start_s,
+        duration_s=np.full(n, 60.0),
+        f_g=np.array(list(_COLLECT_F.values()) * len(temperatures)),
+        w_deg_per_hr=np.zeros((n, 3)),
+        columns={"temperature_degC": np.repeat(np.array(temperatures), repeat)},
+    )
+    return Campaign(
+        title=f"{path.stem}, rebuilt from printed means",
+        source=f"{path.name}, a published table",
+        sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
+        warnings=tuple(warnings),
+        notes=_NOTE,
+    )
+
+
+def _bias(
+    cells: Mapping[tuple[float, str], _Cell], path: Path, temperature: float, names: Sequence[str], label: str
+) -> _Cell:
+    name = names[1] if label == "3" else names[0]
+    try:
+        return cells[temperature, name]
+    except KeyError:
+        raise InputError(f"{path}: the table has no {name} at {temperature:g} °C") from None
+
+
+def _read(path: Path) -> dict[tuple[float, str], _Cell]:
+    table = Table(path)
+    table.require(_COLUMNS)
+    check_units(table)
+    temperatures, means, sigmas = (table.numbers(name, required=True) for name in _COLUMNS[:1] + _COLUMNS[2:4])
+    for name, values in (("mean_printed", means), ("sigma_printed", sigmas)):
+        check_sizes(table, name, values)
+    counts = _counts(table)
+    flags = table.texts("flag") if "flag" in table.header else [""] * len(table)
+    cells: dict[tuple[float, str], _Cell] = {}
+    for line, parameter in enumerate(table.texts("parameter")):
+        key = float(temperatures[line]), parameter
+        if key[0] < ABSOLUTE_ZERO_DEGC:
+            raise table.complaint(line, "temperature_C", f"{key[0]:g} °C is below absolute zero")
+        if sigmas[line] <= 0.0:
+            raise table.complaint(line, "sigma_printed", "sigma must be positive")
+        if key in cells:
+            raise table.complaint(line, "parameter", f"{parameter} at {key[0]:g} °C stands there twice")
+        cells[key] = _Cell(float(means[line]), float(sigmas[line]), counts[line], flags[line] or "ok")
+    if not cells:
+        raise InputError(f"{path}: the table has no rows")
+    return cells
+
+
+def _counts(table: Table) -> list[int]:
+    """Return the number of runs of each row: as inferred where that is given, else as stated."""
+    stated = table.numbers("n_stated", required=True)
+    inferred = table.numbers("n_inferred") if "n_inferred" in table.header else np.full(len(table), np.nan)
+    counts = np.where(np.isnan(inferred), stated, inferred)
+    for line in np.flatnonzero((counts < 1) | (counts != np.round(counts))):
+        raise table.complaint(int(line), "n_stated", f"{counts[line]:g} is not a number of runs")
+    return [int(count) for count in counts]

@@ -1,0 +1,1 @@
+"""What makes repeats scatter: noise, the bias, MU or a warm-up."""

@@ -1,0 +1,187 @@
+"""The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from hil.analysis.thermal.choice import FALSE_ALARM
+from hil.analysis.thermal.estimate import CONFIDENCE
+from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
+from hil.analysis.thermal.improvement import Improvement
+
+SCHEMA = "hil.thermal/1"
+
+
+def thermal_document(result: ThermalFit) -> dict[str, Any]:
+    """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
+    return {
+        "schema": SCHEMA,
+        "campaign": result.campaign.title,
+        "simulated": result.campaign.simulated,
+        "warnings": list(result.campaign.warnings),
+        "method": (
+            "form chosen by leave-one-temperature-out, all positions and temperatures in one generalised least-squares "
+            "system with white and run-level noise"
+        ),
+        "confidence": CONFIDENCE,
+        "false_alarm": FALSE_ALARM,
+        "sensors": [_sensor(each) for each in result.sensors.values()],
+    }
+
+
+def _sensor(fit: SensorFit) -> dict[str, Any]:
+    stations = fit.layout.stations
+    return {
+        "sensor": fit.number,
+        "model": fit.layout.form.name,
+        "range_degC": list(fit.range_degC),
+        "temperatures_degC": stations.centre_degC.tolist(),
+        "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
+        "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
+        "rates": {
+            "unit": "deg/hr",
+            "scatter_of_one_collect": fit.rate_noise_deg_per_hr,
+            **_improvement(fit.improvement),
+        },
+        "verdict": {"improves": fit.improvement.is_certain, "words": verdict_in_words(fit)},
+        "notes": list(fit.notes),
+    }
+
+
+def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
+    choice = each.choice
+    is_polynomial = choice.form.order is not None
+    half = each.coefficients.half_width
+    hysteresis = each.hysteresis
+    return {
+        "unit": each.unit,
+        "form": each.form,
+        "order": choice.form.order,
+        "reference_degC": fit.layout.middle_degC if is_polynomial else None,
+        "range_degC": list(fit.range_degC),
+        "coefficients": [
+            {
+                "value": value,
+                "se": se,
+                "low": value - width,
+                "high": value + width,
+                "unit": each.unit + ("" if power == 0 or not is_polynomial else f"/degC{power if power > 1 else ''}"),
+                **({"power": power} if is_polynomial else {"temperature_degC": temperature}),
+            }
+            for power, (value, se, width, temperature) in enumerate(
+                zip(
+                    each.coefficients.values.tolist(),
+                    each.coefficients.se.tolist(),
+                    half.tolist(),
+                    fit.layout.stations.centre_degC.tolist(),
+                    strict=False,
+                )
+            )
+        ],
+        "values": [
+            {"temperature_degC": temperature, "value": value, "se": se}
+            for temperature, value, se in zip(
+                fit.layout.stations.centre_degC.tolist(),
+                each.values.values.tolist(),
+                each.values.se.tolist(),
+                strict=True,
+            )
+        ],
+        "leave_one_out_error": choice.errors[each.form],
+        "leave_one_out_error_constant": choice.errors["constant"],
+        "leave_one_out_errors": dict(choice.errors),
+        "steps": [
+            {"form": step.form.name, "error": step.error, "best_richer": step.best_richer, "chance": step.chance}
+            for step in choice.steps
+        ],
+        "repeatability": _known(each.repeatability),
+        "changes": each.changes,
+        "chance_constant": each.chance_constant,
+        "chance_form": each.chance_form,
+        "largest_linear_change": each.largest_change,
+        "hysteresis": None
+        if hysteresis is None
+        else {
+            "unit": each.unit,
+            "from_below_less_from_above": hysteresis.value,
+            "se": hysteresis.se,
+            "low": hysteresis.low,
+            "high": hysteresis.high,
+            "seen": hysteresis.seen,
+        },
+        "improvement": _improvement(each.improvement),
+        "finding": each.finding,
+        "confirmed": each.is_confirmed,
+        "verdict": parameter_in_words(each),
+    }
+
+
+def _improvement(found: Improvement) -> dict[str, Any]:
+    return {
+        "held_out_constant": found.constant,
+        "held_out_modelled": found.modelled,
+        "share_removed": found.share,
+        "low": found.low,
+        "high": found.high,
+        "form_chosen_anew": found.chosen_anew,
+        "confidence_that_it_helps": found.confidence,
+    }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def parameter_in_words(each: ParameterFit) -> str:
+    """Say what was found about one parameter."""
+    errors = each.choice.errors
+    if each.finding == "constant":
+        bound = f"{each.largest_change:.2g} {each.unit}"
+        return f"no temperature dependence found; over the range a straight line changes less than {bound}"
+    if each.finding == "undescribed":
+        cubic = f"; cubic {errors['cubic']:.3g} beside {errors['constant']:.3g}" if "cubic" in errors else ""
+        return (
+            "differs between temperatures beyond its noise, but no form predicts one that was left out better than a "
+            f"constant by more than chance (p = {each.choice.chance_of_constant:.2g}{cubic})"
+        )
+    words = f"{each.form}: held-out error {errors['constant']:.3g} with a constant, {errors[each.form]:.3g} with it"
+    if each.improvement.chosen_anew:
+        confirms = "confirms it" if each.is_confirmed else "does not confirm it"
+        words += f"; choosing the form anew without that temperature {confirms} ({each.improvement.modelled:.3g})"
+    if each.chance_form is not None and each.chance_form < DESCRIBES:
+        words += "; it leaves a misfit beyond the noise, which its standard errors include"
+    return words
+
+
+def verdict_in_words(fit: SensorFit) -> str:
+    """Say whether modelling in software improves the unit, by how much, and with what confidence."""
+    found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
+    numbers = (
+        f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
+        f"{found.modelled:.3g} deg/hr with the curves (share removed {found.share:.0%}; drawing the temperatures again "
+        f"{found.low:.0%} to {found.high:.0%}); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
+    )
+    if all(each.choice.form.order == 0 for each in fit.parameters.values()):
+        reason = (
+            "no parameter depends on temperature"
+            if all(each.finding == "constant" for each in fit.parameters.values())
+            else "no form predicts better than a constant"
+        )
+        return (
+            f"modelling against temperature does not improve this unit: {reason}; held-out error {found.constant:.3g} "
+            f"deg/hr, one collect scatters by {scatter:.3g} deg/hr"
+        )
+    if found.is_certain:
+        return f"modelling against temperature improves this unit: {numbers}"
+    return f"modelling against temperature does not demonstrably improve this unit: {numbers}"
+
+
+def _confirmed(fit: SensorFit) -> str:
+    """Say which of the chosen forms the temperatures that were left out confirm, one by one."""
+    modelled = [each for each in fit.parameters.values() if each.finding == "modelled"]
+    if not fit.improvement.chosen_anew:
+        return "; too few temperatures to choose the forms anew, so that choosing them flatters the curves"
+    held = ", ".join(each.name for each in modelled if each.is_confirmed) or "none"
+    doubtful = ", ".join(each.name for each in modelled if not each.is_confirmed)
+    return f"; confirmed one by one: {held}" + (f"; not confirmed: {doubtful}" if doubtful else "")

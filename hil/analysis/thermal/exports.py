@@ -1,0 +1,139 @@
+"""Bias curves of a three-axis triad as parameter files of PX4 and ArduPilot.
+
+PX4 subtracts offset = X0 + X1 d + X2 d² + X3 d³ with d = T - TREF and T held within TMIN and TMAX, in rad/s.
+ArduPilot subtracts p(T - 35) and adds p(T_cal - 35), with p(d) = (GYR1 d + GYR2 d² + GYR3 d³) 1e-6 rad/s and both
+temperatures held within TMIN and TMAX: the constant part is the gyro offset that its own calibration finds at T_cal.
+Sources: PX4 developer guide, "Thermal Calibration and Compensation", and PX4 Tools/process_sensor_caldata.py;
+ArduPilot libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.analysis.thermal.fit import ParameterFit, SensorFit
+from hil.campaign import FloatArray
+from hil.errors import InputError
+from hil.model.forms import bias_names
+
+RAD_PER_S = np.pi / 180.0 / 3600.0
+"""One deg/hr in rad/s."""
+
+ARDUPILOT_REFERENCE_DEGC = 35.0
+ARDUPILOT_SCALE = 1e6
+ARDUPILOT_LEAST_RANGE_DEGC = 10.0
+CUBIC = 3
+PX4_INTEGER, PX4_FLOAT = 6, 9
+
+
+@dataclass(frozen=True)
+class BiasPolynomials:
+    """The biases of a triad's three axes as cubics in T - `reference_degC`, (3, 4), rad/s, lowest power first.
+
+    `held_out` are their held-out errors, deg/hr, and `notes` say where a cubic is not what the data ask for.
+    """
+
+    coefficients: FloatArray
+    reference_degC: float
+    range_degC: tuple[float, float]
+    held_out_deg_per_hr: tuple[float, ...]
+    notes: tuple[str, ...]
+
+    def about(self, reference_degC: float) -> FloatArray:
+        """Return the same cubics in T - `reference_degC`, (3, 4)."""
+        shift = np.polynomial.Polynomial([reference_degC - self.reference_degC, 1.0])
+        moved = [np.polynomial.Polynomial(row)(shift).coef for row in self.coefficients]
+        return np.array([np.pad(row, (0, CUBIC + 1 - len(row))) for row in moved])
+
+
+def bias_polynomials(fit: SensorFit) -> BiasPolynomials:
+    """Return the biases of a triad as cubics; raise `InputError` where the sensor is no three-axis triad."""
+    sensor = fit.layout.collects.conditions.sensor
+    if not sensor.is_triad:
+        raise InputError(f"sensor {sensor.number}: PX4 and ArduPilot correct three-axis triads, and this is none")
+    by_axis = dict(zip(sensor.channels.values(), bias_names(sensor), strict=True))
+    rows, errors, notes = [], [], []
+    for axis in sensor.axes:
+        each = fit.parameters[by_axis[axis]]
+        row, name = _cubic_or_lower(each, fit)
+        rows.append(np.pad(row, (0, CUBIC + 1 - len(row))) * RAD_PER_S)
+        errors.append(each.choice.errors[name])
+        if name != each.form:
+            notes.append(
+                f"{each.name}: {each.form} is what the data ask for; the best these files hold is {name}, held-out "
+                f"error {each.choice.errors[name]:.3g} instead of {each.choice.errors[each.form]:.3g} deg/hr"
+            )
+        if each.finding == "undescribed":
+            notes.append(f"{each.name}: differs between temperatures, and no form describes how; {name} is held here")
+        elif each.finding == "modelled" and not each.is_confirmed:
+            notes.append(f"{each.name}: temperatures that did not choose its form do not confirm it")
+    low, high = fit.range_degC
+    return BiasPolynomials(np.array(rows), fit.layout.middle_degC, (low, high), tuple(errors), tuple(notes))
+
+
+def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str]:
+    """Return the chosen polynomial, or of those up to a cubic the one that predicts best, fitted to the free values."""
+    order = each.choice.form.order
+    if order is not None and order <= CUBIC:
+        return each.coefficients.values, each.form
+    names = ("constant", "linear", "quadratic", "cubic")
+    tried = [order for order in range(CUBIC + 1) if names[order] in each.choice.errors]
+    best = min(tried, key=lambda order: each.choice.errors[names[order]])
+    centre = fit.layout.stations.centre_degC - fit.layout.middle_degC
+    weight = np.sqrt(each.choice.weight)
+    return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), names[best]
+
+
+def px4_parameters(fit: SensorFit, instance: int = 0, device_id: int | None = None) -> str:
+    """Return a QGroundControl parameter file (tab-separated) for PX4's gyro `instance`."""
+    found = bias_polynomials(fit)
+    low, high = found.range_degC
+    values: dict[str, float] = {
+        f"TC_G{instance}_TMIN": low,
+        f"TC_G{instance}_TMAX": high,
+        f"TC_G{instance}_TREF": found.reference_degC,
+    }
+    for axis, row in enumerate(found.coefficients):
+        values |= {f"TC_G{instance}_X{power}_{axis}": float(value) for power, value in enumerate(row)}
+    whole = {"TC_G_ENABLE": 1} | ({} if device_id is None else {f"TC_G{instance}_ID": device_id})
+    lines = ["# Gyro thermal compensation, bias only, rad/s; written by hil thermal", *_remarks(fit, found)]
+    if device_id is None:
+        lines.append(f"# TC_G{instance}_ID must be the device id of this gyro on your board; it is not set here")
+    lines.append("# Vehicle-Id\tComponent-Id\tName\tValue\tType")
+    lines += [f"1\t1\t{name}\t{value}\t{PX4_INTEGER}" for name, value in whole.items()]
+    lines += [f"1\t1\t{name}\t{value:.9g}\t{PX4_FLOAT}" for name, value in sorted(values.items())]
+    return "\n".join(lines) + "\n"
+
+
+def ardupilot_parameters(fit: SensorFit, instance: int = 1) -> str:
+    """Return an ArduPilot parameter file for IMU `instance`; only what depends on temperature is in it.
+
+    Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
+    """
+    found = bias_polynomials(fit)
+    low, high = found.range_degC
+    if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
+        raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
+    about = found.about(ARDUPILOT_REFERENCE_DEGC)
+    values = {f"INS_TCAL{instance}_ENABLE": "1"}
+    values |= {f"INS_TCAL{instance}_TMIN": f"{low:.1f}", f"INS_TCAL{instance}_TMAX": f"{high:.1f}"}
+    for power in range(1, CUBIC + 1):
+        for axis, row in zip("XYZ", about, strict=True):
+            values[f"INS_TCAL{instance}_GYR{power}_{axis}"] = f"{row[power] * ARDUPILOT_SCALE:.9f}"
+    remarks = [
+        "# Gyro temperature calibration, 1e-6 rad/s, about 35 degC; written by hil thermal",
+        *_remarks(fit, found),
+    ]
+    remarks.append(
+        "# the constant part is the gyro offset that the board finds itself; calibrate the gyros after loading"
+    )
+    return "\n".join(remarks + [f"{name} {value}" for name, value in values.items()]) + "\n"
+
+
+def _remarks(fit: SensorFit, found: BiasPolynomials) -> list[str]:
+    sensor = fit.layout.collects.conditions.sensor
+    axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
+    said = [f"# axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"]
+    return said + [f"# {note}" for note in found.notes]

@@ -1,0 +1,391 @@
+"""Fit every parameter of every sensor of a campaign against temperature.
+
+First the parameters are free at every temperature; from that each gets its form (`choice`). Then all rows are fitted
+once more along the chosen forms, at the temperature that each row really had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
+from hil.analysis.thermal.estimate import Estimates, Layout, estimate, repeatability
+from hil.analysis.thermal.forms import MONOTONE, monotone
+from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
+from hil.analysis.thermal.noise import RateNoise, rate_noise
+from hil.analysis.thermal.stations import APART_DEGC, Stations, find_stations, refuse_impossible
+from hil.campaign import Campaign, Collects, FloatArray
+from hil.errors import InputError
+from hil.model import Model
+from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
+from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
+from hil.model.model_file import SCHEMA as MODEL_SCHEMA
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE
+
+HIGHEST_ORDER = 5
+_RARE, _CHANGED = 0.4, 0.05
+"""Of `FALSE_ALARM`, shared by a sensor's parameters: for a win over the constant alone, and for values that change.
+
+Beside noise that is itself estimated the tests of the second kind reject four times too often so far out: together
+both say of 5 % of sensors without any dependence that they have one (benchmarks/test_thermal_rates.py).
+"""
+
+DESCRIBES = 0.01
+"""A form describes the values where noise would leave a larger misfit in at least this share of campaigns."""
+
+
+@dataclass(frozen=True)
+class Hysteresis:
+    """Value reached from below less value reached from above, with its standard error and interval."""
+
+    value: float
+    se: float
+    low: float
+    high: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether the interval excludes zero."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+@dataclass(frozen=True)
+class ParameterFit:
+    """One parameter against temperature.
+
+    `values` are the free estimates at each temperature; `coefficients` those of the chosen form (powers of T - T0, the
+    lowest first, for a polynomial; values at the temperatures for a table). `changes` says that they differ between
+    temperatures by more than noise, for whatever form. `chance_constant` and `chance_form` are the
+    chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
+    `largest_change` bounds the change over the range of a straight line, where no dependence was found.
+    """
+
+    name: str
+    unit: str
+    choice: Choice
+    curve: Curve
+    coefficients: Estimates
+    values: Estimates
+    repeatability: float
+    changes: bool
+    chance_constant: float
+    chance_form: float | None
+    largest_change: float
+    improvement: Improvement
+    hysteresis: Hysteresis | None
+
+    @property
+    def form(self) -> str:
+        """The name of the chosen form."""
+        return self.choice.form.name
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether a form that depends on temperature also wins where it is chosen anew without what it predicts."""
+        return self.finding == "modelled" and self.improvement.chosen_anew and self.improvement.is_certain
+
+    @property
+    def finding(self) -> str:
+        """modelled, constant (no dependence found), or undescribed (it depends, and no form predicts it)."""
+        if self.choice.form.order != 0:
+            return "modelled"
+        return "undescribed" if self.changes else "constant"
+
+
+@dataclass(frozen=True)
+class SensorFit:
+    """One sensor: its temperatures, its parameters, and what modelling does for its rates."""
+
+    number: int
+    layout: Layout
+    noise: RateNoise
+    parameters: Mapping[str, ParameterFit]
+    improvement: Improvement
+    rate_noise_deg_per_hr: float
+    notes: Sequence[str] = ()
+
+    @property
+    def range_degC(self) -> tuple[float, float]:
+        """The lowest and highest temperature measured."""
+        temperature = self.layout.temperature_degC
+        return float(temperature.min()), float(temperature.max())
+
+
+@dataclass(frozen=True)
+class ThermalFit:
+    """The fits of a campaign's sensors."""
+
+    campaign: Campaign
+    sensors: Mapping[int, SensorFit]
+    notes: Sequence[str] = field(default_factory=tuple)
+
+    def model(self) -> Model:
+        """Return the curves as a model file's content; all sensors must have the same form."""
+        forms = {each.layout.form.name for each in self.sensors.values()}
+        if len(forms) > 1:
+            raise InputError(f"the sensors have different forms ({', '.join(sorted(forms))}); fit them one by one")
+        curves = {n: {p.name: p.curve for p in each.parameters.values()} for n, each in self.sensors.items()}
+        title = f"{self.campaign.title}, against temperature"
+        source = f"hil thermal on {self.campaign.title}" + (" (SIMULATED)" if self.campaign.simulated else "")
+        return Model(schema=MODEL_SCHEMA, title=title, form=forms.pop(), source=source, sensors=curves)
+
+
+def fit_thermal(
+    campaign: Campaign,
+    model_name: str | None = None,
+    *,
+    highest_order: int = HIGHEST_ORDER,
+    apart_degC: float = APART_DEGC,
+    seed: int = 0,
+) -> ThermalFit:
+    """Fit each sensor of a campaign; raise `InputError` where one has no temperatures or fewer than three."""
+    if model_name is not None and (model_name not in MODEL_NAMES or model_name == "matrix-6-thermal"):
+        choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
+        raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
+    sensors = {
+        number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
+        for number, collects in campaign.sensors.items()
+    }
+    return ThermalFit(campaign, sensors)
+
+
+def fit_sensor(
+    number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float, seed: int
+) -> SensorFit:
+    """Fit one sensor's parameters; see `fit_thermal`."""
+    layout, notes = _layout(number, collects, model_name, apart_degC)
+    runs = len(np.unique(layout.collects.conditions.run))
+    free = [layout.station_basis()] * len(layout.form.names)
+    spare = max(runs - len(layout.stations) - int(layout.hysteresis), 0)
+    noise = rate_noise(number, layout.collects, layout.design(free), spare)
+    values = _free_values(layout, noise)
+    choices = _choices(layout, values, noise.known, highest_order, seed)
+    if not noise.known:
+        notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
+        noise = noise.times(
+            float(np.mean([_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(values, choices, strict=True)]))
+        )
+        values = _free_values(layout, noise)
+    bases = [layout.station_basis() if c.form.order is None else layout.power_basis(c.form.order) for c in choices]
+    fitted = estimate(layout, noise, bases)
+    scatter = repeatability(layout, noise)
+    errors = [
+        nested_errors(layout.stations.centre_degC, each, choice, highest_order, seed)
+        for each, choice in zip(values, choices, strict=True)
+    ]
+    parameters = {}
+    start = 0
+    for place, name in enumerate(layout.form.names):
+        own = fitted.part(start, bases[place].shape[1])
+        start += bases[place].shape[1]
+        last = len(fitted.values) - len(bases) + place
+        change = fitted.part(last, 1) if layout.hysteresis else None
+        parameters[name] = _parameter(
+            layout, place, choices[place], values[place], own, scatter[name], errors[place], change, noise.known
+        )
+    if layout.hysteresis:
+        notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
+    else:
+        notes.append(
+            f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
+            "are in the curves"
+        )
+    if noise.known and spare == 0:
+        notes.append(
+            f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
+            "standard errors, cannot be told from what depends on temperature"
+        )
+    rates = _rate_improvement(layout, choices, errors)
+    size = float(np.sqrt(np.mean(np.diagonal(noise.covariance))))
+    return SensorFit(number, layout, noise, parameters, rates, size, tuple(notes))
+
+
+def _free_values(layout: Layout, noise: RateNoise) -> list[Estimates]:
+    """Return every parameter free at each temperature, (S,) values each, in the form's order."""
+    count, names = len(layout.stations), layout.form.names
+    found = estimate(layout, noise, [layout.station_basis()] * len(names))
+    return [found.part(place * count, count) for place in range(len(names))]
+
+
+def _choices(
+    layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int, seed: int
+) -> list[Choice]:
+    """Choose each parameter's form.
+
+    Values that stay within their noise need a rare win to be more than a constant: over all parameters of the sensor
+    both ways to be wrong come to `FALSE_ALARM`.
+    """
+    rare = _RARE * FALSE_ALARM / len(values)
+    return [
+        choose(
+            layout.stations.centre_degC,
+            each.values,
+            each.covariance,
+            highest_order=highest_order,
+            seed=seed + place,
+            first_alarm=FALSE_ALARM if noise_known and _changes(layout, each) else rare,
+        )
+        for place, each in enumerate(values)
+    ]
+
+
+def _layout(number: int, collects: Collects, model_name: str | None, apart_degC: float) -> tuple[Layout, list[str]]:
+    """Choose the form and the rows: temperatures at which not every parameter can be told are left out."""
+    refuse_impossible(collects)
+    conditions = collects.conditions
+    temperature = conditions.columns.get("temperature_degC")
+    notes = []
+    if temperature is not None and not np.all(np.isfinite(temperature)) and np.any(np.isfinite(temperature)):
+        notes.append(f"sensor {number}: {int(np.sum(~np.isfinite(temperature)))} rows without temperature are left out")
+        collects = collects.rows(np.isfinite(temperature))
+    stations = find_stations(collects.conditions, apart_degC)
+    form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
+    if form.reason:
+        notes.append(f"sensor {number}: {form.reason}")
+    whole = np.array([_tells_all(form, collects.rows(stations.number == place)) for place in range(len(stations))])
+    if not np.all(whole):
+        left = ", ".join(f"{each:.1f} °C" for each in stations.centre_degC[~whole])
+        notes.append(f"sensor {number}: too few positions for every parameter at {left}; left out")
+        keep = whole[stations.number]
+        collects = collects.rows(keep)
+        number_of = np.cumsum(whole) - 1
+        stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
+    if len(stations) < 3:
+        raise InputError(
+            f"sensor {number}: {len(stations)} temperature{'s' if len(stations) != 1 else ''} with every parameter; at "
+            f"least three are needed, more than {apart_degC:g} °C apart (--apart)"
+        )
+    own = collects.conditions.columns["temperature_degC"]
+    middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))
+    both = len(stations.both_directions) > 0
+    layout = Layout(collects, form, form.columns(collects.conditions), stations, float(np.round(middle)), half, both)
+    return layout, notes
+
+
+def _tells_all(form: LinearForm, collects: Collects) -> bool:
+    columns = form.columns(collects.conditions)
+    rates = collects.rates_deg_per_hr.reshape(-1)
+    found = solve(
+        columns.reshape(len(rates), -1), np.where(np.isnan(rates), np.nan, 0.0), 1.0, rank_tolerance=OBSERVABLE
+    )
+    return int(found.rank) == len(form.names)
+
+
+def _parameter(
+    layout: Layout,
+    place: int,
+    choice: Choice,
+    values: Estimates,
+    own: Estimates,
+    scatter: float,
+    errors: FloatArray,
+    change: Estimates | None,
+    noise_known: bool,
+) -> ParameterFit:
+    unit = layout.form.units[place]
+    order = choice.form.order
+    coefficients = own
+    if order is not None:
+        coefficients = own.scaled(layout.half_degC ** -np.arange(order + 1.0))
+    elif choice.form.name == MONOTONE:
+        coefficients = replace(own, values=monotone(own.values, choice.weight))
+    hysteresis = None
+    if change is not None:
+        value, width = float(change.values[0]), float(change.half_width[0])
+        hysteresis = Hysteresis(value, float(change.se[0]), value - width, value + width)
+    misfit = None if order is None else _misfit(layout, values, order)
+    if misfit is not None and misfit.chance < DESCRIBES:
+        # What the form does not describe stands in the errors of its coefficients.
+        coefficients = replace(coefficients, covariance=coefficients.covariance * misfit.ratio)
+    return ParameterFit(
+        name=layout.form.names[place],
+        unit=unit,
+        choice=choice,
+        curve=_curve(layout, unit, order, coefficients),
+        coefficients=coefficients,
+        values=values,
+        repeatability=scatter,
+        changes=noise_known and _changes(layout, values),
+        chance_constant=_misfit(layout, values, 0).chance,
+        chance_form=None if misfit is None else misfit.chance,
+        largest_change=_largest_change(layout, values),
+        improvement=improvement(choice.held_out_constant, errors, choice.weight),
+        hysteresis=hysteresis,
+    )
+
+
+def _changes(layout: Layout, values: Estimates) -> bool:
+    """Tell whether the free values, or their straight line, change with temperature more than their noise allows.
+
+    Of a sensor without any dependence it is said for some parameter in half of `FALSE_ALARM` of campaigns.
+    """
+    line = _line(layout, values)
+    slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom[1]))
+    return min(_misfit(layout, values, 0).chance, slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
+
+
+@dataclass(frozen=True)
+class _Misfit:
+    """How far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
+
+    ratio: float
+    chance: float
+
+
+def _misfit(layout: Layout, values: Estimates, order: int) -> _Misfit:
+    basis = layout.powers(layout.stations.centre_degC, order)
+    found = solve(basis, values.values, covariance=values.covariance)
+    left = int(found.degrees_of_freedom)
+    if left == 0:
+        return _Misfit(1.0, 1.0)
+    ratio = float(found.chi_square) / left
+    return _Misfit(ratio, float(fisher.sf(ratio, left, min(float(np.min(values.freedom)), 1e6))))
+
+
+def _line(layout: Layout, values: Estimates) -> Estimates:
+    """Return level and slope of a straight line through the free values, per half range."""
+    basis = layout.powers(layout.stations.centre_degC, 1)
+    found = solve(basis, values.values, covariance=values.covariance)
+    return Estimates(found.values, found.covariance, np.full(2, np.min(values.freedom)), float(found.chi_square))
+
+
+def _largest_change(layout: Layout, values: Estimates) -> float:
+    """Return the bound, at `CONFIDENCE`, of what a straight line may change over the range."""
+    line = _line(layout, values)
+    return 2.0 * float(abs(line.values[1]) + line.half_width[1])
+
+
+def _curve(layout: Layout, unit: str, order: int | None, coefficients: Estimates) -> Curve:
+    temperature = layout.temperature_degC
+    valid = (float(temperature.min()), float(temperature.max()))
+    values, se = coefficients.values.tolist(), coefficients.se.tolist()
+    if order == 0:
+        return Constant(unit=unit, value=values[0], se=se[0], valid_degC=valid)
+    if order is not None:
+        polynomial, errors = tuple(values), tuple(se)
+        return Polynomial(
+            unit=unit, polynomial=polynomial, reference_degC=layout.middle_degC, se=errors, valid_degC=valid
+        )
+    rows = TableRows(temperature_degC=tuple(layout.stations.centre_degC.tolist()), value=tuple(values), se=tuple(se))
+    return Table(unit=unit, table=rows, valid_degC=valid)
+
+
+def _rate_improvement(layout: Layout, choices: Sequence[Choice], errors: Sequence[FloatArray]) -> Improvement:
+    """What the curves of all parameters together do for the rates at a temperature that was left out."""
+    number = layout.stations.number
+    constant = np.stack([choice.held_out_constant[number] for choice in choices], -1)
+    modelled = np.stack([each[number] for each in errors], -1)
+    before = np.einsum("ncp,np->nc", layout.columns, constant)
+    after = np.einsum("ncp,np->nc", layout.columns, modelled)
+    counts = np.bincount(number).astype(np.float64)
+
+    def per_station(rates: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.bincount(number, weights=np.mean(rates**2, axis=1)) / counts))
+
+    return improvement(per_station(before), per_station(after), counts / counts.sum())

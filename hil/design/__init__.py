@@ -1,0 +1,1 @@
+"""Before the night: what a sweep can see, what its errors will be, which sequence serves a goal."""

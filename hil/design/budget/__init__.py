@@ -1,0 +1,1 @@
+"""What each source of error contributes to each parameter of a sweep."""

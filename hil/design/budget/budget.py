@@ -1,0 +1,146 @@
+"""The error budget of a self-calibration: what each source contributes to each parameter, two ways.
+
+    budget = error_budget(scene, sources(...), form)
+    budget.share("tilt").analytic     # (p,) one standard deviation, by the solver's response to small errors
+    budget.share("tilt").simulated    # (p,) the same from draws that went through the solver
+    budget.total(repeats=3)           # of the mean of three runs: what varies from run to run is averaged
+
+The analytic column propagates each source's covariance through the derivative of the solution. The simulated one draws
+the source's errors, makes the rates that a sensor with known parameters would have shown, solves them as if nothing
+were wrong, and looks how far off the parameters are. They must agree within the draws' own error, and both are printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.campaign import FloatArray
+from hil.design.budget.sources import Scene, Source
+from hil.model.forms import LinearForm
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE
+
+DRAWS = 100_000
+
+SECOND_ORDER = 1e-4
+"""deg/hr (or deg/hr/g): contributions below a hundredth of the report's resolution are not compared.
+
+Where a parameter is immune to a source in first order, the draws still show the second.
+"""
+
+_CHUNK = 5_000  # small enough for the cache
+_SIGMAS = 4.5  # of some sixty numbers compared, chance alone brings one beyond this in one budget of 2000
+
+
+@dataclass(frozen=True)
+class Share:
+    """One source's contribution to each of p parameters: one standard deviation, analytic and simulated."""
+
+    source: Source
+    analytic: FloatArray
+    simulated: FloatArray
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The budget of one run. `everything` is what all sources together give in the draws (drawn at once)."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    shares: tuple[Share, ...]
+    everything: FloatArray
+    draws: int
+
+    def share(self, source: str) -> Share:
+        """Return the contribution of one source, by its id."""
+        return next(each for each in self.shares if each.source.id == source)
+
+    def total(self, repeats: int = 1) -> FloatArray:
+        """Return the analytic standard deviation (p,) of the mean of `repeats` runs."""
+        parts = [each.analytic**2 / (repeats if each.source.varies == "run" else 1) for each in self.shares]
+        return np.asarray(np.sqrt(np.sum(parts, axis=0)))
+
+    def simulation_error(self, simulated: FloatArray) -> FloatArray:
+        """Return one standard deviation of simulated contributions by the finite number of draws."""
+        return np.asarray(simulated / np.sqrt(2.0 * self.draws))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every contribution, and the total, is the same both ways, within the draws' own error."""
+        return not self.too_large and not np.any(self._apart(self.total(), self.everything))
+
+    @property
+    def too_large(self) -> dict[str, list[str]]:
+        """The parameters for which a source is too large for a linear calculation, by the source's id."""
+        apart = {each.source.id: self._apart(each.analytic, each.simulated) for each in self.shares}
+        return {
+            source: [name for name, far in zip(self.names, found, strict=True) if far]
+            for source, found in apart.items()
+            if np.any(found)
+        }
+
+    def _apart(self, analytic: FloatArray, simulated: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(analytic - simulated) > _SIGMAS * self.simulation_error(analytic) + SECOND_ORDER)
+
+
+def response(scene: Scene, form: LinearForm) -> FloatArray:
+    """Return what the solution makes of the rates (p, n·c): its derivative; NaN for what these collects cannot know."""
+    design = _design(scene, form)
+    unit_rates = np.eye(design.shape[0])
+    return np.asarray(solve(design, unit_rates, scene.sigma.ravel(), rank_tolerance=OBSERVABLE).values.T)
+
+
+def analytic_share(source: Source, scene: Scene, to_parameters: FloatArray) -> FloatArray:
+    """Return one source's contribution (p,) by the derivative `to_parameters` (p, n·c) of the solution."""
+    columns = source.columns(scene)
+    return np.asarray(source.size * np.linalg.norm(to_parameters @ columns.reshape(-1, columns.shape[-1]), axis=1))
+
+
+def error_budget(scene: Scene, given: Sequence[Source], form: LinearForm, draws: int = DRAWS, seed: int = 0) -> Budget:
+    """Return the budget of one self-calibration, for the parameters of `form`.
+
+    `draws` is for each source. Parameters that the collects cannot know are NaN. The same seed gives the same numbers.
+    """
+    to_parameters = response(scene, form)
+    squares = np.zeros((len(given) + 1, len(form.names)))
+    rng = np.random.default_rng(seed)
+    for begin in range(0, draws, _CHUNK):
+        squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
+    spread = np.sqrt(squares / draws)
+    shares = tuple(
+        Share(source, analytic_share(source, scene, to_parameters), spread[i]) for i, source in enumerate(given)
+    )
+    return Budget(form.names, form.units, shares, spread[-1], draws)
+
+
+def _simulate(
+    scene: Scene, given: Sequence[Source], form: LinearForm, draws: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return sums of squared errors (s + 1, p) over draws: each source alone, then all of them at once."""
+    design, sigma = _design(scene, form), scene.sigma.ravel()
+    rates = scene.base.bias + scene.rates(scene.gravity, scene.earth_rate)
+    assumed = scene.conditions.w_channels_deg_per_hr
+    right = solve(design, (rates - assumed).ravel(), sigma, rank_tolerance=OBSERVABLE).values
+    together = np.zeros((draws, *rates.shape))
+    found = []
+    for source in given:
+        components = source.columns(scene).shape[-1]
+        wrong = source.changes(scene, source.size * rng.standard_normal((draws, components)))
+        together += wrong
+        found.append(_squares(design, rates + wrong - assumed, sigma, right))
+    found.append(_squares(design, rates + together - assumed, sigma, right))
+    return np.array(found)
+
+
+def _squares(design: FloatArray, observed: FloatArray, sigma: FloatArray, right: FloatArray) -> FloatArray:
+    solution = solve(design, observed.reshape(len(observed), -1), sigma, rank_tolerance=OBSERVABLE)
+    return np.asarray(np.sum((solution.values - right) ** 2, axis=0))
+
+
+def _design(scene: Scene, form: LinearForm) -> FloatArray:
+    columns = form.columns(scene.conditions)
+    return columns.reshape(-1, columns.shape[-1])

@@ -1,0 +1,162 @@
+"""The error budget as the JSON document hil.budget/1, before a night and after it.
+
+    budget_document(planned_scenes(sweep, bench), sweep.title, repeats=3)
+    budget_document(measured_scenes(campaign, bench), campaign.title, repeats=3, observed=scatter_of(campaign))
+
+Each sensor has the budget of one run, the one whose total is worst unless another is asked for, and the totals of all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import Campaign, FloatArray
+from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
+from hil.design.budget.scenes import RunScene
+from hil.errors import InputError
+from hil.solve import solve_campaign
+from hil.solve.repeats import runs_by_temperature
+
+SCHEMA = "hil.budget/1"
+
+Observed = Mapping[int, Mapping[str, tuple[float, int]]]
+"""By sensor and parameter: the standard deviation from run to run at one temperature, and its degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a budget: which run (None: the worst), how many repeats are averaged, how many draws."""
+
+    run: int | None = None
+    repeats: int = 3
+    draws: int = DRAWS
+    seed: int = 0
+
+
+def budget_document(
+    scenes: Mapping[int, Sequence[RunScene]],
+    title: str,
+    asked: Asked,
+    *,
+    simulated: bool = False,
+    observed: Observed | None = None,
+) -> dict[str, Any]:
+    """Return the budget of each sensor; raises `InputError` for a run that is not there."""
+    return {
+        "schema": SCHEMA,
+        "title": title,
+        "simulated": simulated,
+        "repeats": asked.repeats,
+        "draws": asked.draws,
+        "seed": asked.seed,
+        "sensors": {
+            str(number): _sensor(number, runs, asked, (observed or {}).get(number, {}))
+            for number, runs in scenes.items()
+        },
+    }
+
+
+def scatter_of(campaign: Campaign) -> dict[int, dict[str, tuple[float, int]]]:
+    """Return how each parameter scattered from run to run at one temperature, pooled over the temperatures."""
+    found: dict[int, dict[str, tuple[float, int]]] = {}
+    solutions = solve_campaign(campaign)
+    for number, rows in campaign.sensors.items():
+        squares: dict[str, float] = {}
+        degrees: dict[str, int] = {}
+        for _, runs in runs_by_temperature(rows.conditions):
+            own = [each for each in solutions if each.sensor == number and each.run in runs]
+            for name in dict.fromkeys(name for each in own for name in each.parameters):
+                values = [each.parameters[name].value for each in own if name in each.parameters]
+                known = np.array([value for value in values if value is not None])
+                if len(known) > 1:
+                    squares[name] = squares.get(name, 0.0) + float(np.sum((known - known.mean()) ** 2))
+                    degrees[name] = degrees.get(name, 0) + len(known) - 1
+        found[number] = {name: (math.sqrt(squares[name] / degrees[name]), degrees[name]) for name in squares}
+    return found
+
+
+def _sensor(
+    number: int, runs: Sequence[RunScene], asked: Asked, observed: Mapping[str, tuple[float, int]]
+) -> dict[str, Any]:
+    totals = {each.run: _total(each) for each in runs}
+    if asked.run is not None and asked.run not in totals:
+        raise InputError(f"sensor {number}: there is no run {asked.run}; there are {', '.join(map(str, totals))}")
+    chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
+    budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
+    return {
+        "run": chosen.run,
+        "temperature_degC": chosen.temperature_degC,
+        "positions": chosen.scene.conditions.position.tolist(),
+        "form": chosen.form.name,
+        "acting_on": chosen.base_origin,
+        "noise_deg_per_hr": float(np.sqrt(np.mean(chosen.scene.sigma**2))),
+        "parameters": dict(zip(budget.names, budget.units, strict=True)),
+        "sources": [_share(budget, index) for index in range(len(budget.shares))],
+        "total": _both(budget, budget.total(), budget.everything),
+        "mean_of_repeats": _named(budget, budget.total(asked.repeats)),
+        "run_to_run": _named(budget, _from_run_to_run(budget)),
+        "observed_run_to_run": {
+            name: {"sd": sd, "degrees_of_freedom": degrees} for name, (sd, degrees) in observed.items()
+        },
+        "left_out": list(chosen.left_out),
+        "agrees": budget.agrees,
+        "too_large": budget.too_large,
+        "runs": [
+            {
+                "run": each.run,
+                "temperature_degC": each.temperature_degC,
+                "total": _named(budget, totals[each.run]),
+            }
+            for each in runs
+        ],
+    }
+
+
+def _total(each: RunScene) -> FloatArray:
+    to_parameters = response(each.scene, each.form)
+    parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
+    return np.asarray(np.sqrt(np.sum(parts, axis=0)))
+
+
+def _from_run_to_run(budget: Budget) -> FloatArray:
+    varying = [each.analytic**2 for each in budget.shares if each.source.varies == "run"]
+    return np.asarray(np.sqrt(np.sum(varying, axis=0)))
+
+
+def _share(budget: Budget, index: int) -> dict[str, Any]:
+    share = budget.shares[index]
+    source = share.source
+    return {
+        "id": source.id,
+        "title": source.title,
+        "size": source.size,
+        "unit": source.unit,
+        "origin": source.origin,
+        "varies": source.varies,
+        "parameters": _both(budget, share.analytic, share.simulated),
+    }
+
+
+def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[str, dict[str, float | None]]:
+    error = budget.simulation_error(simulated)
+    return {
+        name: {
+            "analytic": _finite(analytic[i]),
+            "monte_carlo": _finite(simulated[i]),
+            "monte_carlo_error": _finite(error[i]),
+        }
+        for i, name in enumerate(budget.names)
+    }
+
+
+def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
+    return {name: _finite(value) for name, value in zip(budget.names, values, strict=True)}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

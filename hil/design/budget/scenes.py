@@ -1,0 +1,181 @@
+"""From a planned sweep or a measured campaign to the scenes of an error budget: one for each run of each sensor.
+
+    scenes = planned_scenes(sweep, bench)            # before the night: what the files say
+    scenes = measured_scenes(campaign, bench)        # after it: standard errors, slopes and parameters as measured
+
+The parameters that errors of attitude act on (GS, MU) are the model's where there is one with values, those that were
+solved for after a night, and else typical of such a sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.config.bench import Bench
+from hil.config.sweep import Sweep, check_sweep_against_bench
+from hil.design.budget.sources import Scene, Source, sources
+from hil.design.conditions import planned_conditions
+from hil.design.visibility.map import base_values
+from hil.errors import InputError
+from hil.model import Model, load_model
+from hil.model.effects.base import Base
+from hil.model.effects.geometry import local_frame
+from hil.model.forms import LinearForm, default_form
+from hil.solve import solve
+from hil.solve.runs import OBSERVABLE, stated_noise
+from procedures.plan import make_plan
+from procedures.settings import Restabilisation
+
+_SAME_G = 0.05
+"""g: an orientation of the bench file is a collect's where gravity lies along the same axes to this."""
+
+_LARGEST_NOISE = 1e9
+"""deg/hr: an average with more is none."""
+
+_UNIFORM = 1.0 / np.sqrt(3.0)
+"""Standard deviation of what may be anything within ±1."""
+
+
+@dataclass(frozen=True)
+class RunScene:
+    """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is.
+
+    `left_out` names the sources that cannot be reckoned with, because it is not known how the sensor lay.
+    """
+
+    run: int
+    scene: Scene
+    sources: tuple[Source, ...]
+    form: LinearForm
+    base_origin: str
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def temperature_degC(self) -> float | None:
+        """The run's temperature: the setpoint, else the unit's own."""
+        columns = self.scene.conditions.columns
+        for name in ("setpoint_degC", "temperature_degC"):
+            if name in columns and np.any(np.isfinite(columns[name])):
+                return float(np.nanmean(columns[name]))
+        return None
+
+
+def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
+    """Return the runs of each sensor as the files plan them; raises `InputError` where they do not fit together."""
+    check_sweep_against_bench(sweep, bench)
+    model = model or _simulated(bench)
+    limit = sweep.restabilisation.unit_slope_degC_per_min
+    walk = bench.uncertainties.angle_random_walk
+    stated = "bench file's" if "angle_random_walk" in bench.uncertainties.model_fields_set else "default"
+    given = sources(
+        bench.uncertainties,
+        bench.name,
+        limit * _UNIFORM,
+        f"within the sweep's unit_slope, ±{limit:g} °C/min",
+        f"{stated} angle_random_walk {walk:g} deg/√hr over the collect",
+    )
+    found: dict[int, list[RunScene]] = {}
+    for number, conditions in planned_conditions(make_plan(sweep.procedure()), bench).items():
+        base, origin = _base(conditions, model)
+        # deg/√hr over T seconds: N / √(T / 3600)
+        sigma = np.repeat(60.0 * walk / np.sqrt(conditions.duration_s)[:, None], len(conditions.sensor.channels), 1)
+        if np.any(sigma > _LARGEST_NOISE):
+            raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
+        axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
+        form = default_form(conditions.rows(conditions.run == conditions.run[0]))
+        found[number] = [
+            RunScene(run, _of(Scene(conditions, axes, base, sigma), conditions.run == run), given, form, origin)
+            for run in np.unique(conditions.run).tolist()
+        ]
+    return found
+
+
+def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
+    """Return the runs of each sensor as they were measured; collects without every rate are left out."""
+    return {number: list(_measured_runs(rows, bench, model)) for number, rows in campaign.sensors.items()}
+
+
+def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:
+    whole = collects.rows(~np.any(np.isnan(collects.rates_deg_per_hr), axis=1))
+    for run in np.unique(whole.conditions.run).tolist():
+        rows = whole.rows(whole.conditions.run == run)
+        conditions = rows.conditions
+        form = default_form(conditions)
+        stated = stated_noise(rows)
+        walk = bench.uncertainties.angle_random_walk
+        assumed = np.repeat(60.0 * walk / np.sqrt(conditions.duration_s)[:, None], len(conditions.sensor.channels), 1)
+        slope, slope_origin = _slope(conditions)
+        given = sources(
+            bench.uncertainties,
+            bench.name,
+            slope,
+            slope_origin,
+            "measured standard errors"
+            if stated is not None
+            else f"angle_random_walk {walk:g} deg/√hr over the collect",
+        )
+        base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
+        axes = _axes(conditions, bench)
+        usable = tuple(each for each in given if axes is not None or not each.needs_axes)
+        lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
+        scene = Scene(conditions, lying, base, assumed if stated is None else stated)
+        left_out = tuple(each.title for each in given if each not in usable)
+        yield RunScene(run, scene, usable, form, origin, left_out)
+
+
+def _of(scene: Scene, chosen: np.ndarray) -> Scene:
+    base = Base(scene.base.bias[chosen], scene.base.k[chosen], scene.base.rates[chosen])
+    return Scene(scene.conditions.rows(chosen), scene.axes[chosen], base, scene.sigma[chosen])
+
+
+def _simulated(bench: Bench) -> Model | None:
+    return None if bench.simulation_model is None else load_model(bench.simulation_model)
+
+
+def _base(conditions: Conditions, model: Model | None) -> tuple[Base, str]:
+    if model is not None and model.has_values(conditions.sensor):
+        return base_values(conditions, model), model.title
+    return base_values(conditions, None), "typical of such a sensor"
+
+
+def _solved(rows: Collects, form: LinearForm) -> tuple[Base, str]:
+    """Return the base that this run was solved for, else a typical one."""
+    conditions = rows.conditions
+    design = form.columns(conditions)
+    observed = (rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
+    values = solve(design.reshape(len(observed), -1), observed, 1.0, rank_tolerance=OBSERVABLE).values
+    if np.any(np.isnan(values)):
+        return _base(conditions, None)
+    bias, k = form.terms(conditions, values)
+    return Base(bias, k, rows.rates_deg_per_hr), "as solved from this run"
+
+
+def _slope(conditions: Conditions) -> tuple[float, str]:
+    """Return how fast the temperature still changed, as measured, else as the usual criterion allows."""
+    measured = conditions.columns.get("dTdt_degC_per_min")
+    if measured is not None and np.any(np.isfinite(measured)):
+        return float(np.sqrt(np.nanmean(measured**2))), "as measured, dTdt_degC_per_min"
+    limit = Restabilisation().unit_slope_degC_per_min
+    return limit * _UNIFORM, f"not measured; within ±{limit:g} °C/min"
+
+
+def _axes(conditions: Conditions, bench: Bench) -> FloatArray | None:
+    """Return the sensor's axes in the bench frame: the bench file's where it is that bench, else up, north and east.
+
+    None where neither is known: positions of another bench, and no earth rate given.
+    """
+    number = conditions.sensor.number
+    known = bench.orientations(number) if number in bench.sensors else {}
+    if all(label in known for label in conditions.position):
+        axes = np.array([known[label].axes for label in conditions.position])
+        gravity = np.einsum("nab,na->nb", axes, conditions.f_g)
+        if np.all(np.abs(gravity - gravity.mean(axis=0)) < _SAME_G):
+            return axes
+    frame = local_frame(conditions)
+    if not np.all(np.any(frame.north != 0.0, axis=1)):
+        return None
+    return np.stack([frame.up, frame.north, frame.east], axis=-1)

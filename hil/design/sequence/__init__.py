@@ -1,0 +1,1 @@
+"""Which sequence of collects serves a goal within a time."""

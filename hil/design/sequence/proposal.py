@@ -1,0 +1,100 @@
+"""A proposed sequence for programs (hil.design/1) and as a sweep file that `hil plan` and `hil run` accept.
+
+design_document(proposal, goal, sweep, bench)
+write_sweep(proposal, sweep, bench, Path("my.yaml"), "hil design rd-gc-86-1 --goal 'MU 0.5 deg/hr' --out my.yaml")
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hil.config.bench import Bench
+from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
+from hil.design.sequence.search import Candidate, Goal, Proposal
+from hil.errors import InputError
+from hil.files.durable import RealDisk, write_durably
+from hil.files.strict import parse_yaml
+
+SCHEMA = "hil.design/1"
+
+
+def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) -> dict[str, Any]:
+    """Return what `hil design --json` prints."""
+    return {
+        "schema": SCHEMA,
+        "bench": bench.name,
+        "sweep": sweep.title,
+        "goal": {
+            "targets": dict(goal.targets),
+            "drift_immune": goal.drift_immune,
+            "residuals": goal.residuals,
+            "tells_even_terms": goal.tells_even_terms,
+            "time_s": goal.time_s,
+            "repeats": goal.repeats or sweep.self_calibrations_per_temperature,
+            "scatter": dict(goal.scatter),
+        },
+        "met": not proposal.missing,
+        "missing": list(proposal.missing),
+        "proposed": _entry(proposal.best),
+        "with_more_time": None if proposal.with_more_time is None else _entry(proposal.with_more_time),
+        "compared": [_entry(each) for each in proposal.compared],
+    }
+
+
+def _entry(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "sequence": candidate.sequence,
+        "positions": list(candidate.positions),
+        "collect_duration_s": candidate.duration_s,
+        "self_calibrations_per_temperature": candidate.repeats,
+        "total_s": candidate.time_s,
+        "sensors": {
+            str(number): {
+                "uncertainty": dict(candidate.total[number]),
+                "white": dict(worth.white),
+                "drift": {name: round(value, 9) for name, value in worth.drift.items()},
+                "immune_to_drift": [name for name in worth.drift if worth.immune([name])],
+                "residuals": worth.residuals,
+                "condition_number": worth.condition_number,
+                "tells_even_terms": worth.tells_even_terms,
+                "terms_seen": dict(zip(("of_4_linear", "of_10_with_squares", "of_13"), worth.terms, strict=True)),
+            }
+            for number, worth in candidate.worth.items()
+        },
+    }
+
+
+def sweep_text(proposal: Proposal, sweep: Sweep, command: str) -> str:
+    """Return the base sweep with the proposed sequence, duration and repeats, and at its head where it comes from."""
+    best = proposal.best
+    document = parse_yaml(sweep.text, sweep.source)
+    document["title"] = f"{sweep.title.partition(', collects ')[0]}, collects {best.sequence}"
+    document["positions"] = list(best.positions)
+    document["self_calibrations_per_temperature"] = best.repeats
+    document["collect"] = {**(document.get("collect") or {}), "duration": f"{best.duration_s:g} s"}
+    head = [f"Proposed by: {command}", f"on the temperatures and soaks of {Path(sweep.source).name}"]
+    head += [f"The goal is not met: {text}" for text in proposal.missing]
+    for number, total in best.total.items():
+        told = ", ".join(f"{name} {value:.2g}" for name, value in total.items())
+        head.append(f"sensor {number}, mean of {best.repeats} at one temperature, ±: {told} (deg/hr, deg/hr/g)")
+    body = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    return "".join(f"# {line}\n" for line in head) + body
+
+
+def check_new(out: Path) -> None:
+    """Raise `InputError` where a file cannot be made: there is one already, or no folder for it."""
+    if out.exists():
+        raise InputError(f"{out}: it exists already; name a new file")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: the folder {out.parent} does not exist")
+
+
+def write_sweep(proposal: Proposal, sweep: Sweep, bench: Bench, out: Path, command: str) -> None:
+    """Write the proposed sweep as a new file; raises as `check_new` does."""
+    check_new(out)
+    text = sweep_text(proposal, sweep, command)
+    check_sweep_against_bench(parse_sweep(text, str(out)), bench)
+    write_durably(RealDisk(), out, text.encode())

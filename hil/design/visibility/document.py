@@ -1,0 +1,141 @@
+"""The identifiability map as the JSON document hil.visibility/1, of a planned sweep or of a campaign.
+
+visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperatures")
+visibility_document(*of_campaign(campaign), model=model)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hil.campaign import Campaign, Conditions, FloatArray
+from hil.config.bench import Bench
+from hil.config.sweep import Sweep, check_sweep_against_bench
+from hil.design.conditions import planned_conditions
+from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
+from hil.design.visibility.worth import improvements
+from hil.model import Model
+from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from procedures.plan import make_plan
+
+
+def visibility_document(
+    sensors: Mapping[int, Conditions],
+    title: str,
+    model: Model | None = None,
+    noise: NoiseLevel | None = None,
+    sigmas: Mapping[int, FloatArray] | None = None,
+    with_changes: bool = True,
+) -> dict[str, object]:
+    """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
+
+    `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it in one
+    sensor at least (each has its own MU); `sensors` has the map of each.
+    """
+    maps = {n: visibility(rows, model, noise, sigma=(sigmas or {}).get(n)) for n, rows in sensors.items()}
+    best: dict[str, tuple[int, Sight]] = {}
+    for number, sights in maps.items():
+        for sight in sights.effects:
+            if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
+                best[sight.effect.id] = (number, sight)
+    first = next(iter(maps.values()))
+    changes = improvements(next(iter(sensors.values())), first, model) if with_changes else ()
+    return {
+        "schema": "hil.visibility/1",
+        "title": title,
+        "model": {str(number): sights.form for number, sights in maps.items()},
+        "false_alarm_rate": first.false_alarm_rate,
+        "noise": vars(first.noise),
+        "effects": [
+            {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
+            for number, sight in best.values()
+        ],
+        "sensors": {
+            str(number): {
+                "effects": [_effect_document(sight, sights) for sight in sights.effects],
+                "cannot_be_asked": dict(sights.reasons),
+            }
+            for number, sights in maps.items()
+        },
+        "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
+        "changes": [
+            {
+                "change": one.change,
+                "cost": one.cost,
+                "newly_visible": list(one.newly_visible),
+                "separated": [list(pair) for pair in one.separated],
+                "protected": [list(pair) for pair in one.protected],
+                "size_ratio": one.size_ratio,
+            }
+            for one in changes
+        ],
+    }
+
+
+def _class_anywhere(sight: Sight, maps: Mapping[int, Sights]) -> list[str]:
+    own = [other for sights in maps.values() if (other := sights.sight(sight.effect.id)) is not None]
+    return sorted({member for other in own for member in other.members})
+
+
+def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
+    best = sight.best
+    index = next(i for i, one in enumerate(sights.effects) if one is sight)
+    rivals = sorted(
+        ((float(sights.overlaps[index, i]), one.effect.id) for i, one in enumerate(sights.effects) if i != index),
+        reverse=True,
+    )
+    return {
+        "id": sight.effect.id,
+        "title": sight.effect.title,
+        "kept": round(sight.kept, 6),
+        "visible": sight.visible,
+        "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
+        "class": list(sight.members),
+        "smallest_visible": {
+            "value": best.value if math.isfinite(best.value) else None,
+            "unit": best.parameter.unit,
+            "probability": sights.probability,
+            "parameter": best.parameter.name,
+            "typical": list(best.parameter.typical),
+            "shape": dict(best.shape),
+        },
+        "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
+        "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
+    }
+
+
+def sweep_document(
+    sweep: Sweep, bench: Bench, model: Model | None = None, noise: NoiseLevel | None = None
+) -> dict[str, object]:
+    """Return the map of a sweep before it runs; raises `InputError` where the bench cannot carry it out."""
+    check_sweep_against_bench(sweep, bench)
+    conditions = planned_conditions(make_plan(sweep.procedure()), bench)
+    return visibility_document(conditions, sweep.title, model, noise)
+
+
+def campaign_document(
+    campaign: Campaign, model: Model | None = None, noise: NoiseLevel | None = None
+) -> dict[str, object]:
+    """Return the map of collects that were measured, with their own standard errors and gaps."""
+    conditions, title, sigmas = of_campaign(campaign, noise)
+    return {**visibility_document(conditions, title, model, noise, sigmas), "simulated": campaign.simulated}
+
+
+def of_campaign(
+    campaign: Campaign, noise: NoiseLevel | None = None
+) -> tuple[dict[int, Conditions], str, dict[int, FloatArray]]:
+    """Return a campaign's conditions and title, and the standard error of every average that was measured.
+
+    Where the campaign states none, it is the noise level's; NaN where the rate was not measured.
+    """
+    stated = (noise or NoiseLevel()).collect_deg_per_hr
+    sigmas = {
+        number: np.where(
+            np.isfinite(rows.rates_deg_per_hr), np.nan_to_num(rows.rates_se_deg_per_hr, nan=stated), np.nan
+        )
+        for number, rows in campaign.sensors.items()
+    }
+    return {number: rows.conditions for number, rows in campaign.sensors.items()}, campaign.title, sigmas
