@@ -20,7 +20,7 @@ from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
-from hil.reconcile.problem import pose
+from hil.reconcile.search.problem import pose
 
 _ALPHA, _SAME, _LEAST_KEPT = 0.05, 0.95, 0.04
 _NULLS, _DRAWS = 1500, 200

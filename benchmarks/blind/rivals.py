@@ -43,7 +43,7 @@ def library(folder: Path, case: Case, model: str) -> Library:
     from hil.campaign.reader import read_campaign
     from hil.model import load_model
     from hil.model.effects.catalogue import EFFECTS
-    from hil.reconcile.problem import pose
+    from hil.reconcile.search.problem import pose
 
     problem = pose(read_campaign(folder), load_model(model), EFFECTS)
     first = [c for c in problem.candidates if c.tier == 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
-from hil.reconcile.page import write_result
+from hil.reconcile.outcome.page import write_result
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
 from hil.reconcile.workflow import reconcile
 

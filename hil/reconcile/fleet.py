@@ -22,10 +22,10 @@ from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
-from hil.reconcile.evidence import BlockEvidence
-from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
-from hil.reconcile.problem import pose
-from hil.reconcile.search import _TAIL, _tail, false_discovery
+from hil.reconcile.search.evidence import BlockEvidence
+from hil.reconcile.search.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
+from hil.reconcile.search.problem import pose
+from hil.reconcile.search.scan import _TAIL, _tail, false_discovery
 from hil.solve.likelihood import NoiseTable, _log_sum
 from hil.solve.rows import Block
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.candidates import POWERS
-from hil.reconcile.fit import Added, BlockNoise, Fit, chosen_units, refit
-from hil.reconcile.search import Scan
+from hil.reconcile.search.candidates import POWERS
+from hil.reconcile.search.fit import Added, BlockNoise, Fit, chosen_units, refit
+from hil.reconcile.search.scan import Scan
 from hil.solve.rows import Block
 
 NAMED = 0.8

@@ -22,11 +22,12 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS
-from hil.reconcile.branches import CERTAIN, Branch, Step, joined_columns, other_calibration, posed, pursue
-from hil.reconcile.calibration import ONE_SET
-from hil.reconcile.exchanges import as_labelled, exchanges, mended
-from hil.reconcile.experiment import next_experiment
-from hil.reconcile.findings import (
+from hil.reconcile.bad_data.exchanges import as_labelled, exchanges, mended
+from hil.reconcile.bad_data.rows import find_outliers, left_out
+from hil.reconcile.bad_data.runs import bad_runs, rows_of
+from hil.reconcile.explanations import CERTAIN, Branch, Step, joined_columns, other_calibration, posed, pursue
+from hil.reconcile.inside import named_within, within_collects
+from hil.reconcile.outcome.findings import (
     NOT_HELD_OUT,
     as_it_stands,
     channels_touched,
@@ -42,20 +43,19 @@ from hil.reconcile.findings import (
     verdict_of,
     with_inside,
 )
-from hil.reconcile.fit import BlockNoise, Fit, estimate_noise, refit
-from hil.reconcile.hypotheses import hypotheses
-from hil.reconcile.improve import improved
-from hil.reconcile.lacking import beside_unasked, with_stand_ins
-from hil.reconcile.outliers import find_outliers, left_out
-from hil.reconcile.places import places
-from hil.reconcile.problem import Problem
-from hil.reconcile.prove import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
+from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.runs import run_experiment, run_findings, run_notes, run_places
+from hil.reconcile.proof.cells import disagreements
+from hil.reconcile.proof.experiment import next_experiment
+from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks, in_sample, noise_points
+from hil.reconcile.proof.places import places
 from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
-from hil.reconcile.runs import bad_runs, rows_of
-from hil.reconcile.runs_said import run_experiment, run_findings, run_notes, run_places
-from hil.reconcile.search import Scan, Search
-from hil.reconcile.where import disagreements
-from hil.reconcile.within import named_within, within_collects
+from hil.reconcile.search.calibration import ONE_SET
+from hil.reconcile.search.fit import BlockNoise, Fit, estimate_noise, refit
+from hil.reconcile.search.hypotheses import hypotheses
+from hil.reconcile.search.problem import Problem
+from hil.reconcile.search.scan import Scan, Search
+from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 from hil.solve.rows import Block
 
 _DRAWS = 300

@@ -10,7 +10,7 @@ import pytest
 from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.problem import pose
+from hil.reconcile.search.problem import pose
 from tests.hil.hidden_effects import Hidden, Rows, both, hidden_campaign
 
 DRAWS = 100

@@ -11,9 +11,9 @@ from hil.campaign import Campaign, Collects, FloatArray
 from hil.model import load_model
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.reconcile import reconcile
-from hil.reconcile.branches import posed
-from hil.reconcile.outliers import BEYOND_SCORES, find_outliers
-from hil.reconcile.page import page
+from hil.reconcile.bad_data.rows import BEYOND_SCORES, find_outliers
+from hil.reconcile.explanations import posed
+from hil.reconcile.outcome.page import page
 from tests.hil.hidden_effects import Rows, hidden_campaign
 from tests.hil.test_reconcile_lacking import with_columns
 

@@ -13,12 +13,12 @@ from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.branches import Branch, posed
-from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE
-from hil.reconcile.evidence import relevant_points
-from hil.reconcile.experiment import repeated
+from hil.reconcile.explanations import Branch, posed
 from hil.reconcile.naming import Weighed, forgiving
-from hil.reconcile.search import Search
+from hil.reconcile.proof.experiment import repeated
+from hil.reconcile.search.calibration import ONE_SET, PER_TEMPERATURE
+from hil.reconcile.search.evidence import relevant_points
+from hil.reconcile.search.scan import Search
 from tests.hil.hidden_effects import ROTOR, Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.test_reconcile_lacking import names, with_columns
 

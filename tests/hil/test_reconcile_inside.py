@@ -15,7 +15,7 @@ from hil.campaign.reader import read_campaign
 from hil.model import load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.within import within_collects
+from hil.reconcile.inside import within_collects
 
 SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)
 

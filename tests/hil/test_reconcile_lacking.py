@@ -10,7 +10,7 @@ import pytest
 from hil.campaign import Campaign, Collects, FloatArray, Series
 from hil.model.effects.series import JumpInCollect, SettlingInCollect
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.lacking import with_stand_ins
+from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.effect_conditions import ROTOR
 from tests.hil.hidden_effects import Rows, both, hidden_campaign
 

@@ -13,7 +13,7 @@ from hil.campaign.reader import read_campaign
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.page import page, write_result
+from hil.reconcile.outcome.page import page, write_result
 
 
 @pytest.fixture(scope="module")

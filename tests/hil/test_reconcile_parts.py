@@ -12,9 +12,9 @@ from hil.campaign import Conditions
 from hil.errors import InputError
 from hil.model.effects.empirical import empirical
 from hil.model.effects.followed import driver_columns, driver_reference, driver_values
-from hil.reconcile.evidence import BlockEvidence
-from hil.reconcile.prove import by_run, in_blocks
-from hil.reconcile.search import level, p_value
+from hil.reconcile.proof.held_out import by_run, in_blocks
+from hil.reconcile.search.evidence import BlockEvidence
+from hil.reconcile.search.scan import level, p_value
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block, independent_columns, sensor_blocks, stations
 from tests.hil.hidden_effects import hidden_campaign

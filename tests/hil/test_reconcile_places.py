@@ -11,10 +11,10 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import load_model
 from hil.reconcile import Disagreement, reconcile
-from hil.reconcile.branches import posed
-from hil.reconcile.fit import estimate_noise
-from hil.reconcile.page import _place, page
-from hil.reconcile.where import disagreements
+from hil.reconcile.explanations import posed
+from hil.reconcile.outcome.page import _place, page
+from hil.reconcile.proof.cells import disagreements
+from hil.reconcile.search.fit import estimate_noise
 from tests.hil.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
 DRAWS = 150

@@ -12,9 +12,9 @@ from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile import reconcile
-from hil.reconcile.page import summary
-from hil.reconcile.problem import pose
-from hil.reconcile.runs import BadRun, bad_runs, rows_of
+from hil.reconcile.bad_data.runs import BadRun, bad_runs, rows_of
+from hil.reconcile.outcome.page import summary
+from hil.reconcile.search.problem import pose
 from tests.hil.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
 
 DRAWS = 100

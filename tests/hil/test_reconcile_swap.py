@@ -12,9 +12,9 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.model import Model, load_model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.branches import posed
-from hil.reconcile.exchanges import Exchange, as_labelled, exchanges
-from hil.reconcile.page import page
+from hil.reconcile.bad_data.exchanges import Exchange, as_labelled, exchanges
+from hil.reconcile.explanations import posed
+from hil.reconcile.outcome.page import page
 from tests.hil.hidden_effects import TRIAD, Hidden, both, hidden_campaign
 
 DRAWS = 100

@@ -7,10 +7,10 @@ import pytest
 
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
-from hil.reconcile.branches import posed
-from hil.reconcile.evidence import relevant_points
-from hil.reconcile.hypotheses import Layout, hypotheses
-from hil.reconcile.search import Search
+from hil.reconcile.explanations import posed
+from hil.reconcile.search.evidence import relevant_points
+from hil.reconcile.search.hypotheses import Layout, hypotheses
+from hil.reconcile.search.scan import Search
 from hil.solve.likelihood import RichMeans
 from tests.hil.hidden_effects import both, hidden_campaign
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
-from hil.reconcile.hypotheses import Hypothesis, Layout
-from hil.reconcile.problem import LEAST_FREEDOM
+from hil.reconcile.search.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
+from hil.reconcile.search.hypotheses import Hypothesis, Layout
+from hil.reconcile.search.problem import LEAST_FREEDOM
 from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.solve.rows import Block, independent_columns
 

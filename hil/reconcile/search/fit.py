@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray
-from hil.reconcile.hypotheses import Hypothesis, Unit
+from hil.reconcile.search.hypotheses import Hypothesis, Unit
 from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.solve.noise_grid import covariances
 from hil.solve.rows import Block

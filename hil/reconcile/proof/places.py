@@ -17,9 +17,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
-from hil.reconcile.fit import Added, BlockNoise, Fit
 from hil.reconcile.result import Disagreement
-from hil.reconcile.search import false_discovery
+from hil.reconcile.search.fit import Added, BlockNoise, Fit
+from hil.reconcile.search.scan import false_discovery
 from hil.solve.rows import Block
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it

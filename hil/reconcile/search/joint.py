@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.evidence import _G, _INVISIBLE, BlockEvidence, State
-from hil.reconcile.whitened import Group
+from hil.reconcile.search.evidence import _G, _INVISIBLE, BlockEvidence, State
+from hil.reconcile.search.whitened import Group
 from hil.solve.likelihood import _log_sum
 
 

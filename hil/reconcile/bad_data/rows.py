@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.reconcile.fit import BlockNoise, estimate_noise
+from hil.reconcile.search.fit import BlockNoise, estimate_noise
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block
 

@@ -13,11 +13,11 @@ from hil.model.curve import Constant, Polynomial, Table, TableRows
 from hil.model.effects.empirical import empirical
 from hil.model.effects.followed import driver_reference
 from hil.model.forms import LinearForm, matrix_6_form, triad_12_form
-from hil.reconcile.calibration import PerTemperatureForm
-from hil.reconcile.candidates import POWERS, Candidate
-from hil.reconcile.fit import Added, Fit
-from hil.reconcile.hypotheses import Unit
-from hil.reconcile.problem import SensorProblem
+from hil.reconcile.search.calibration import PerTemperatureForm
+from hil.reconcile.search.candidates import POWERS, Candidate
+from hil.reconcile.search.fit import Added, Fit
+from hil.reconcile.search.hypotheses import Unit
+from hil.reconcile.search.problem import SensorProblem
 
 Curve = Constant | Polynomial | Table
 

@@ -18,9 +18,9 @@ from scipy.special import ndtr, ndtri
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
 from hil.model.effects.history import joined
-from hil.reconcile.candidates import Candidate
 from hil.reconcile.naming import Naming, Weighed
-from hil.reconcile.problem import SensorProblem
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.problem import SensorProblem
 
 _EASY = 9.0
 _NEARLY = 0.8

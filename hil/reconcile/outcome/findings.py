@@ -13,13 +13,13 @@ from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.effects.base import Effect
 from hil.model.model_file import InsideCollects
-from hil.reconcile.branches import Step
-from hil.reconcile.exchanges import Exchange
-from hil.reconcile.fit import BlockNoise, Fit
-from hil.reconcile.improve import described_parameters
+from hil.reconcile.bad_data.exchanges import Exchange
+from hil.reconcile.explanations import Step
 from hil.reconcile.naming import Weighed, certainty
-from hil.reconcile.prove import HeldOut
+from hil.reconcile.outcome.improve import described_parameters
+from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
+from hil.reconcile.search.fit import BlockNoise, Fit
 from hil.solve.rows import Block
 
 NOT_HELD_OUT = (

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
-from hil.reconcile.fit import BlockNoise, estimate_noise
-from hil.reconcile.search import RESOLVED
+from hil.reconcile.search.fit import BlockNoise, estimate_noise
+from hil.reconcile.search.scan import RESOLVED
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.reconcile.bad_data.runs import FALSE, BadRun
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
-from hil.reconcile.runs import FALSE, BadRun
 
 
 def run_findings(bad: Sequence[BadRun], campaign: Campaign) -> list[FoundEffect]:

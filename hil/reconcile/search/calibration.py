@@ -16,7 +16,7 @@ import numpy as np
 from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.forms import LinearForm
-from hil.reconcile.evidence import BlockEvidence
+from hil.reconcile.search.evidence import BlockEvidence
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block, independent_columns, stations
 

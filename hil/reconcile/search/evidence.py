@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.whitened import Whitened
+from hil.reconcile.search.whitened import Whitened
 from hil.solve.likelihood import NoiseTable, Projection, RichMeans, ScalePrior, _bases, _log_sum, restricted_likelihood
 from hil.solve.noise_grid import covariances
 from hil.solve.rows import Block

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.reconcile.hypotheses import Evidence, Hypothesis, build_evidence
+from hil.reconcile.search.hypotheses import Evidence, Hypothesis, build_evidence
 from hil.solve.likelihood import NoiseTable, _log_sum
 from hil.solve.rows import Block
 

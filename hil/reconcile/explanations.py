@@ -14,14 +14,14 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.model import Model
 from hil.model.effects.base import Effect
-from hil.reconcile.calibration import ONE_SET, PER_TEMPERATURE, log_evidence, may_differ
-from hil.reconcile.evidence import pruned
-from hil.reconcile.fit import Added, BlockNoise, estimate_noise
-from hil.reconcile.hypotheses import build_evidence, hypotheses
 from hil.reconcile.naming import IDEAL, LARGE, Naming, prior_weight, weigh, with_rivals
-from hil.reconcile.problem import LEAST_FREEDOM, Problem, pose, rich_columns
-from hil.reconcile.search import Scan, Search, level, null_statistics, p_value
-from hil.reconcile.shapes import between_the_grid
+from hil.reconcile.search.calibration import ONE_SET, PER_TEMPERATURE, log_evidence, may_differ
+from hil.reconcile.search.evidence import pruned
+from hil.reconcile.search.fit import Added, BlockNoise, estimate_noise
+from hil.reconcile.search.hypotheses import build_evidence, hypotheses
+from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, pose, rich_columns
+from hil.reconcile.search.scan import Scan, Search, level, null_statistics, p_value
+from hil.reconcile.search.shapes import between_the_grid
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import is_repeated
 

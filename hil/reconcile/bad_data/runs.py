@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
-from hil.reconcile.candidates import Candidate
+from hil.reconcile.search.candidates import Candidate
 from hil.solve.rows import Block, independent_columns
 
 _LEAST_RUNS = 8

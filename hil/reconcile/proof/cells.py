@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from hil.campaign import Conditions, FloatArray
-from hil.reconcile.fit import BlockNoise
 from hil.reconcile.result import Disagreement
+from hil.reconcile.search.fit import BlockNoise
 from hil.solve.rows import Block
 
 _DRAWS = 1000

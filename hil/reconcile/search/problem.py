@@ -19,9 +19,9 @@ from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.forms import LinearForm, named_form
-from hil.reconcile.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
-from hil.reconcile.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
-from hil.reconcile.fit import UNSEEN
+from hil.reconcile.search.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
+from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
+from hil.reconcile.search.fit import UNSEEN
 from hil.solve.rows import Block, independent_columns, is_repeated, sensor_blocks, stations
 
 _RICH_ORDER = 5

@@ -14,10 +14,10 @@ from scipy.optimize import minimize_scalar
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import ShapeParameter
-from hil.reconcile.candidates import Candidate
-from hil.reconcile.fit import Added, BlockNoise
-from hil.reconcile.hypotheses import Hypothesis, units_of
-from hil.reconcile.problem import Problem
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.fit import Added, BlockNoise
+from hil.reconcile.search.hypotheses import Hypothesis, units_of
+from hil.reconcile.search.problem import Problem
 from hil.solve.rows import Block
 
 _BEYOND = 1.6  # by this factor a shape may lie outside its grid

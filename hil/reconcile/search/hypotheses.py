@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.candidates import Candidate
-from hil.reconcile.evidence import _INVISIBLE, BlockEvidence, relevant_points
-from hil.reconcile.joint import JointColumns, JointEvidence
-from hil.reconcile.whitened import Whitened
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.evidence import _INVISIBLE, BlockEvidence, relevant_points
+from hil.reconcile.search.joint import JointColumns, JointEvidence
+from hil.reconcile.search.whitened import Whitened
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block
 

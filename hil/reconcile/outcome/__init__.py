@@ -1,0 +1,1 @@
+"""What is said and written of a reconciliation: findings, words, page, improved model."""

@@ -1,0 +1,1 @@
+"""Hypotheses and their evidence: which sums of effects explain what the model leaves."""
