@@ -1,1 +1,1 @@
-"""What hil asks of a bench before it trusts it for a night; see `hil.pytest_plugin`."""
+"""What hil asks of a bench before it trusts it for a night; see `hil.acceptance.plugin`."""

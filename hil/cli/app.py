@@ -10,11 +10,9 @@ import typer
 from hil.cli import (
     chamber,
     coefficients,
-    control,
     dashboard,
     data,
     design,
-    device,
     frames,
     model,
     night,
@@ -26,7 +24,9 @@ from hil.cli import (
     reproduction,
     watchdog,
 )
-from hil.cli.ending import run_to_exit, with_status
+from hil.cli import requests as control
+from hil.cli import simulate as device
+from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
 
 app = typer.Typer(

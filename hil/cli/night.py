@@ -14,7 +14,7 @@ from rich.table import Table
 
 from drivers.clock import SystemClock
 from hil.cli.ask import TerminalQuestions
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.output import results
 from hil.errors import InputError
 

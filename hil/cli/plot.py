@@ -39,7 +39,7 @@ def series(
 ) -> None:
     """Draw the samples of one collect, their short means, and the average that was taken of them."""
     from hil.files.figure import check_name, save_figure
-    from hil.plot import collect_series, draw_series
+    from hil.report.plots import collect_series, draw_series
 
     check_name(out)
     found = collect_series(source, sensor=sensor, collect=collect, run=run, position=position)
@@ -53,7 +53,7 @@ def temperatures(
 ) -> None:
     """Draw chamber and unit temperature through a night, with soaks, collects and events."""
     from hil.files.figure import check_name, save_figure
-    from hil.plot import draw_temperatures
+    from hil.report.plots import draw_temperatures
 
     check_name(out)
     save_figure(draw_temperatures(folder), out)
@@ -63,7 +63,7 @@ def temperatures(
 def parameters(source: Source, out: Out, sensor: OfSensor = None) -> None:
     """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
     from hil.files.figure import check_name, save_figure
-    from hil.plot import draw_parameters
+    from hil.report.plots import draw_parameters
 
     check_name(out)
     campaign = read_source(source)

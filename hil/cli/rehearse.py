@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.night import BenchName, SweepName
 from hil.cli.output import JsonFlag, messages, print_json, results
 from hil.errors import InputError

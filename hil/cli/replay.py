@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, JsonFlag, print_json, results
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.clock import Clock, SystemClock
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, messages
 from hil.errors import InputError
 from procedures.plan import Plan

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.plot import CollectSeries, draw_series
 from hil.report.figures import LOOKS, Line, draw_against_temperature, draw_night, inline_svg
 from hil.report.night import NightContent
+from hil.report.plots import CollectSeries, draw_series
 
 CSS = (Path(__file__).parents[2] / "hil/dashboard/static/page.css").read_text()
 TEXT, LINE = 4.5, 3.0

@@ -16,8 +16,8 @@ from hil.cli.app import run as hil
 from hil.config import load_bench, parse_sweep
 from hil.files.figure import save_figure
 from hil.night import start_night
-from hil.plot import collect_series, draw_parameters, draw_series, draw_temperatures
 from hil.records.export import campaign_of_night, export_campaign
+from hil.report.plots import collect_series, draw_parameters, draw_series, draw_temperatures
 
 SWEEP = """
 title: One temperature

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hil.cli.ending import run_to_exit
+from hil.cli.exit_status import run_to_exit
 from hil.files.strict import find_config
 from hil.records import SqliteJournal
 

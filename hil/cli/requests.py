@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil.cli.ending import Exit
+from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, JsonFlag, print_json, results
 from hil.errors import InputError
 from procedures.requests import RequestKind
