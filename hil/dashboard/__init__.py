@@ -3,7 +3,8 @@
     hil dashboard nights/
 
 It opens journals read-only and writes nothing but requests (pause, continue, abort, the answer to a question), each
-one row that `hil.records.requests` adds and the controller answers. It can be started, killed and started again at any time.
+one row that `hil.records.requests` adds and the controller answers. It can be started, killed and started again at
+any time.
 
 | file | what it does |
 |---|---|

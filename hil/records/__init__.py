@@ -1,4 +1,4 @@
-"""The folder of a night: journal, blocks, heartbeat and live files; what is derived from it; requests to its controller."""
+"""The folder of a night: journal, blocks, live files; what is derived from them; requests to its controller."""
 
 from __future__ import annotations
 
