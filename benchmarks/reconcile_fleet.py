@@ -16,7 +16,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.reconcile import Screen
-from tests.hil.hidden_effects import base_rates, both, campaign_of, lay_out, noise
+from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0), runs_each=3)
 EVERY = 10

@@ -13,7 +13,7 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from hil.reconcile import Screen, reconcile, write_result
-from tests.hil.hidden_effects import base_rates, both, campaign_of, hidden_campaign, lay_out, noise
+from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 
 
 def test_a_24_run_campaign_with_the_whole_catalogue_and_its_page(benchmark: BenchmarkFixture, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import ParameterFit
 from hil.analysis.thermal.improvement import improvement, nested_errors
 from hil.campaign import Campaign
-from tests.hil.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled
+from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled
 
 NIGHTS = 100
 FLAT: dict[str, Curve] = {"BA": lambda t: 20.0 + 0.0 * t, "GSA": lambda t: 50.0 + 0.0 * t}

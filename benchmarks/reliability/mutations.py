@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import hil.files
+import hil.files.durable
 import hil.records.blocks
 import hil.records.journal
 from hil.files.durable import Disk, RealDisk
@@ -35,7 +35,7 @@ def rename_before_fsync() -> None:
     """Give a block its name before its bytes are safe."""
 
     def write_durably(disk: Disk, path: Path, data: bytes) -> None:
-        partial = path.with_name(f"{hil.files.PARTIAL}{path.name}")
+        partial = path.with_name(f"{hil.files.durable.PARTIAL}{path.name}")
         partial.write_bytes(data)
         disk.rename(partial, path)
         with path.open("rb") as file:
@@ -50,7 +50,7 @@ def rename_after_commit() -> None:
     waiting: list[tuple[Path, Path]] = []
 
     def write_durably(disk: Disk, path: Path, data: bytes) -> None:
-        partial = path.with_name(f"{hil.files.PARTIAL}{path.name}")
+        partial = path.with_name(f"{hil.files.durable.PARTIAL}{path.name}")
         disk.write(partial, data)
         waiting.append((partial, path))
 

@@ -2,8 +2,8 @@
 
 A collect is an orientation: it turns the known acceleration G = (G1, G2, G3) and earth rate W = (W1, W2, W3) of the
 bench frame into the components f and w along the sensor's axes (A, B, S). Everything else is data. At the report's
-three orientations of sensor 2 the equation *is* equations (1)–(6) of RD-GC-86-1; `tests/hil/test_equation.py` proves it
-term by term.
+three orientations of sensor 2 the equation *is* equations (1)–(6) of RD-GC-86-1, as `tests/hil/model/test_equation.py`
+proves term by term.
 
     [RA]   [BA]   [ GSA  GSB  MUB ]       [wA]
     [RB] = [BB] + [-GSB  GSA -MUA ] · f + [wB]        f = (fA, fB, fS)

@@ -6,7 +6,8 @@
         journal.end(step, attempt, StepResult(Outcome.DONE, data={...}, samples=block))
 
 The order of `end` is: data blocks (hil.records.blocks), then one transaction with the result and the names of the
-blocks. A crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a result.
+blocks. A crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a
+result.
 
 Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
 with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.

@@ -9,7 +9,7 @@ import pytest
 from hil.cli.app import run as hil
 from hil.config import load_bench
 from hil.night import start_night
-from tests.hil.report_pages import TWO
+from tests.hil.report.report_pages import TWO
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
 
 _KINDS = (NoiseKind.QUANTISATION, NoiseKind.WHITE, NoiseKind.FLICKER, NoiseKind.RANDOM_WALK)
 _FLICKER = 2.0 * np.log(2.0) / np.pi
-_SHARED = 1.7  # neighbouring octaves share data: simulated records say by how much (tests/hil/allan)
+_SHARED = 1.7  # neighbouring octaves share data: simulated records say by how much (tests/hil/analysis/allan)
 _ROUNDS = 60
 _MOST_ROUNDS_OF_KINDS = 4
 _LEAST_CHANCE = 0.01

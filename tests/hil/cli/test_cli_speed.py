@@ -46,7 +46,7 @@ def test_a_speed_that_makes_no_sense_leaves_nothing_behind(
     hil: Any, tmp_path: Path, arguments: tuple[str, ...], complaint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Real devices do not hurry."""
-    monkeypatch.setattr("hil.bench.check_ports", lambda *_: None)  # the pseudo-terminals need not be there
+    monkeypatch.setattr("hil.bench.assemble.check_ports", lambda *_: None)  # the pseudo-terminals need not be there
     ended = hil("run", "quick", *arguments, "--out", tmp_path / "night")
     assert ended.returncode == 2
     assert complaint in ended.stderr

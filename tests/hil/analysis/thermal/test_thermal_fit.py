@@ -1,0 +1,383 @@
+"""Parameters against temperature: Table 1's answer, known truths, hysteresis, refusals, and what is written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.analysis.published.printed import find_table
+from hil.analysis.published.table import read_published_table
+from hil.analysis.thermal import ThermalFit, fit_thermal
+from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.exports import (
+    ARDUPILOT_REFERENCE_DEGC,
+    RAD_PER_S,
+    ardupilot_parameters,
+    bias_polynomials,
+    px4_parameters,
+)
+from hil.bench import build_bench
+from hil.campaign import Campaign, Collects
+from hil.campaign.writer import write_campaign
+from hil.cli.app import run
+from hil.errors import InputError
+from hil.model import load_model, save_model
+from hil.model.curve import Constant, Polynomial, Table
+from hil.solve.beside_terms import solve_beside
+from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled, triad_night
+from tests.hil.twin.quiet import changed_bench, collect
+
+TABLE_1 = "rd-gc-86-1-table-1"
+
+
+@pytest.fixture(scope="module")
+def table_1() -> ThermalFit:
+    """Table 1, as hil import rebuilds its collects, against temperature."""
+    return fit_thermal(read_published_table(Path(TABLE_1)))
+
+
+@pytest.fixture(scope="module")
+def smooth() -> ThermalFit:
+    """A night whose biases are linear and cubic, GSA and GSB linear, MU constant."""
+    curves = {
+        "BA": lambda t: 20.0 + 15.0 * scaled(t),
+        "BB": lambda t: -5.0 + 40.0 * (4 * scaled(t) ** 3 - 3 * scaled(t)),
+        "GSA": lambda t: 55.0 + 10.0 * scaled(t),
+        "GSB": lambda t: -25.0 - 4.0 * scaled(t),
+        "MUA": lambda t: 9.0 + 0.0 * t,
+    }
+    return fit_thermal(rotor_night(np.random.default_rng(7), curves))
+
+
+def means_of_table_1(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return temperature °F, mean, sigma and n of one parameter."""
+    header, *rows = [line.split(",") for line in find_table(TABLE_1).read_text().splitlines()]
+    chosen = [dict(zip(header, row, strict=True)) for row in rows if row[header.index("parameter")] == name]
+    columns = ("temperature_F", "mean_printed", "sigma_printed", "n_inferred")
+    return tuple(np.array([float(row[c]) for row in chosen]) for c in columns)  # type: ignore[return-value]
+
+
+def test_a_cubic_does_not_describe_mub_of_table_1(table_1: ThermalFit) -> None:
+    """Left-out temperatures are predicted worse by a cubic than by a constant, and no form is taken."""
+    mub = table_1.sensors[2].parameters["MUB"]
+    assert mub.choice.errors["cubic"] > 1.5 * mub.choice.errors["constant"]
+    assert mub.form == "constant"
+    assert mub.finding == "undescribed"
+    assert mub.chance_constant < 1e-6  # it does depend on temperature, far beyond its noise
+    assert "no form predicts" in thermal_document(table_1)["sensors"][0]["parameters"]["MUB"]["verdict"]
+
+
+@pytest.mark.parametrize(
+    ("name", "cubic", "constant"),
+    [("MUA2_matrix", 6.5, None), ("MUB2_matrix", 11.1, 10.4), ("BA2_matrix", 3.5, None), ("BB2_matrix", 8.0, None)],
+)
+def test_in_sample_misfits_of_table_1(name: str, cubic: float, constant: float | None) -> None:
+    """The residual rms of a cubic on 4 degrees of freedom (and of MUB's constant on 7), from the printed means."""
+    temperature, mean, _, _ = means_of_table_1(name)
+    for order, expected in ((3, cubic), (0, constant)):
+        fit = np.polynomial.Polynomial.fit(temperature, mean, order)
+        rms = np.sqrt(np.sum((mean - fit(temperature)) ** 2) / (len(mean) - order - 1))
+        assert expected is None or rms == pytest.approx(expected, abs=0.06)
+
+
+@pytest.mark.parametrize(("name", "expected", "pooled_se"), [("MUA2_matrix", 250, 2.9), ("MUB2_matrix", 144, 2.4)])
+def test_table_1_varies_with_temperature_far_beyond_repeatability(name: str, expected: int, pooled_se: float) -> None:
+    """Chi-square of the means about their weighted mean, with the pooled sigma, on 7 degrees of freedom."""
+    _, mean, sigma, runs = means_of_table_1(name)
+    pooled = np.sqrt(np.sum((runs - 1) * sigma**2) / np.sum(runs - 1))
+    chi_square = np.sum(runs * (mean - np.average(mean, weights=runs)) ** 2) / pooled**2
+    assert pooled / np.sqrt(3) == pytest.approx(pooled_se, abs=0.06)
+    assert chi_square == pytest.approx(expected, rel=0.02)
+
+
+def test_known_forms_are_found_with_their_coefficients(smooth: ThermalFit) -> None:
+    """Linear, cubic, linear, linear, constant, constant; each coefficient within four standard errors."""
+    found = smooth.sensors[2].parameters
+    assert {name: each.form for name, each in found.items()} == {
+        "BA": "linear",
+        "BB": "cubic",
+        "GSA": "linear",
+        "GSB": "linear",
+        "MUA": "constant",
+        "MUB": "constant",
+    }
+    slope = found["BA"].coefficients
+    assert abs(slope.values[1] - 15.0 / 44.85) < 4 * slope.se[1]
+    at = np.array([-20.0, 10.0, 50.0])
+    truth = -5.0 + 40.0 * (4 * scaled(at) ** 3 - 3 * scaled(at))
+    np.testing.assert_allclose(found["BB"].curve.at(at), truth, atol=8.0)
+    assert found["MUB"].repeatability == pytest.approx(np.hypot(3.95, 1.22 * 0.93), rel=0.35)
+
+
+def test_the_verdict_says_by_how_much_modelling_improves_the_unit(smooth: ThermalFit) -> None:
+    """Held-out rates, a constant's beside the curves', with an interval, against the scatter of one collect."""
+    document = thermal_document(smooth)["sensors"][0]
+    assert document["verdict"]["improves"]
+    assert document["rates"]["held_out_modelled"] < 0.5 * document["rates"]["held_out_constant"]
+    assert 0.3 < document["rates"]["low"] < document["rates"]["share_removed"] < document["rates"]["high"] < 1.0
+    assert "improves this unit" in document["verdict"]["words"]
+
+
+def test_without_temperature_dependence_it_says_so() -> None:
+    """Every parameter constant, a bound for each, and modelling does not improve the unit."""
+    flat = {name: (lambda t, v=value: v + 0.0 * t) for name, value in {"BA": 20.0, "GSA": 50.0, "MUA": -9.0}.items()}
+    result = fit_thermal(rotor_night(np.random.default_rng(8), flat))
+    assert all(each.finding == "constant" for each in result.sensors[2].parameters.values())
+    document = thermal_document(result)["sensors"][0]
+    assert not document["verdict"]["improves"]
+    assert "no parameter depends on temperature" in document["verdict"]["words"]
+    assert "no temperature dependence found" in document["parameters"]["MUB"]["verdict"]
+    assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        Constant(unit="deg/hr", value=1.0, valid_degC=(-30.0, 60.0)),
+        Polynomial(unit="deg/hr", polynomial=(1.0, 0.1), reference_degC=15.0, valid_degC=(-30.0, 60.0)),
+        Table(unit="deg/hr", table={"temperature_degC": (-30.0, 60.0), "value": (1.0, 2.0)}, valid_degC=(-30.0, 60.0)),
+    ],
+)
+def test_a_fitted_curve_refuses_to_be_extrapolated(curve: Constant | Polynomial | Table) -> None:
+    """Inside, and a degree beyond, it answers; further out it says where it was measured."""
+    assert np.all(np.isfinite(curve.at([-30.9, 0.0, 60.9])))
+    for outside in (-35.0, 65.0):
+        with pytest.raises(InputError, match="is outside -30 to 60 °C, where this curve"):
+            curve.at([0.0, outside])
+
+
+def test_the_model_file_is_read_back_solves_and_drives_the_twin(smooth: ThermalFit, tmp_path: Path) -> None:
+    """Written, read, evaluated at the campaign's rows, refused beyond its range, and used by solve and the bench."""
+    save_model(smooth.model(), tmp_path / "thermal.yaml")
+    model = load_model(tmp_path / "thermal.yaml")
+    collects = smooth.campaign.sensors[2]
+    residual = collects.rates_deg_per_hr - model.rates(collects.conditions)
+    assert np.sqrt(np.mean(residual**2)) < 6.0
+    assert len(solve_beside(smooth.campaign, model)) == 24
+    hot = replace(collects.conditions, columns={"temperature_degC": np.full(len(collects), 75.0)})
+    with pytest.raises(InputError, match="75 °C is outside"):
+        model.rates(hot)
+    both = model.model_copy(update={"sensors": {1: model.sensors[2], 2: model.sensors[2]}})
+    save_model(both, tmp_path / "both.yaml")
+    bench = changed_bench(tmp_path, model="both")
+    with build_bench(bench) as live:
+        measured = collect(live, "3")
+    assert len(measured) > 0
+
+
+def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides() -> None:
+    """Up and down again: 8 deg/hr on BA is found and stays out of the curve, nothing is found on MUA."""
+    there_and_back = (*PUBLISHED_DEGC, *PUBLISHED_DEGC[-2::-1])
+    curves = {"BA": lambda t: 20.0 + 15.0 * scaled(t)}
+    night = rotor_night(
+        np.random.default_rng(9), curves, temperatures_degC=there_and_back, runs=2, hysteresis={"BA": 8.0}
+    )
+    sensor = fit_thermal(night).sensors[2]
+    found = sensor.parameters["BA"].hysteresis
+    assert found is not None
+    assert found.seen
+    assert found.low < 8.0 < found.high
+    assert found.se < 1.5
+    other = sensor.parameters["MUA"].hysteresis
+    assert other is not None
+    assert not other.seen
+    assert sensor.parameters["BA"].form == "linear"
+
+
+def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth: ThermalFit) -> None:
+    """The curves then hold hysteresis and drift."""
+    assert all(each.hysteresis is None for each in smooth.sensors[2].parameters.values())
+    assert any("reached from both sides" in note for note in smooth.sensors[2].notes)
+
+
+def test_a_temperature_without_every_position_is_left_out_and_named() -> None:
+    """Collect 3 never came about at -29.7 °C: MU is not known there."""
+    night = rotor_night(np.random.default_rng(10), {"BA": lambda t: 15.0 * scaled(t)})
+    collects = night.sensors[2]
+    temperature = collects.conditions.columns["temperature_degC"]
+    keep = ~((temperature < -25) & (collects.conditions.position == "3"))
+    sensor = fit_thermal(replace(night, sensors={2: collects.rows(keep)})).sensors[2]
+    assert sensor.range_degC[0] > -20
+    assert any("-29.7 °C; left out" in note for note in sensor.notes)
+
+
+def test_one_missing_collect_costs_its_run_and_not_its_temperature() -> None:
+    """All positions and temperatures are one system: the other two collects of the run still count."""
+    night = rotor_night(np.random.default_rng(11), {"BA": lambda t: 15.0 * scaled(t)})
+    kept = replace(night, sensors={2: night.sensors[2].rows(np.arange(72) != 2)})
+    assert fit_thermal(kept).sensors[2].range_degC[0] < -29
+
+
+def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:
+    """One run per temperature, nothing stated: the curve is found, its errors are of the right size, and it is said."""
+    night = rotor_night(np.random.default_rng(15), {"BB": lambda t: 40.0 * scaled(t)}, runs=1, run_to_run={})
+    collects = night.sensors[2]
+    silent = replace(collects, rates_se_deg_per_hr=np.full(collects.rates_deg_per_hr.shape, np.nan))
+    sensor = fit_thermal(replace(night, sensors={2: silent})).sensors[2]
+    assert sensor.parameters["BB"].form == "linear"
+    assert sensor.parameters["BB"].coefficients.se[0] == pytest.approx(0.93 / np.sqrt(2 * 8), rel=0.6)
+    assert all(each.finding == "constant" for name, each in sensor.parameters.items() if name != "BB")
+    assert any("what the curves leave is taken for noise" in note for note in sensor.notes)
+
+
+def refused(campaign: Campaign, change: dict[str, np.ndarray]) -> Campaign:
+    """Return the campaign with other condition columns."""
+    collects = campaign.sensors[2]
+    conditions = replace(collects.conditions, columns=change)
+    return replace(campaign, sensors={2: Collects(conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr)})
+
+
+def test_what_cannot_be_fitted_is_refused() -> None:
+    """No temperatures, two temperatures, a model that has a dependence of its own."""
+    night = rotor_night(np.random.default_rng(12), {})
+    with pytest.raises(InputError, match="lacks the column temperature_degC"):
+        fit_thermal(refused(night, {}))
+    with pytest.raises(InputError, match="2 temperatures with every parameter; at least three"):
+        fit_thermal(refused(night, {"temperature_degC": np.repeat([0.0, 20.0], 36)}))
+    with pytest.raises(InputError, match="finds the dependence itself"):
+        fit_thermal(night, "matrix-6-thermal")
+
+
+def test_a_cell_that_cannot_be_is_refused_with_its_collect() -> None:
+    """A standard error of nothing, and a time beyond all time: each names the collect."""
+    night = rotor_night(np.random.default_rng(12), {})
+    collects = night.sensors[2]
+    certain = collects.rates_se_deg_per_hr.copy()
+    certain[9, 0] = 1e-320
+    with pytest.raises(InputError, match="collect 10: a standard error below"):
+        fit_thermal(replace(night, sensors={2: replace(collects, rates_se_deg_per_hr=certain)}))
+    start_s = collects.conditions.start_s.copy()
+    start_s[9] = 1e21
+    late = replace(collects, conditions=replace(collects.conditions, start_s=start_s))
+    with pytest.raises(InputError, match="collect 10: start_s above"):
+        fit_thermal(replace(night, sensors={2: late}))
+    earth = collects.conditions.w_deg_per_hr.copy()
+    earth[9, 1] = 1e308
+    spun = replace(collects, conditions=replace(collects.conditions, w_deg_per_hr=earth))
+    with pytest.raises(InputError, match="collect 10: an earth rate above"):
+        fit_thermal(replace(night, sensors={2: spun}))
+
+
+def test_px4_and_ardupilot_files_correct_as_the_curves_say() -> None:
+    """Evaluated as the autopilots evaluate them, the parameters give the bias curves to a microradian per hour."""
+    curves = {
+        "BX": lambda t: 50.0 + 30.0 * scaled(t),
+        "BY": lambda t: -20.0 + 40.0 * scaled(t) ** 2,
+        "BZ": lambda t: 10.0 + 60.0 * (4 * scaled(t) ** 3 - 3 * scaled(t)),
+        "GXY": lambda t: 4.0 + 0.0 * t,
+    }
+    fit = fit_thermal(triad_night(np.random.default_rng(13), curves)).sensors[1]
+    assert [fit.parameters[name].form for name in ("BX", "BY", "BZ")] == ["linear", "quadratic", "cubic"]
+    px4, ardupilot = parameters(px4_parameters(fit, device_id=2359314)), parameters(ardupilot_parameters(fit))
+    assert px4["TC_G_ENABLE"] == 1
+    assert px4["TC_G0_ID"] == 2359314
+    for axis, name in enumerate(("BX", "BY", "BZ")):
+        curve = fit.parameters[name].curve
+        for degC in (-29.0, 5.0, 35.0, 59.0):
+            delta = degC - px4["TC_G0_TREF"]
+            offset = sum(px4[f"TC_G0_X{power}_{axis}"] * delta**power for power in range(4))
+            assert offset == pytest.approx(float(curve.at(degC)) * RAD_PER_S, abs=1e-9)
+            d = degC - ARDUPILOT_REFERENCE_DEGC
+            change = sum(ardupilot[f"INS_TCAL1_GYR{power}_{'XYZ'[axis]}"] * d**power for power in (1, 2, 3)) * 1e-6
+            expected = float(curve.at(degC) - curve.at(ARDUPILOT_REFERENCE_DEGC)) * RAD_PER_S
+            assert change == pytest.approx(expected, abs=1e-9)
+    assert ardupilot["INS_TCAL1_TMAX"] == pytest.approx(60.0, abs=0.5)
+
+
+def test_a_bias_that_needs_more_than_a_cubic_is_exported_with_a_warning() -> None:
+    """The files hold cubics: what is lost by that stands in them."""
+    curves = {"BX": lambda t: 80.0 * np.polynomial.chebyshev.chebval(scaled(t), [0, 0, 0, 0, 0, 1])}
+    fit = fit_thermal(triad_night(np.random.default_rng(14), curves)).sensors[1]
+    assert fit.parameters["BX"].choice.form.order not in (0, 1, 2, 3)
+    assert "is what the data ask for" in px4_parameters(fit)
+    assert bias_polynomials(fit).notes
+
+
+def test_a_rotor_sensor_has_no_autopilot_parameters(smooth: ThermalFit) -> None:
+    """Two channels and MU mean nothing to PX4."""
+    with pytest.raises(InputError, match="three-axis triads"):
+        px4_parameters(smooth.sensors[2])
+
+
+def parameters(text: str) -> dict[str, float]:
+    """Read either parameter file as an autopilot's ground station does."""
+    found = {}
+    for line in text.splitlines():
+        cells = line.split()
+        if cells and not line.startswith("#"):
+            name, value = (cells[2], cells[3]) if len(cells) == 5 else cells
+            found[name] = float(value)
+    return found
+
+
+@pytest.mark.parametrize("apart_degC", [0.2, 0.3, 0.4, 0.5, 0.6, 0.8])
+def test_a_real_warming_record_is_linear_in_one_axis(reference_data: Path, apart_degC: float) -> None:
+    """VN-310 warming by 3 °C: gy rises by 0.0041 deg/s per °C, and no quadratic is needed, however it is cut.
+
+    Every mean of a second is a run of its own here. (At 0.35 °C a quadratic wins, by a chance of 0.049.)
+    """
+    stored = np.genfromtxt(
+        reference_data / "temperature" / "vn310-warming-34s.csv", delimiter=",", names=True, deletechars=""
+    )
+    names = stored.dtype.names
+    assert names is not None
+    temperature = stored[next(name for name in names if "Temp" in name)]
+    rates = np.stack([stored[next(n for n in names if f"UncompGyro::{axis}" in n)] for axis in "XYZ"], -1)
+    second = np.arange(len(temperature)) // 20
+    mean = np.stack([np.bincount(second, rates[:, c]) / np.bincount(second) for c in range(3)], -1)
+    degC = np.bincount(second, temperature) / np.bincount(second)
+    night = triad_night(np.random.default_rng(0), {})
+    rows = night.sensors[1].conditions.rows(np.arange(len(degC)))
+    conditions = replace(rows, run=np.arange(len(degC)), f_g=np.tile([0.0, 0.0, 1.0], (len(degC), 1)))
+    conditions = replace(conditions, columns={"temperature_degC": degC})
+    in_deg_per_hr = np.degrees(mean) * 3600.0
+    collects = Collects(conditions, in_deg_per_hr, np.full(mean.shape, np.nan))
+    fit = fit_thermal(replace(night, sensors={1: collects}), "constant", apart_degC=apart_degC).sensors[1]
+    found = fit.parameters["BY"]
+    assert found.form == "linear"
+    assert found.coefficients.values[1] / 3600.0 == pytest.approx(0.0041, abs=0.0008)
+
+
+def test_published_cubics_that_blow_up_outside_their_range_are_refused_there(reference_data: Path) -> None:
+    """Of 32 published sets some are wrong by five times their own span 15 °C further out; the curve refuses."""
+    path = reference_data / "temperature" / "published-cubic-coefficients.csv"
+    sets = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    blown = 0
+    for each in sets:
+        low, high = float(each["tmin_C"]), float(each["tmax_C"])
+        cubic = (0.0, *(float(each[f"gyr{power}_x_1e6"]) for power in (1, 2, 3)))
+        curve = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0, valid_degC=(low, high))
+        inside = curve.at(np.linspace(low, high, 50))
+        free = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0)
+        blown += bool(np.abs(free.at([low - 15.0, high + 15.0]) - inside.mean()).max() > 5 * np.ptp(inside))
+        for outside in (low - 15.0, high + 15.0):
+            with pytest.raises(InputError, match="not extrapolated"):
+                curve.at(outside)
+    assert blown >= 2
+
+
+def test_the_command_prints_one_document_and_writes_its_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Table 1 imported, fitted, exported; status 0, and 2 for what cannot be."""
+    write_campaign(read_published_table(Path(TABLE_1)), tmp_path / "t1")
+    assert run(["thermal", str(tmp_path / "t1"), "--out", str(tmp_path / "out"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "hil.thermal/1"
+    mub = document["sensors"][0]["parameters"]["MUB"]
+    assert mub["leave_one_out_errors"]["cubic"] > mub["leave_one_out_error_constant"]
+    mua = document["sensors"][0]["parameters"]["MUA"]
+    assert mua["order"] == 3
+    assert mua["coefficients"][1]["unit"] == "deg/hr/g/degC"
+    assert mua["reference_degC"] == 15.0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"model.yaml", "thermal.json", "sensor-2.svg"}
+    assert load_model(tmp_path / "out" / "model.yaml").sensors[2]["MUA"].valid_degC == (-29.72, 60.0)
+    assert run(["thermal", str(tmp_path / "t1")]) == 0
+    assert "MUB: differs between temperatures beyond its noise" in capsys.readouterr().out
+    assert run(["thermal", str(tmp_path / "nothing")]) == 2
+    assert run(["thermal", str(tmp_path / "t1"), "--apart", "80 degC"]) == 2
+    assert "at least three" in capsys.readouterr().err.replace("\n", " ")

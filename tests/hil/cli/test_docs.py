@@ -1,0 +1,104 @@
+"""The documentation: every link leads somewhere, every command and option named in it exists, no page is unlisted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from hil.cli.app import app
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CLI = typer.main.get_command(app)
+
+_LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+_CODE = re.compile(r"^(?: {4,}|\t)(.*)$|`([^`]+)`", re.MULTILINE)
+_COMMAND = re.compile(r"(?:^|[\s/(])(?:-u hil )?hil((?: +[a-z][a-z-]*)+)((?:\s+[^#;&]*)?)")
+
+
+def name_of(page: Path) -> str:
+    """Return where the page is in the project."""
+    return str(page.relative_to(ROOT))
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that a page's headings have."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def below(command: Any) -> dict[str, Any]:
+    """Return the commands of a group by name; none where it is a command itself."""
+    found: dict[str, Any] = getattr(command, "commands", {})
+    return found
+
+
+def commands_in(page: Path) -> Iterator[tuple[str, Any, str]]:
+    """Yield each `hil` command that a page names: as written, as the program has it, and the rest of its line."""
+    for indented, inline in _CODE.findall(page.read_text()):
+        for words, rest in _COMMAND.findall(indented or inline):
+            command: Any = CLI
+            for word in words.split():
+                if not below(command):
+                    break
+                found = below(command).get(word)
+                assert found is not None, f"{name_of(page)}: hil{words}: there is no command {word}"
+                command = found
+            yield f"hil{words}{rest}", command, rest
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_relative_link_leads_somewhere(page: Path) -> None:
+    """To a file or folder of the project, and to a heading that is in it."""
+    for target in _LINK.findall(page.read_text()):
+        if re.match(r"[a-z]+:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        there = (page.parent / file).resolve() if file else page
+        assert there.exists(), f"{name_of(page)}: {target} leads nowhere"
+        assert there.is_relative_to(ROOT), f"{name_of(page)}: {target} leads out of the project"
+        if anchor and there.suffix == ".md":
+            assert anchor in anchors(there), f"{name_of(page)}: {target}: no such heading"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_command_and_option_that_is_named_exists(page: Path) -> None:
+    """What a reader copies must not be refused as unknown."""
+    for written, command, rest in commands_in(page):
+        known = {name for each in command.params for name in (*each.opts, *each.secondary_opts)} | {"--help"}
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest):
+            assert option in known, f"{name_of(page)}: {written}: there is no option {option}"
+
+
+def test_commands_are_found_in_the_pages_at_all() -> None:
+    """The search itself works: in blocks, in sentences, in tables."""
+    found = [written for page in PAGES for written, _, _ in commands_in(page)]
+    assert len(found) > 100
+    assert any(each.startswith("hil plot series") for each in found)
+
+
+def test_every_command_is_in_the_reference() -> None:
+    """Nothing that the program can do is without its line in docs/reference/commands.md."""
+    listed = {command.name for _, command, _ in commands_in(ROOT / "docs" / "reference" / "commands.md")}
+    for name, command in below(CLI).items():
+        missing = (set(below(command)) or {name}) - listed
+        assert not missing, f"hil {name}: {missing} not in docs/reference/commands.md"
+
+
+def test_every_page_is_in_the_index() -> None:
+    """docs/README.md has a line for each page; decisions and effects have indexes of their own."""
+    index = ROOT / "docs" / "README.md"
+    listed = {(index.parent / target.partition("#")[0]).resolve() for target in _LINK.findall(index.read_text())}
+    own = {ROOT / "docs" / folder for folder in ("decisions", "effects")}
+    for page in PAGES[1:]:
+        if page != index and (page.parent not in own or page.name == "README.md"):
+            assert page in listed, f"{name_of(page)} is not in docs/README.md"
+    for folder in own:
+        lists = (folder / "README.md").read_text()
+        for page in folder.glob("*.md"):
+            assert page.name == "README.md" or f"({page.name}" in lists, f"{name_of(page)} is not in its index"

@@ -1,0 +1,254 @@
+"""What a sweep can see is said before it runs: classes, sizes, leaks, and what a change would bring."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hil.campaign import Campaign, Collects, Conditions
+from hil.config.bench import load_bench
+from hil.config.sweep import load_sweep
+from hil.design.conditions import planned_conditions
+from hil.design.visibility.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
+from hil.design.visibility.document import campaign_document, of_campaign, sweep_document, visibility_document
+from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
+from hil.design.visibility.text import visibility_text
+from hil.design.visibility.worth import improvements
+from hil.model import built_in_model, load_model
+from hil.model.effects.base import flattened
+from hil.model.effects.catalogue import EFFECTS, effect_by_id
+from hil.model.forms import named_form
+from hil.solve.identifiability import orthonormal, project_out, run_covariance, whitener
+from procedures.plan import make_plan
+from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
+
+
+@pytest.fixture(scope="module")
+def published() -> dict[int, Conditions]:
+    """The published sweep as planned on the simulated bench."""
+    return planned_conditions(make_plan(load_sweep("rd-gc-86-1").procedure()), load_bench("simulated"))
+
+
+def class_of(sights: Sights, identifier: str) -> set[str]:
+    """Return the ids that an effect cannot be told from."""
+    sight = sights.sight(identifier)
+    assert sight is not None
+    return set(sight.members)
+
+
+def test_the_plan_becomes_the_conditions_of_its_collects(published: dict[int, Conditions]) -> None:
+    """24 self-calibrations of three collects for both sensors, at the sweep's temperatures and times."""
+    rows = published[2]
+    assert len(rows) == 72
+    assert set(published) == {1, 2}
+    assert np.array_equal(np.unique(rows.run), np.arange(1, 25))
+    assert rows.columns["setpoint_degC"][0] == pytest.approx(-29.72, abs=0.01)
+    assert np.all(np.diff(rows.start_s) > 0.0)
+    assert np.all(rows.duration_s == 60.0)
+    # After 45 min at a plateau the sensor stands still near the setpoint, as the twin does; the next runs stiller.
+    beside = rows.columns["temperature_degC"] - rows.columns["setpoint_degC"]
+    assert np.abs(beside).max() < 4.0
+    slopes = np.abs(rows.columns["dTdt_degC_per_min"]).reshape(8, 3, 3).mean(axis=2)
+    assert np.all(slopes[:, 0] > 5.0 * slopes[:, 2])
+
+
+def test_collins_form_cannot_tell_mu_from_even_terms_until_collect_4(published: dict[int, Conditions]) -> None:
+    """The report's ambiguity: one class with three collects; with the fourth MU stands apart from k2."""
+    three = visibility(published[2], built_in_model("collins-4"))
+    assert {"MU_real", "k2", "tilt", "drift"} <= class_of(three, "MU_real")
+    extended = with_collect_4(published[2])
+    assert extended is not None
+    four = visibility(extended, built_in_model("collins-4"))
+    assert "k2" not in class_of(four, "MU_real")
+    assert "drift" not in class_of(four, "MU_real")
+
+
+def test_what_the_matrix_form_absorbs_is_said_to_be_invisible(published: dict[int, Conditions]) -> None:
+    """Three collects and six parameters per set: nothing constant in time and temperature is left to see."""
+    sights = visibility(published[2], built_in_model("matrix-6"))
+    hidden = {sight.effect.id for sight in sights.effects if not sight.visible}
+    assert {"MU_real", "GS", "k2", "noniso", "misalign", "tilt", "accel", "index", "earth", "frame", "mag"} <= hidden
+    assert not {"bias_T", "bias_Tdot", "GS_T", "MU_T", "jump", "swap"} & hidden
+    lost = sights.sight("k2")
+    assert lost is not None
+    assert np.isinf(lost.best.value)
+    assert lost.leaks["MUB"] > 1.0  # what does not show, moves MU
+
+
+def test_a_second_heading_brings_earth_rate_and_magnetics_into_sight(published: dict[int, Conditions]) -> None:
+    """Gravity stays, earth rate and field turn."""
+    turned = with_second_heading(published[2])
+    assert turned is not None
+    sights = visibility(turned, built_in_model("matrix-6"))
+    for identifier in ("earth", "misalign", "mag"):
+        sight = sights.sight(identifier)
+        assert sight is not None
+        assert sight.visible
+
+
+def test_smallest_visible_size_is_found_with_the_stated_probability() -> None:
+    """Simulated with the stated noise: the share of data sets in which the effect's own test finds it is 90 %."""
+    conditions = campaign()
+    noise = NoiseLevel(collect_deg_per_hr=0.7, run_bias_deg_per_hr=1.1)
+    model = built_in_model("matrix-6")
+    sights = visibility(conditions, model, noise)
+    sight = sights.sight("GS_T")
+    assert sight is not None
+    names = [parameter.name for parameter in sight.effect.parameters_for(conditions)]
+    columns = flattened(effect_by_id("GS_T").columns(conditions, base_values(conditions, model), {}))
+    white = whitener(run_covariance(conditions, np.full((len(conditions), 2), 0.7), np.array([1.1, 1.1])))
+    base = orthonormal(white @ flattened(named_form("matrix-6", conditions).columns(conditions)))
+    basis = orthonormal(project_out(base, white @ columns))
+    signal = (white @ columns)[:, names.index(sight.best.parameter.name)] * sight.best.value
+    statistic = np.sum(((np.random.default_rng(3).standard_normal((4000, len(signal))) + signal) @ basis) ** 2, axis=1)
+    groups = len({one.members for one in sights.effects if one.visible})
+    found = statistic > stats.chi2.isf(sights.false_alarm_rate / groups, basis.shape[1])
+    assert np.mean(found) == pytest.approx(0.9, abs=0.02)
+
+
+def test_less_noise_shows_smaller_effects() -> None:
+    """Half the noise, half the size; where all noise shrinks alike, the fraction kept is the design's alone."""
+    conditions = campaign()
+    loud, quiet = (visibility(conditions, noise=NoiseLevel(0.8 * k, 1.6 * k)) for k in (1.0, 0.5))
+    for one, other in zip(loud.effects, quiet.effects, strict=True):
+        assert one.kept == pytest.approx(other.kept)
+        if one.visible:
+            assert other.best.value == pytest.approx(0.5 * one.best.value)
+
+
+def test_order_1_3_2_keeps_a_drift_out_of_mu(published: dict[int, Conditions]) -> None:
+    """It costs nothing, shows nothing new, and MU no longer moves with a drift."""
+    before = visibility(published[2], built_in_model("matrix-6"))
+    changed = with_order_1_3_2(published[2])
+    assert changed is not None
+    after = visibility(changed, built_in_model("matrix-6"))
+    leaks = [sights.sight("drift").leaks.get("MUB", 0.0) for sights in (before, after)]  # type: ignore[union-attr]
+    assert leaks[0] > 1.0
+    assert leaks[1] < 0.05 * leaks[0]  # not zero: the bench is not level
+
+
+def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions]) -> None:
+    """For the contractor's form Collect 4 leads; more of the same is the least."""
+    model = built_in_model("collins-4")
+    found = improvements(published[2], visibility(published[2], model), model)
+    names = [one.change for one in found]
+    assert names[0].startswith("add collect 4")
+    assert ("MU_real", "k2") in found[0].separated
+    assert names[-1] == "the same sweep twice"
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)
+def test_a_changed_sweep_is_a_sweep(change: object, published: dict[int, Conditions]) -> None:
+    """Unique collects in the order of time, |f| as it was, all columns of equal length; or the change does not fit."""
+    for conditions in (published[2], campaign(every_column=False), triad_poses()):
+        changed = change.apply(conditions)  # type: ignore[attr-defined]
+        if changed is None:
+            continue
+        assert len(np.unique(changed.collect)) == len(changed)
+        assert np.all(np.diff(changed.start_s) >= 0.0)
+        assert np.allclose(np.linalg.norm(changed.f_g, axis=1), np.linalg.norm(conditions.f_g[0]))
+        assert all(len(values) == len(changed) for values in changed.columns.values())
+        assert len(changed) >= len(conditions)
+
+
+def test_collect_4_is_collect_3_turned_over() -> None:
+    """Gravity along the spin axis and along A change sign, B stays; earth rate alike; not offered twice."""
+    conditions = campaign(g=(0.99, 0.1, -0.05))
+    extended = with_collect_4(conditions)
+    assert extended is not None
+    third, fourth = extended.f_g[extended.position == "3"], extended.f_g[extended.position == "4"]
+    assert np.allclose(fourth, third * [-1.0, 1.0, -1.0])
+    assert with_collect_4(extended) is None
+    assert with_collect_4(triad_poses()) is None
+
+
+def test_document_says_everything_a_program_needs(published: dict[int, Conditions]) -> None:
+    """Every askable effect once with kept, class and smallest size; reasons for the others; JSON without NaN."""
+    document = visibility_document(published, "sweep", load_model("rd-gc-86-1-truth"))
+    text = json.dumps(document, allow_nan=False)
+    assert json.loads(text)["schema"] == "hil.visibility/1"
+    effects = document["effects"]
+    assert isinstance(effects, list)
+    asked = {effect["id"] for effect in effects}
+    reasons = document["sensors"]["2"]["cannot_be_asked"]  # type: ignore[index]
+    assert asked | set(reasons) == {effect.id for effect in EFFECTS}
+    assert "needs supply_V" in reasons["supply"]
+    for effect in effects:
+        assert 0.0 <= effect["kept"] <= 1.0
+        assert effect["id"] in effect["class"]
+        assert effect["smallest_visible"]["probability"] == 0.9
+    assert {"arw", "rrw", "beat"} <= set(document["not_in_averages"])  # type: ignore[call-overload]
+
+
+def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
+    """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
+    conditions = campaign()
+    rates, errors = np.zeros((len(conditions), 2)), np.full((len(conditions), 2), 0.5)
+    whole = Campaign("t", "s", {2: Collects(conditions, rates, errors)})
+    halved = rates.copy()
+    halved[conditions.run % 2 == 0] = np.nan
+    half = Campaign("t", "s", {2: Collects(conditions, halved, errors)})
+    sizes = []
+    for one in (whole, half):
+        rows, _, sigmas = of_campaign(one)
+        sight = visibility(rows[2], built_in_model("matrix-6"), sigma=sigmas[2]).sight("GS_T")
+        assert sight is not None
+        sizes.append(sight.best.value)
+    assert sizes[1] / sizes[0] == pytest.approx(np.sqrt(2.0), rel=0.15)
+    unstated = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, np.nan))})
+    assert np.all(of_campaign(unstated)[2][2] == NoiseLevel().collect_deg_per_hr)
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        triad_poses(),
+        triad_poses(3),
+        triad_poses(every_column=False),
+        campaign(temperatures=(20.0,), runs_each=1),
+        campaign(("3",), temperatures=(20.0,), runs_each=1),
+        campaign(every_column=False),
+        replace(campaign(), w_deg_per_hr=np.zeros((72, 3))),
+    ],
+    ids=["triad", "three poses", "bare triad", "one run", "one collect", "bare", "no earth rate"],
+)
+def test_odd_data_gets_a_map_and_reasons(conditions: Conditions) -> None:
+    """Every effect is either mapped or has a reason, and the document is JSON."""
+    document = visibility_document({conditions.sensor.number: conditions}, "odd")
+    json.dumps(document, allow_nan=False)
+    entry = document["sensors"][str(conditions.sensor.number)]  # type: ignore[index]
+    assert {effect["id"] for effect in entry["effects"]} | set(entry["cannot_be_asked"]) == {one.id for one in EFFECTS}
+
+
+def test_sensor_layouts_take_the_form_that_is_meant_for_them() -> None:
+    """A rotor over temperature: matrix-6-thermal; at one temperature: matrix-6; a triad: triad-12."""
+    assert visibility(campaign()).form == "matrix-6-thermal"
+    assert visibility(campaign(temperatures=(20.0,))).form == "matrix-6"
+    assert visibility(triad_poses()).form == "triad-12"
+    assert (ROTOR.is_rotor, TRIAD.is_triad) == (True, True)
+
+
+def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
+    """The screenful for the contractor's form on the published sweep, and for a campaign marked as simulated."""
+    document = sweep_document(load_sweep("rd-gc-86-1"), load_bench("simulated"), built_in_model("collins-4"))
+    text = visibility_text(document)
+    # Sensor 1 lies at right angles to sensor 2: its spin axis points up and down, so it tells MU from even terms.
+    maps = {number: {e["id"]: e["class"] for e in one["effects"]} for number, one in document["sensors"].items()}  # type: ignore[attr-defined]
+    assert "k2" in maps["2"]["MU_real"]
+    assert "k2" not in maps["1"]["MU_real"]
+    alike = next(line for line in text.splitlines() if line.startswith("Look alike") and "MU_real" in line)
+    assert "k2" in alike
+    assert "  supply: needs supply_V" in text
+    assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
+    assert "tells apart: " in text
+    assert "SIMULATED" not in text
+    rates = np.zeros((72, 2))
+    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, rates + 0.5)}, simulated=True)
+    lines = visibility_text(campaign_document(simulated)).splitlines()
+    assert lines[0] == "night  SIMULATED"
+    assert any(line.startswith("  k2 (") and "MUB" in line for line in lines)
+    assert not any(line.startswith("  MU_real") for line in lines)  # the model has it

@@ -1,0 +1,126 @@
+"""What is hidden is found and called by its name; what cannot be told apart is called ambiguous."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.reconcile import Reconciliation, reconcile
+from tests.hil.reconcile.hidden_effects import Hidden, Rows, both, hidden_campaign
+
+DRAWS = 100
+
+
+def ids(result: Reconciliation) -> list[str]:
+    """Ids in the order found."""
+    return [effect.id for effect in result.effects]
+
+
+def mass_unbalance(rows: Rows) -> np.ndarray:
+    """RA += MUB fS, RB -= MUA fS with MUA = 14, MUB = -20 deg/hr/g."""
+    return np.stack([-20.0 * rows.f[:, 2], -14.0 * rows.f[:, 2]], 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden", "model", "thermal"),
+    [
+        ("supply", lambda r: both(r.supply - 28.0, 14.0, -13.0), "matrix-6-thermal", True),
+        ("jump", lambda r: both(r.run > 7, 12.0, -11.0), "matrix-6-thermal", True),
+        ("warmup", lambda r: both(np.exp(-r.start_s / 2400.0), 90.0, -100.0), "matrix-6-thermal", True),
+        ("bias_T", lambda r: both(r.temperature - 20.0, 0.2, 0.5), "matrix-6", False),
+        ("GS_T", lambda r: both(r.f[:, 0] * (r.temperature - 20.0), 0.1, 0.06), "matrix-6", False),
+    ],
+)
+def test_a_hidden_effect_gets_its_name(name: str, hidden: Hidden, model: str, thermal: bool) -> None:
+    """One effect, clearly there: its own name at .8 or more, and the gap shrinks on runs that were not seen."""
+    result = reconcile(hidden_campaign(7, hidden, thermal=thermal), model, draws=DRAWS)
+    assert result.verdict == "named"
+    assert ids(result) == [name]
+    assert result.effects[0].probability >= 0.8
+    assert result.gap.standardised_after < result.gap.standardised_before
+
+
+@pytest.mark.parametrize(
+    ("truth", "hidden", "model"),
+    [
+        ("bias_Tdot", lambda r: both(r.slope, 60.0, -45.0), "matrix-6-thermal"),
+        ("drift", lambda r: both(r.order * 1.0, 3.0, -2.0), "matrix-6"),
+        ("k2", lambda r: both(r.f[:, 2] ** 2 - r.f[:, 0] ** 2, 3.0, -2.0), "matrix-6"),
+    ],
+)
+def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidden: Hidden, model: str) -> None:
+    """The truth is in the stated class, the verdict is ambiguous, and an experiment is proposed."""
+    result = reconcile(hidden_campaign(7, hidden, thermal=model != "matrix-6"), model, draws=DRAWS, prove=False)
+    assert result.verdict == "ambiguous"
+    assert len(result.effects) == 1
+    same = {result.effects[0].id} | {r.id for r in result.effects[0].confusable_with if r.overlap > 0.95}
+    assert truth in same
+    assert result.next_experiment is not None
+
+
+def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
+    """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
+    campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, positions=("1", "2", "3"))
+    result = reconcile(campaign, "collins-4", draws=DRAWS)
+    assert result.verdict == "ambiguous"
+    assert ids(result)[0] == "MU_real"
+    assert "k2" in {rival.id for rival in result.effects[0].confusable_with}
+    values = {p["name"]: p["value"] for p in result.effects[0].parameters}
+    assert values["MUA"] == pytest.approx(14.0, abs=1.5)
+    assert values["MUB"] == pytest.approx(-20.0, abs=1.5)
+    assert result.next_experiment is not None
+    assert [c["position"] for c in result.next_experiment["collects"]] == ["4"]
+    assert result.next_experiment["collects"][0]["f"][2] == pytest.approx(-1.0, abs=0.01)
+    assert result.next_experiment["power"] > 0.95
+    places = {(d.where["channel"], d.where.get("position")) for d in result.disagreements}
+    assert places == {("RA", "3"), ("RB", "3")}
+
+
+def test_the_fourth_collect_settles_it() -> None:
+    """With Collect 4 in the data it is MU_real, with the right signs."""
+    campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
+    result = reconcile(campaign, "collins-4", draws=DRAWS)
+    assert result.verdict == "named"
+    assert ids(result) == ["MU_real"]
+    values = {p["name"]: p["value"] for p in result.effects[0].parameters}
+    assert values["MUA"] == pytest.approx(14.0, abs=0.8)
+    assert values["MUB"] == pytest.approx(-20.0, abs=0.8)
+    assert result.gap.after < 0.2 * result.gap.before
+
+
+def test_two_effects_at_once_are_both_found() -> None:
+    """Supply and a step, together."""
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 14.0, -13.0) + both(r.run > 8, 12.0, -11.0))
+    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    assert sorted(ids(result)) == ["jump", "supply"]
+
+
+@pytest.mark.parametrize(
+    ("words", "hidden"),
+    [
+        ("MU × supply_V", lambda r: both(r.f[:, 2] * (r.supply - 28.0), 14.0, -13.0)),
+        ("MU × temperature_degC[", lambda r: both(r.f[:, 2] * (np.abs(r.temperature - 6.0) < 6.0), 5.0, -5.0)),
+    ],
+)
+def test_what_the_catalogue_does_not_know_is_empirical(words: str, hidden: Hidden) -> None:
+    """A term outside the catalogue, and one at a single temperature: no false name, the term itself is stated."""
+    result = reconcile(hidden_campaign(7, hidden), "matrix-6-thermal", draws=DRAWS)
+    assert result.verdict == "empirical"
+    assert ids(result)[0].startswith(f"empirical: {words}")
+    assert result.gap.after < result.gap.before
+
+
+def test_a_wrong_heading_is_found_where_several_headings_were_measured() -> None:
+    """The horizontal earth rate turned by 8 degrees, three headings: earth, not misalignment."""
+
+    def wrong(rows: Rows) -> np.ndarray:
+        h, off, level = np.deg2rad(rows.heading), np.deg2rad(8.0), 15.041067 * np.cos(np.deg2rad(34.6))
+        d2, d3 = level * (np.cos(h + off) - np.cos(h)), level * (np.sin(h + off) - np.sin(h))
+        theta = np.deg2rad([{"1": -90.0, "2": 90.0, "3": 0.0, "4": 180.0}[p] for p in rows.position])
+        return np.stack([d3 * np.cos(theta), d2], 1)
+
+    result = reconcile(
+        hidden_campaign(7, wrong, headings=(30.0, 120.0, 210.0)), "matrix-6-thermal", draws=DRAWS, prove=False
+    )
+    assert result.verdict == "named"
+    assert ids(result) == ["earth"]

@@ -1,0 +1,221 @@
+"""Nothing missing: none. Faulty rows are reported, real logs not over-claimed, and a result can be applied."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.reader import read_campaign
+from hil.errors import InputError
+from hil.model import load_model
+from hil.reconcile import Screen, reconcile, write_result
+from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
+
+DRAWS = 100
+FEW = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "runs_each": 2}
+
+
+def with_rates(campaign: Campaign, rates: np.ndarray) -> Campaign:
+    """Return the campaign with other rates."""
+    collects = campaign.sensors[2]
+    return replace(campaign, sensors={2: Collects(collects.conditions, rates, collects.rates_se_deg_per_hr)})
+
+
+def null_campaign(kind: str, seed: int) -> Campaign:
+    """Pure noise of one kind about a base that the model has."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng)
+    if kind == "white":
+        e = noise(rows, rng, run_bias=0.0)
+    elif kind == "heavy tails":
+        e = noise(rows, rng, sigma=0.0) + 0.9 / np.sqrt(2.0) * rng.standard_t(4, (len(rows), 2))
+    elif kind == "random walk":
+        e = noise(rows, rng, run_bias=0.0) + np.cumsum(0.8 * rng.normal(size=(rows.run.max() + 1, 2)), 0)[rows.run]
+    elif kind == "MU from run to run":
+        e = noise(rows, rng) + (2.0 * rng.normal(size=(rows.run.max() + 1, 2)))[rows.run] * rows.f[:, 2:3]
+    elif kind == "cold":
+        e = noise(rows, rng) * np.where(rows.temperature < 0.0, 3.0, 1.0)[:, None]
+    else:
+        e = noise(rows, rng)
+    return campaign_of(rows, base_rates(rows) + e, stated=None if kind == "cold" else 0.9)
+
+
+KINDS = ("white", "runs correlated", "heavy tails", "random walk", "MU from run to run", "cold")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_missing_is_called_none_or_at_least_never_named(kind: str) -> None:
+    """Three campaigns of each kind of noise at a level of 1 %: none is named, at most one is thought suspicious."""
+    campaigns = [null_campaign(kind, seed) for seed in range(3)]
+    verdicts = [reconcile(c, "matrix-6-thermal", alpha=0.01, draws=DRAWS, prove=False).verdict for c in campaigns]
+    assert verdicts.count("none") >= 2
+    assert "named" not in verdicts
+
+
+def test_eight_runs_are_enough_to_be_cautious() -> None:
+    """Eight runs at one temperature, three collects, nothing missing: none, and nothing is added to the model."""
+    campaign = hidden_campaign(3, thermal=False, temperatures=(23.0,), runs_each=8, positions=("1", "2", "3"))
+    result = reconcile(campaign, "matrix-6", draws=DRAWS)
+    assert result.verdict == "none"
+    assert result.model_after == result.input_model
+    assert result.effects == []
+    assert result.next_experiment is None
+
+
+def test_a_lost_third_of_the_collects_neither_hides_nor_invents() -> None:
+    """30 % of the rates missing: the supply effect is still named, and without it there is none."""
+    for hidden, expected in ((None, "none"), (lambda r: both(r.supply - 28.0, 12.0, -11.0), "named")):
+        campaign = hidden_campaign(11, hidden)
+        rates = campaign.sensors[2].rates_deg_per_hr.copy()
+        rates[np.random.default_rng(1).random(rates.shape) < 0.3] = np.nan
+        result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+        assert result.verdict == expected
+
+
+def test_exchanged_labels_are_found_and_mended() -> None:
+    """Collects 1 and 2 of one run in each other's place: swap, that run, and no other effect."""
+    campaign = hidden_campaign(4)
+    collects = campaign.sensors[2]
+    rates = collects.rates_deg_per_hr.copy()
+    rows = [int(np.flatnonzero((collects.conditions.run == 6) & (collects.conditions.position == p))[0]) for p in "12"]
+    rates[rows] = rates[rows[::-1]]
+    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+    assert [effect.id for effect in result.effects] == ["swap"]
+    assert result.effects[0].shape == {"run": 6.0}
+    assert result.outliers == []
+
+
+def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
+    """One rate off by 40 deg/hr: left out and reported with its row; the verdict stays none."""
+    campaign = hidden_campaign(5)
+    rates = campaign.sensors[2].rates_deg_per_hr.copy()
+    rates[17, 1] += 40.0
+    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+    assert result.verdict == "none"
+    assert [(o["collect"], o["channel"]) for o in result.outliers] == [(18, "RB")]
+    assert result.outliers[0]["size_deg_per_hr"] == pytest.approx(40.0, abs=6.0)
+
+
+def test_a_wrong_stated_error_does_not_make_a_finding() -> None:
+    """Standard errors in the file a fifth of the truth: still none."""
+    rng = np.random.default_rng(8)
+    rows = lay_out(rng)
+    campaign = campaign_of(rows, base_rates(rows) + noise(rows, rng), stated=0.18)
+    assert reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).verdict == "none"
+
+
+def test_applying_the_improved_model_finds_nothing_more(tmp_path: Path) -> None:
+    """model.yaml holds the named term with value, error and origin; as the model it leaves nothing to find."""
+    campaign = hidden_campaign(7, lambda r: both(r.f[:, 2], -20.0, -14.0), thermal=False, mu=False, **FEW)
+    first = reconcile(campaign, "collins-4", draws=DRAWS)
+    write_result(first, tmp_path)
+    document = json.loads((tmp_path / "reconciliation.json").read_text())
+    assert document["schema"] == "hil.reconciliation/1"
+    assert document["verdict"] == "named"
+    assert document["gap"]["after"] < document["gap"]["before"]
+    page = (tmp_path / "reconciliation.html").read_text()
+    assert "MU_real" in page
+    assert "SIMULATED" in page
+    assert "<script" not in page
+    improved = load_model(tmp_path / "model.yaml")
+    assert [term.effect for term in improved.terms] == ["MU_real"]
+    assert improved.terms[0].added["gap_after_deg_per_hr"] < improved.terms[0].added["gap_before_deg_per_hr"]
+    predicted = improved.rates(campaign.sensors[2].conditions)
+    assert np.sqrt(np.mean((predicted - campaign.sensors[2].rates_deg_per_hr) ** 2)) < 2.5
+    again = reconcile(campaign, improved, draws=DRAWS)
+    assert again.verdict == "none"
+    assert again.as_it_stands is not None
+    assert again.as_it_stands["rms_deg_per_hr"] < 2.5
+
+
+def test_a_triad_with_g_sensitivity_is_named_and_one_without_is_not() -> None:
+    """24 hand-placed poses of a MEMS triad, one run: a G that is not symmetric, against a constant bias."""
+    for size, expected in ((60.0, "named"), (0.0, "none")):
+        rng = np.random.default_rng(2)
+        f = rng.normal(size=(24, 3))
+        f /= np.linalg.norm(f, axis=1, keepdims=True)
+        g = size * np.array([[1.0, 0.4, -0.6], [-0.3, 0.8, 0.2], [0.5, -0.7, 0.9]])
+        rates = np.array([1300.0, -2100.0, -1200.0]) + f @ g.T + 20.0 * rng.normal(size=(24, 3))
+        poses = np.array([f"pose-{k:02d}" for k in range(1, 25)])
+        known = Conditions(
+            TRIAD,
+            np.arange(1, 25),
+            np.ones(24, dtype=np.int64),
+            poses,
+            10.0 * np.arange(24),
+            np.full(24, 2.0),
+            f,
+            np.zeros((24, 3)),
+        )
+        campaign = Campaign("triad", "test", {1: Collects(known, rates, np.full((24, 3), 20.0))})
+        result = reconcile(campaign, "constant", draws=DRAWS)
+        assert result.verdict == expected
+        assert [effect.id for effect in result.effects] == (["g_sensitivity"] if size else [])
+
+
+@pytest.mark.parametrize("unit", ["mpu9150-unit0", "mpu9150-unit1", "mpu9150-unit2", "mpu-24-poses"])
+def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str) -> None:
+    """Weak or no acceleration sensitivity in real logs: no confident name, whichever model they are compared with."""
+    campaign = read_campaign(reference_data / "campaigns" / unit)
+    for model in ("constant", "triad-12"):
+        result = reconcile(campaign, model, draws=DRAWS)
+        assert result.verdict in {"none", "ambiguous"}
+        assert all(effect.probability < 0.8 for effect in result.effects)
+
+
+def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaign]:
+    """Units that were measured in the same way, a supply effect in each `every`-th of them."""
+    rows = lay_out(np.random.default_rng(0))
+    effect = both(rows.supply - 28.0, size, -size)
+    noises = [noise(rows, np.random.default_rng(seed + i)) for i in range(count)]
+    return [campaign_of(rows, base_rates(rows) + n + (i % every == 0) * effect) for i, n in enumerate(noises)]
+
+
+def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
+    """Sixty units, six with a supply effect: those six, by name, at a false discovery rate."""
+    units = fleet(60, 14.0, 10)
+    findings = Screen.of(units, "matrix-6-thermal", draws=500).units(units)
+    assert [i for i, f in enumerate(findings) if f.q_value < 0.05] == [0, 10, 20, 30, 40, 50]
+    assert {findings[i].leader for i in range(0, 60, 10)} == {"supply"}
+
+
+def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
+    """A fleet with nothing missing: p-values as they should be, nothing discovered, nothing shared."""
+    units = fleet(150, 0.0, 1, seed=900)
+    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    p_values = np.array([finding.p_value for finding in screen.units(units)])
+    assert 0.0 < np.mean(p_values < 0.2) < 0.32
+    assert min(finding.q_value for finding in screen.units(units)) > 0.05
+    assert screen.shared(units).p_value > 0.05
+
+
+def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
+    """A supply effect in all of forty units, too small to be found in most of them: shared, by name."""
+    units = fleet(40, 5.0, 1)
+    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    assert sum(finding.q_value < 0.05 for finding in screen.units(units)) < 10
+    shared = screen.shared(units)
+    assert shared.name == "supply"
+    assert shared.p_value < 0.001
+
+
+def test_a_screen_refuses_another_layout() -> None:
+    """Fewer temperatures, or as many collects in another order: the columns would be the wrong ones."""
+    units = fleet(2, 0.0, 1)
+    screen = Screen.of(units[0], "matrix-6-thermal", draws=50)
+    for other in (hidden_campaign(1, temperatures=(20.0,)), hidden_campaign(1, positions=("2", "1", "3", "4"))):
+        with pytest.raises(InputError, match="laid out otherwise"):
+            screen.units([other])
+    with pytest.raises(InputError, match="at least one unit"):
+        Screen.of([], "matrix-6-thermal")
+
+
+def test_a_level_outside_its_range_is_refused() -> None:
+    """A false-alarm rate of zero or above one half is no rate."""
+    with pytest.raises(InputError, match="false-alarm rate"):
+        reconcile(hidden_campaign(1, **FEW), "matrix-6", alpha=0.0)

@@ -1,0 +1,137 @@
+"""Where: the collects in which a missing effect acts are the places that the result names, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.model import load_model
+from hil.reconcile import Disagreement, reconcile
+from hil.reconcile.explanations import posed
+from hil.reconcile.outcome.page import _place, page
+from hil.reconcile.proof.cells import disagreements
+from hil.reconcile.search.fit import estimate_noise
+from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
+
+DRAWS = 150
+
+
+def with_hidden(hidden: Callable[[Rows], np.ndarray], seed: int = 5) -> tuple[Campaign, Rows]:
+    """A night of eight temperatures, two runs at each, four collects a run."""
+    rows = lay_out(np.random.default_rng(seed))
+    rates = base_rates(rows) + noise(rows, np.random.default_rng(seed + 1)) + hidden(rows)
+    return campaign_of(rows, rates), rows
+
+
+def covered(found: list[Disagreement], rows: Rows) -> np.ndarray:
+    """The rows and channels of all places, (n, 2), read as a stranger would read the document."""
+    out = np.zeros((len(rows), 2), dtype=bool)
+    for place in found:
+        where = place.where
+        inside = np.ones(len(rows), dtype=bool)
+        if "position" in where:
+            inside &= rows.position == where["position"]
+        if "temperature_degC" in where:
+            inside &= (rows.temperature >= where["temperature_degC"][0]) & (
+                rows.temperature <= where["temperature_degC"][1]
+            )
+        if "runs" in where:
+            inside &= np.isin(rows.run, where["runs"])
+        out[inside, ["RA", "RB"].index(where["channel"])] = True
+    return out
+
+
+def agreement(found: np.ndarray, truth: np.ndarray) -> float:
+    """F1."""
+    return float(2.0 * (found & truth).sum() / (found.sum() + truth.sum()))
+
+
+def ripple(rows: Rows) -> np.ndarray:
+    """The supply acts on the bias of both channels, up and down."""
+    return both(rows.supply - 28.0, 14.0, -13.0)
+
+
+def one_position_cold(rows: Rows) -> np.ndarray:
+    """One channel, one position, below 10 °C."""
+    return both((rows.position == "3") & (rows.temperature < 10.0), 9.0, 0.0)
+
+
+@pytest.mark.parametrize("hidden", [ripple, one_position_cold])
+def test_places_are_the_collects_in_which_the_effect_acts(hidden: Callable[[Rows], np.ndarray]) -> None:
+    """An effect that is everywhere and one that is in a corner: the places are the collects where it is large."""
+    campaign, rows = with_hidden(hidden)
+    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    truth = np.abs(hidden(rows))
+    found = covered(list(result.disagreements), rows)
+    assert agreement(found, truth > 0.25 * truth.max()) > 0.8
+
+
+def test_a_corner_is_one_place_with_the_size_that_is_there() -> None:
+    """One channel, one position, the cold half: one place, by its temperatures, and its size within the error."""
+    campaign, rows = with_hidden(one_position_cold)
+    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    assert [(d.where["channel"], d.where["position"]) for d in result.disagreements] == [("RA", "3")]
+    place = result.disagreements[0]
+    low, high = place.where["temperature_degC"]
+    assert low < rows.temperature.min() + 0.11
+    assert 5.0 < high < 10.0
+    assert abs(place.size_deg_per_hr - 9.0) < 3.0 * place.se_deg_per_hr
+    assert place.se_deg_per_hr < 2.0
+    assert result.p_value <= place.q_value < 0.01
+
+
+def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first() -> None:
+    """The supply is above and below: runs with more on one side, runs with less on the other, for each channel."""
+    campaign, rows = with_hidden(ripple)
+    places = list(reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).disagreements)
+    sizes = [abs(place.size_deg_per_hr) for place in places]
+    assert sizes == sorted(sizes, reverse=True)
+    for place in places:
+        assert "position" not in place.where
+        above = rows.supply[np.isin(rows.run, place.where["runs"])] > 28.0
+        assert np.mean(above == (place.size_deg_per_hr * (1 if place.where["channel"] == "RA" else -1) > 0)) > 0.9
+
+
+def test_where_nothing_is_missing_there_are_no_places() -> None:
+    """Noise alone."""
+    campaign, _ = with_hidden(lambda rows: np.zeros((len(rows), 2)))
+    assert not reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).disagreements
+
+
+def test_runs_are_said_in_stretches() -> None:
+    """A reader is told runs 1 to 3, 7."""
+    said = _place({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
+    assert said == "sensor 2, channel RA, runs 1 to 3, 7"
+
+
+def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() -> None:
+    """A page stays readable where an effect has thirty places; the file has them all."""
+    campaign, _ = with_hidden(one_position_cold)
+    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    place = result.disagreements[0]
+    many = page(replace(result, disagreements=[place] * 30))
+    assert many.count("sensor 2, channel RA, position 3") == 12
+    assert "and 18 smaller ones, in reconciliation.json" in many
+    assert "smaller ones" not in page(result)
+
+
+def scanned(campaign: Campaign) -> list[Disagreement]:
+    """The scan of cells, for a disagreement to which nothing could be added."""
+    problem, tables, _ = posed(campaign, load_model("matrix-6-thermal"), ())
+    known = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
+    noises = [estimate_noise(block, table) for block, table in zip(problem.blocks, tables, strict=True)]
+    return disagreements(problem.blocks, noises, known, 0.05, np.random.default_rng(0))
+
+
+def test_a_scan_without_any_effect_finds_the_corner_and_nothing_in_noise() -> None:
+    """The cell of the fault stands out with its size; on noise alone no cell does."""
+    corner, _ = with_hidden(one_position_cold)
+    first = scanned(corner)[0]
+    assert (first.where["channel"], first.where["position"]) == ("RA", "3")
+    assert abs(first.size_deg_per_hr - 9.0) < 3.0 * first.se_deg_per_hr
+    assert first.q_value < 0.01
+    assert not scanned(with_hidden(lambda r: np.zeros((len(r), 2)))[0])

@@ -1,0 +1,266 @@
+"""Two collects of one run that carry each other's labels: found, put right, and shown as they were and as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions
+from hil.model import Model, load_model
+from hil.model.curve import Polynomial
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.bad_data.exchanges import Exchange, as_labelled, exchanges
+from hil.reconcile.explanations import posed
+from hil.reconcile.outcome.page import page
+from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
+
+DRAWS = 100
+
+
+def exchanged(campaign: Campaign, *pairs: tuple[int, int]) -> Campaign:
+    """Return the campaign with the rates of pairs of collects, by their numbers from 1, in each other's place."""
+    (number, collects), *_ = campaign.sensors.items()
+    rates = collects.rates_deg_per_hr.copy()
+    for pair in pairs:
+        rows = [collect - 1 for collect in pair]
+        rates[rows] = rates[rows[::-1]]
+    return replace(campaign, sensors={number: replace(collects, rates_deg_per_hr=rates)})
+
+
+def found(campaign: Campaign, model: Model | str = "matrix-6-thermal", **how: object) -> Reconciliation:
+    """Reconcile with few draws."""
+    return reconcile(campaign, model, draws=DRAWS, **how)  # type: ignore[arg-type]
+
+
+def swaps(result: Reconciliation) -> list[float]:
+    """Runs in which labels were exchanged."""
+    return sorted(effect.shape["run"] for effect in result.effects if effect.id == "swap")
+
+
+@pytest.fixture(scope="module")
+def swap_alone() -> Reconciliation:
+    """A night in which nothing is missing, collects 21 and 22 (run 6, positions 1 and 2) in each other's place."""
+    return found(exchanged(hidden_campaign(4), (21, 22)))
+
+
+@pytest.fixture(scope="module")
+def swap_beside_supply() -> Reconciliation:
+    """The same labels exchanged, and a supply effect in the unit."""
+    supply: Hidden = lambda rows: both(rows.supply - 28.0, 16.0, -15.0)  # noqa: E731
+    return found(exchanged(hidden_campaign(7, supply), (21, 22)))
+
+
+def test_the_gap_before_is_that_of_the_labels_in_the_file(swap_alone: Reconciliation) -> None:
+    """By run, by contiguous block, raw and standardised: much before, noise after."""
+    gap = swap_alone.gap
+    assert gap.before > 3.0 * gap.after
+    assert gap.after == pytest.approx(gap.noise_floor, rel=0.3)
+    assert gap.standardised_before > 5.0 * gap.standardised_after
+    assert gap.blocks["before"] > 3.0 * gap.blocks["after"]
+    assert gap.improved_p_value <= 1e-6
+
+
+def test_the_gap_after_is_that_of_a_file_with_the_right_labels(swap_alone: Reconciliation) -> None:
+    """What is left once the labels are put right is what a campaign without the mistake leaves."""
+    clean = found(hidden_campaign(4)).gap
+    assert swap_alone.gap.after == pytest.approx(clean.after, rel=1e-6)
+    assert swap_alone.gap.standardised_after == pytest.approx(clean.standardised_after, rel=1e-6)
+    assert swap_alone.gap.blocks["after"] == pytest.approx(clean.blocks["after"], rel=1e-6)
+
+
+def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> None:
+    """The chance of the exchange counts: the search over the mended rates found nothing."""
+    assert swap_alone.verdict == "named"
+    assert 0.0 < swap_alone.p_value < 1e-3
+    assert all(place.q_value < 1e-3 for place in swap_alone.disagreements)
+
+
+def test_the_picture_shows_the_two_collects_before_and_nothing_after(swap_alone: Reconciliation) -> None:
+    """The largest residuals before are those of run 6 at positions 1 and 2; after, no row stands out."""
+    rows = swap_alone.picture["rows"]
+    largest = sorted(rows, key=lambda row: -abs(row["before_deg_per_hr"]))[:4]
+    assert {(row["run"], row["position"]) for row in largest[:2]} == {(6, "1"), (6, "2")}
+    assert min(abs(row["before"]) for row in largest[:2]) > 8.0
+    assert max(abs(row["after"]) for row in rows) < 4.5
+
+
+def test_the_labels_are_to_be_corrected_and_the_model_stays(swap_alone: Reconciliation) -> None:
+    """One sentence says which collects of the file; model.yaml is the model that went in."""
+    (note,) = [note for note in swap_alone.notes if "collects.csv" in note]
+    assert "collects 21 (position 1) and 22 (position 2)" in note
+    assert "run 6" in note
+    assert swap_alone.model_after == swap_alone.input_model
+
+
+def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation) -> None:
+    """Look at the accelerometers and the log of that run: the result says so, and so does the page."""
+    experiment = swap_alone.next_experiment
+    assert experiment is not None
+    assert "accelerometers and the log of run 6" in experiment["why"]
+    assert (experiment["collects"], experiment["power"], experiment["impossible"]) == ([], None, False)
+    text = page(swap_alone)
+    assert experiment["why"] in text
+    assert "With the labels put right the gap" in text
+    assert "Nothing is missing from the model" in text
+    assert "is missing from matrix-6-thermal" not in text
+
+
+def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_beside_supply: Reconciliation) -> None:
+    """The gap of the result counts the labels too; that of the term in the model is its own."""
+    result = swap_beside_supply
+    assert sorted(effect.id for effect in result.effects) == ["supply", "swap"]
+    assert result.gap.after < 0.7 * result.gap.before
+    own = result.model_after.terms[0].added
+    assert own["gap_after_deg_per_hr"] < own["gap_before_deg_per_hr"] < 0.8 * result.gap.before
+    assert own["gap_after_deg_per_hr"] == pytest.approx(result.gap.after, abs=1e-3)
+    assert "With the labels put right and it in the model the gap" in page(result)
+
+
+def test_an_effect_that_mends_nothing_is_not_kept_for_the_labels_sake(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps are judged against the rates put right: what does not pay there is taken back; the labels' gap stays."""
+    import hil.reconcile.workflow as workflow
+
+    monkeypatch.setattr(workflow, "_shrank", lambda proof: proof[0].rms[1] < 0.2 * proof[0].rms[0])
+    supply: Hidden = lambda rows: both(rows.supply - 28.0, 16.0, -15.0)  # noqa: E731
+    result = found(exchanged(hidden_campaign(7, supply), (21, 22)))
+    assert [effect.id for effect in result.effects] == ["swap"]
+    assert result.model_after == result.input_model
+    assert 1.5 * result.gap.noise_floor < result.gap.after < 0.8 * result.gap.before
+    assert any("did not shrink" in note for note in result.notes)
+
+
+def test_exchanges_in_two_runs_are_both_found() -> None:
+    """Positions 1 and 2 in run 6, 3 and 4 in run 11: both, by run, and both notes."""
+    result = found(exchanged(hidden_campaign(4), (21, 22), (43, 44)))
+    assert swaps(result) == [6.0, 11.0]
+    assert len([note for note in result.notes if "collects.csv" in note]) == 2
+    assert result.next_experiment is not None
+    assert "runs 6, 11" in result.next_experiment["why"]
+    clean = found(hidden_campaign(4))
+    assert result.gap.after == pytest.approx(clean.gap.after, rel=1e-6)
+
+
+def test_a_position_that_a_run_has_twice_is_not_mistaken_for_its_other_collect() -> None:
+    """Position 1 at both ends of every run: the second was exchanged with position 3, and that one is put right."""
+    campaign = hidden_campaign(4, positions=("1", "2", "3", "4", "1"))
+    result = found(exchanged(campaign, (28, 30)))
+    assert swaps(result) == [6.0]
+    assert "collects 28 (position 3) and 30 (position 1)" in " ".join(result.notes)
+    assert result.gap.after == pytest.approx(found(campaign).gap.after, rel=1e-6)
+
+
+def test_a_rate_that_is_missing_in_one_of_the_two_hides_no_exchange() -> None:
+    """RB of collect 21 was lost: RA alone shows that the labels are exchanged, and the RB there is goes along."""
+    campaign = exchanged(hidden_campaign(4), (21, 22))
+    campaign.sensors[2].rates_deg_per_hr[20, 1] = np.nan
+    result = found(campaign, prove=False)
+    assert swaps(result) == [6.0]
+    assert result.outliers == []
+    assert max(abs(row["after"]) for row in result.picture["rows"]) < 4.5
+
+
+def known_unit() -> Model:
+    """The unit that is hidden, with values that follow temperature: deg/hr and deg/hr/g over (T − 20 °C)/40."""
+    thermal = {
+        "BA": (20.0, -6.0, 2.0),
+        "BB": (-5.0, 25.0, -4.0),
+        "GSA": (60.0, 9.0),
+        "GSB": (-25.0, -4.0, 1.0),
+        "MUA": (6.0, 9.0, -5.0),
+        "MUB": (-9.0, 5.0, 3.0),
+    }
+    curves = {
+        name: Polynomial(
+            unit="deg/hr" if name.startswith("B") else "deg/hr/g",
+            polynomial=tuple(value / 40.0**power for power, value in enumerate(values)),
+            reference_degC=20.0,
+        )
+        for name, values in thermal.items()
+    }
+    return Model(schema="hil.model/1", title="known", form="matrix-6", sensors={2: curves})
+
+
+def test_labels_are_put_right_beside_values_that_stand() -> None:
+    """A model with values that follow temperature: what it knows of a collect belongs to the label, as does the gap."""
+    campaign = hidden_campaign(4)
+    result, clean = found(exchanged(campaign, (21, 22)), known_unit()), found(campaign, known_unit())
+    assert swaps(result) == [6.0]
+    assert result.gap.before > 3.0 * result.gap.after
+    assert result.gap.after == pytest.approx(clean.gap.after, rel=1e-6)
+    assert result.as_it_stands == clean.as_it_stands
+    assert not any("not this unit" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("pairs", [[(21, 22)], [(21, 22), (22, 24)], [(21, 22), (41, 43)]])
+def test_under_the_labels_of_the_file_the_rates_of_the_file_come_back(pairs: list[tuple[int, int]]) -> None:
+    """With the earth rate and what the model knows taken off by label; where one of two is missing, neither moves."""
+    right = hidden_campaign(4)
+    right.sensors[2].rates_deg_per_hr[21, 0] = np.nan  # collect 22, RA
+    conditions = right.sensors[2].conditions
+    swapped = [Exchange(2, 6, (i - 1, j - 1), (i, j), ("", ""), 50.0, 1e-20) for i, j in pairs]
+    labelled = exchanged(right, *reversed(pairs)).sensors[2].rates_deg_per_hr
+    labelled[[i - 1 for pair in pairs for i in pair if 22 in pair], 0] = right.sensors[2].rates_deg_per_hr[
+        [i - 1 for pair in pairs for i in pair if 22 in pair], 0
+    ]
+    blocks, _, _ = posed(right, known_unit(), [])
+    for block in as_labelled(blocks.blocks, swapped, right):
+        expected = (labelled - known_unit().rates(conditions))[block.rows, block.channel]
+        assert block.y == pytest.approx(expected, abs=0.1)  # what couples the channels is taken off too
+
+
+def triad(rng: np.random.Generator, runs: int, poses: int, collect: float, run: float) -> Campaign:
+    """A triad of constant bias: runs of hand-placed poses, noise of each collect and of each run, deg/hr."""
+    number = np.repeat(np.arange(1, runs + 1), poses)
+    f = np.tile(rng.normal(size=(poses, 3)), (runs, 1))
+    f /= np.linalg.norm(f, axis=1, keepdims=True)
+    rates = 300.0 * rng.normal(size=3) + collect * rng.normal(size=(len(f), 3))
+    rates += run * rng.normal(size=(runs + 1, 3))[number]
+    labels = np.array([f"pose-{k % poses + 1:02d}" for k in range(len(f))])
+    start = 140.0 * np.arange(len(f)) + 2700.0 * number
+    w = 15.0 * f[:, [1, 2, 0]]
+    known = Conditions(TRIAD, np.arange(1, len(f) + 1), number, labels, start, np.full(len(f), 60.0), f, w)
+    return Campaign("triad", "test", {1: Collects(known, rates + w, np.full(rates.shape, collect))})
+
+
+def with_glitches(campaign: Campaign, glitches: Sequence[tuple[int, int, float]]) -> Campaign:
+    """Return the campaign with so many deg/hr added to a row and channel."""
+    collects = campaign.sensors[1]
+    rates = collects.rates_deg_per_hr.copy()
+    for row, channel, size in glitches:
+        rates[row, channel] += size
+    return replace(campaign, sensors={1: replace(collects, rates_deg_per_hr=rates)})
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_glitch_in_one_channel_of_a_triad_is_no_exchange(seed: int) -> None:
+    """80 deg/hr in one rate, noise 6 in a collect and 8 from run to run: an outlier, and nothing else."""
+    campaign = triad(np.random.default_rng(seed), 6, 24, 6.0, 8.0)
+    result = found(with_glitches(campaign, [(40 + 17 * seed, seed % 3, 80.0)]), "constant")
+    assert swaps(result) == []
+    assert [o["collect"] for o in result.outliers] == [41 + 17 * seed]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_bad_collect_of_a_quiet_triad_is_no_exchange(seed: int) -> None:
+    """One collect off by tens of deg/hr in all three channels, noise of half a deg/hr: outliers of that collect."""
+    rng = np.random.default_rng(seed)
+    campaign = triad(rng, 6, 12, 0.5, 0.2)
+    result = found(
+        with_glitches(campaign, [(31, c, size) for c, size in enumerate(60.0 * rng.normal(size=3))]), "constant"
+    )
+    assert swaps(result) == []
+    assert {o["collect"] for o in result.outliers} == {32}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_many_glitches_are_no_exchanges(seed: int) -> None:
+    """Every thirtieth rate of twelve runs is off by as much as ten times the noise: no labels are blamed."""
+    rng = np.random.default_rng(seed)
+    clean = triad(rng, 12, 24, 6.0, 8.0)
+    glitches = [(int(r), int(rng.integers(3)), 60.0 * rng.normal()) for r in rng.choice(288, 30, replace=False)]
+    campaign = with_glitches(clean, glitches)
+    problem, tables, _ = posed(campaign, load_model("constant"), [])
+    assert exchanges(campaign, problem.blocks, tables) == []

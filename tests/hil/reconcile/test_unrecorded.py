@@ -1,0 +1,204 @@
+"""What was not recorded withholds a name or is stood in for; one odd cause does not stand in for several usual ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, FloatArray, Series
+from hil.model.effects.series import JumpInCollect, SettlingInCollect
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.unrecorded import with_stand_ins
+from tests.hil.model.effect_conditions import ROTOR
+from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
+
+DRAWS = 100
+
+
+def with_columns(campaign: Campaign, **columns: FloatArray | None) -> Campaign:
+    """The campaign with columns added, replaced, or (None) left out."""
+    collects = campaign.sensors[2]
+    present = {k: v for k, v in {**collects.conditions.columns, **columns}.items() if v is not None}
+    conditions = replace(collects.conditions, columns=present)
+    own = Collects(conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr)
+    return replace(campaign, sensors={2: own})
+
+
+def names(result: Reconciliation) -> set[str]:
+    """The first effect's id with those of its rivals."""
+    first = result.effects[0]
+    return {first.id} | {rival.id for rival in first.confusable_with}
+
+
+def warm(rows: Rows) -> np.ndarray:
+    """A bias that follows temperature, which rises through the night."""
+    return both(rows.temperature - 20.0, 0.12, -0.1)
+
+
+def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> None:
+    """Said in the notes; a bias that follows temperature gets its name, not that of ageing."""
+    campaign = with_columns(hidden_campaign(7, warm, thermal=False), temperature_degC=None, dTdt_degC_per_min=None)
+    result = reconcile(campaign, "matrix-6", draws=DRAWS)
+    assert result.effects[0].id == "bias_T"
+    assert any("setpoint_degC stands in for it" in note for note in result.notes)
+
+
+def test_without_any_temperature_a_rising_bias_is_never_named() -> None:
+    """Ageing, drift or a temperature that nobody wrote down: ambiguous, and the temperature is what to record."""
+    unknown = dict.fromkeys(hidden_campaign(7).sensors[2].conditions.columns)
+    result = reconcile(with_columns(hidden_campaign(7, warm, thermal=False), **unknown), "matrix-6", draws=DRAWS)
+    assert result.verdict == "ambiguous"
+    assert "bias_T" in names(result)
+    assert names(result) & {"drift", "ageing"}
+    assert sum([result.effects[0].probability, *(r.probability for r in result.effects[0].confusable_with)]) <= 1.0
+    assert result.next_experiment is not None
+    assert result.next_experiment["impossible"] is False or "record" in result.next_experiment["why"]
+
+
+def test_a_condition_is_recognised_under_another_spelling() -> None:
+    """Volts of a supply, an rms vibration, the rotor's period: what effects ask for by names of their own."""
+    plain = hidden_campaign(7)
+    supply = plain.sensors[2].conditions.columns["supply_V"]
+    spelled = with_columns(plain, supply_V=None, unit_supply_volts=supply, vibration_g_rms=supply, rotor_period=supply)
+    columns = with_stand_ins(spelled).sensors[2].conditions.columns
+    assert {"supply_V", "vibration_rms_g", "spin_period_us"} <= set(columns)
+    assert np.array_equal(columns["supply_V"], supply)
+    assert with_stand_ins(plain) is plain
+
+
+def test_two_candidates_for_one_condition_are_not_guessed_between() -> None:
+    """Which of two supplies feeds the unit is the laboratory's to say."""
+    plain = hidden_campaign(7)
+    supply = plain.sensors[2].conditions.columns["supply_V"]
+    two = with_columns(plain, supply_V=None, supply_5V=supply, supply_28V=supply)
+    assert "supply_V" not in with_stand_ins(two).sensors[2].conditions.columns
+
+
+def test_one_run_that_stands_alone_may_be_a_state_or_scatter() -> None:
+    """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and the run is to be repeated."""
+    result = reconcile(hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0)), "matrix-6-thermal", draws=DRAWS)
+    assert result.verdict == "ambiguous"
+    assert {"jump", "turnon"} <= names(result)
+    assert result.next_experiment is not None
+    assert "repeat the run" in result.next_experiment["why"]
+
+
+def test_a_rotor_beside_a_constant_has_an_acceleration_sensitivity() -> None:
+    """GS and MU together are the restricted g-sensitivity, not a magnet of eighteen times the usual size."""
+    result = reconcile(hidden_campaign(7, thermal=False), "constant", draws=DRAWS, prove=False)
+    assert [effect.id for effect in result.effects] == ["g_sensitivity"]
+    values = {p["name"]: p["value"] for p in result.effects[0].parameters}
+    assert values["GAA"] == pytest.approx(60.0, abs=2.0)
+    assert values["GBA"] == pytest.approx(25.0, abs=2.0)
+
+
+def wrong_signs(rows: Rows) -> np.ndarray:
+    """Both level components of the earth rate were used with the wrong sign."""
+    theta = np.deg2rad([{"1": -90.0, "2": 90.0, "3": 0.0, "4": 180.0}[p] for p in rows.position])
+    level = 15.041067 * np.cos(np.deg2rad(34.6))
+    h = np.deg2rad(rows.heading)
+    return -2.0 * level * np.stack([np.sin(h) * np.cos(theta), np.cos(h)], 1)
+
+
+def test_two_wrong_signs_of_the_earth_rate_lead_over_an_error_of_fifty_times_the_usual_size() -> None:
+    """The vertical component, which no collect shows, does not speak against it."""
+    campaign = hidden_campaign(7, wrong_signs, thermal=False, headings=(30.0, 120.0, 210.0))
+    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    assert result.effects[0].id == "frame"
+    assert result.effects[0].probability > 0.5
+
+
+def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
+    """MU and a GS that thins out with heat: convection is both at once, at twelve times its size, and is not named."""
+
+    def hidden(rows: Rows) -> np.ndarray:
+        heat = 0.08 * (rows.temperature - 25.0) * rows.f[:, 0]
+        return np.stack([-heat - 4.0 * rows.f[:, 2], 0.7 * heat - 3.2 * rows.f[:, 2]], 1)
+
+    plain = hidden_campaign(7, hidden, thermal=False, mu=False)
+    since = np.full(len(plain.sensors[2]), 30.0)
+    result = reconcile(with_columns(plain, time_since_index_s=since), "collins-4", draws=DRAWS, prove=False)
+    assert [effect.id for effect in result.effects] == ["MU_real", "GS_T"]
+
+
+def test_values_that_jump_from_setpoint_to_setpoint_are_no_law_of_temperature() -> None:
+    """A bias of its own at each of eight temperatures, up and down: whatever is said, not that it is called bias_T."""
+    levels = np.array([-6.0, 5.0, -4.0, 6.0, -5.0, 7.0, -6.0, 5.0])
+
+    def hidden(rows: Rows) -> np.ndarray:
+        return both(levels[(rows.run - 1) // 2], 1.0, -0.8)
+
+    result = reconcile(hidden_campaign(7, hidden, thermal=False), "matrix-6", draws=DRAWS, prove=False)
+    assert all(effect.id != "bias_T" for effect in result.effects)
+
+
+@pytest.mark.parametrize("effect", [SettlingInCollect(), JumpInCollect()], ids=lambda effect: effect.id)
+def test_bursts_are_neither_settling_nor_a_step(effect: SettlingInCollect | JumpInCollect) -> None:
+    """A sample in twelve of eight times the noise, sixty samples a collect: the stated rate holds."""
+    rng = np.random.default_rng(3)
+    p_values = []
+    for _ in range(300):
+        rates = rng.normal(0.0, 7.0, (60, 2))
+        rates += rng.normal(0.0, 60.0, (60, 2)) * (rng.random((60, 2)) < 0.08)
+        p_values += [finding.p_value for finding in effect.test(Series(np.arange(60.0), rates), ROTOR)]
+    assert np.mean(np.array(p_values) < 0.001) < 0.004
+
+
+def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
+    """In one rising sweep `from run 9 on` and `above 14.8 degC` are one column: another order of temperatures tells."""
+    result = reconcile(
+        hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+    )
+    assert result.effects[0].id == "jump"
+    assert result.verdict == "ambiguous"
+    assert any(rival.id.startswith("empirical: B × temperature_degC>") for rival in result.effects[0].confusable_with)
+    assert result.next_experiment is not None
+    assert "another order" in result.next_experiment["why"]
+
+
+def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
+    """From run 8 on, the second of its temperature's two."""
+    result = reconcile(
+        hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+    )
+    assert [effect.id for effect in result.effects] == ["jump"]
+    assert result.verdict == "named"
+    assert result.effects[0].shape_in_words == "from run 8 on"
+
+
+def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
+    """A bias that follows temperature, or ages: whatever is proposed is another time, not another position."""
+    night = {"temperatures": tuple(np.arange(-30.0, 61.0, 6.0)), "runs_each": 1}
+    campaign = hidden_campaign(7, lambda r: both(r.start_s / r.start_s.max(), 40.0, -40.0), thermal=False, **night)
+    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    assert result.next_experiment is not None
+    assert "Collect" not in result.next_experiment.get("what", "")
+    assert "upside down" not in result.next_experiment.get("what", "")
+
+
+def power_cycled(temperatures_per_cycle: int) -> Campaign:
+    """A bias of its own after each power-on, every so many temperatures, with the clock since power-on recorded."""
+    cycle_of_run = (np.arange(17) - 1) // (2 * temperatures_per_cycle)
+    levels = 9.0 * np.random.default_rng(5).normal(size=(17, 2))
+    campaign = hidden_campaign(7, lambda rows: levels[cycle_of_run[rows.run]], thermal=False)
+    known = campaign.sensors[2].conditions
+    first = [known.start_s[cycle_of_run[known.run] == c].min() for c in cycle_of_run[known.run]]
+    return with_columns(campaign, time_since_power_on_s=known.start_s - np.array(first))
+
+
+def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
+    """Two temperatures in each cycle: what changes is the cycle, not the temperature."""
+    result = reconcile(power_cycled(2), "matrix-6", draws=DRAWS, prove=False)
+    assert [effect.id for effect in result.effects] == ["turnon"]
+    assert result.verdict == "named"
+
+
+def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> None:
+    """One cycle at each: ambiguous with bias_T, and several cycles at one temperature are to be measured."""
+    result = reconcile(power_cycled(1), "matrix-6", draws=DRAWS, prove=False)
+    assert result.verdict == "ambiguous"
+    assert {"turnon", "bias_T"} <= names(result)
+    assert result.next_experiment is not None
+    assert "power cycles" in result.next_experiment["why"]

@@ -1,0 +1,125 @@
+"""The report in the system's Chromium: quick, quiet, accessible, and whole on paper."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from hil.cli.app import run as hil
+from hil.config import load_bench, parse_sweep
+from hil.night import start_night
+from tests.hil.report.report_pages import SWEEP
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed, so no browser is driven")
+axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium on this machine (Debian: apt-get install chromium)"
+)
+
+A4_WITHIN_MARGINS_PX = 703  # 210 mm less 12 mm on either side
+EIGHT = str([f"{degC} degC" for degC in range(-10, 70, 10)])
+WHOLE_NIGHT = SWEEP.replace("[20 degC, 30 degC]", EIGHT).replace("temperature: 2", "temperature: 3")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The system's Chromium, without a window."""
+    options = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a night of 24 self-calibrations, compared with another campaign."""
+    folder = tmp_path_factory.mktemp("whole")
+    start_night(folder / "night", parse_sweep(WHOLE_NIGHT, "whole.yaml"), load_bench("simulated"), who="rk")
+    earlier = write_case(make_case(7, model="matrix-6-thermal"), folder / "earlier")
+    assert hil(["report", str(folder / "night"), "--against", str(earlier)]) == 0
+    return folder / "night" / "report.html"
+
+
+@pytest.fixture(scope="module")
+def short_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a night of four self-calibrations: the same page, and less of everything."""
+    folder = tmp_path_factory.mktemp("short") / "night"
+    start_night(folder, parse_sweep(SWEEP, "short.yaml"), load_bench("simulated"), who="rk")
+    assert hil(["report", str(folder), "--against", str(folder)]) == 0
+    return folder / "report.html"
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """An empty page on a desk."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    yield context.new_page()
+    context.close()
+
+
+def test_a_night_of_24_self_calibrations_opens_at_once_and_asks_the_network_for_nothing(
+    page: Any, report: Path
+) -> None:
+    """Under 1 s and under 5 MB; one request, for the file itself; nothing in the console."""
+    assert report.stat().st_size < 5e6
+    requested, said = [], []
+    page.on("request", lambda request: requested.append(request.url))
+    page.on("console", lambda message: said.append(message.text))
+    took_ms = []
+    for _ in range(3):  # the quickest: this machine may be busy with something else
+        page.goto(report.as_uri())
+        took_ms.append(page.evaluate("() => performance.getEntriesByType('navigation')[0].loadEventEnd"))
+    assert min(took_ms) < 1000.0
+    assert set(requested) == {report.as_uri()}
+    assert said == []
+    assert page.locator("#runs-sensor-2 tbody tr").count() == 24
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: Path, width: int) -> None:
+    """No violation of axe-core's rules, contrast included, on a desk and on a phone."""
+    page.set_viewport_size({"width": width, "height": 844})
+    page.goto(short_report.as_uri())
+    found = axe.Axe().run(page).response["violations"]
+    assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
+
+
+def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None:
+    """A phone scrolls tables, not the page; on A4 every table and picture stands within the margins."""
+    page.goto(report.as_uri())
+    hidden = "() => [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).map(e => e.id)"
+    assert page.evaluate(hidden) == []  # on a desk every column is in sight
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    captions = "() => Math.max(...[...document.querySelectorAll('caption')].map(e => e.getBoundingClientRect().right))"
+    assert page.evaluate(captions) <= 390
+    page.evaluate("() => { document.querySelector('h1').textContent = 'x'.repeat(300); }")
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    page.set_viewport_size({"width": A4_WITHIN_MARGINS_PX, "height": 1000})
+    page.emulate_media(media="print")
+    wide = page.evaluate(
+        "width => [...document.querySelectorAll('table, svg, p, dl')]"
+        ".filter(each => each.getBoundingClientRect().right > width + 1).map(each => each.id || each.outerHTML)",
+        A4_WITHIN_MARGINS_PX,
+    )
+    assert wide == []
+
+
+def test_the_pdf_is_printed_by_the_browser_of_this_machine(report: Path, tmp_path: Path) -> None:
+    """A PDF of several pages beside the page; its pages are counted in the file."""
+    out = tmp_path / "r.html"
+    assert hil(["report", str(report.parent), "--out", str(out), "--pdf"]) == 0
+    data = (tmp_path / "r.pdf").read_bytes()
+    assert data.startswith(b"%PDF-")
+    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", data)) <= 40
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.html", "r.pdf"]

@@ -1,0 +1,183 @@
+"""Linear algebra of what can be told apart: whitening, projection, overlaps, classes, power."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from hil.model.effects.base import flattened
+from hil.model.forms import mu_columns
+from hil.solve.identifiability import (
+    by_level,
+    classes,
+    explained,
+    orthonormal,
+    overlap,
+    overlap_over_shapes,
+    overlap_table,
+    principal_cosines,
+    project_out,
+    required_noncentrality,
+    run_covariance,
+    smallest_visible,
+    visible,
+    whitener,
+)
+from tests.hil.model.effect_conditions import campaign
+
+EMPTY = np.zeros((6, 0))
+
+
+def columns(*rows: tuple[float, ...]) -> np.ndarray:
+    """Return columns (6, k) from k tuples of six."""
+    return np.array(rows, dtype=np.float64).T
+
+
+def test_whitened_noise_has_unit_covariance() -> None:
+    """W V Wᵀ = 1 for the covariance of collects with scatter from run to run."""
+    conditions = campaign(temperatures=(0.0, 20.0))
+    sigma = np.full((len(conditions), 2), 0.9)
+    covariance = run_covariance(conditions, sigma, np.array([1.8, 4.3]), [(mu_columns(conditions), 3.0)])
+    white = whitener(covariance)
+    assert np.allclose(white @ covariance @ white.T, np.eye(len(covariance)))
+
+
+def test_run_covariance_joins_the_rows_of_a_run_and_no_others() -> None:
+    """Bias scatter couples the rates of one channel in one run; MU scatter only rows with the spin axis vertical."""
+    conditions = campaign(temperatures=(0.0, 20.0), runs_each=1)
+    sigma = np.full((len(conditions), 2), 0.5)
+    plain = run_covariance(conditions, sigma, np.array([2.0, 3.0]))
+    assert plain[0, 2] == pytest.approx(4.0)
+    assert plain[1, 3] == pytest.approx(9.0)
+    assert plain[0, 0] == pytest.approx(4.25)
+    assert plain[0, 1] == plain[0, 6] == 0.0
+    extra = run_covariance(conditions, sigma, np.array([2.0, 3.0]), [(mu_columns(conditions), 5.0)]) - plain
+    assert np.allclose(np.diag(extra), [0, 0, 0, 0, 25, 25] * 2)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_projection_leaves_nothing_along_the_base_and_changes_nothing_beside_it(seed: int) -> None:
+    """P is a projection, also where base columns depend on one another."""
+    rng = np.random.default_rng(seed)
+    base = rng.standard_normal((12, 3))
+    basis = orthonormal(np.concatenate([base, base @ rng.standard_normal((3, 2))], axis=1))
+    assert basis.shape == (12, 3)
+    left = project_out(basis, rng.standard_normal((12, 4)))
+    assert np.allclose(base.T @ left, 0.0, atol=1e-9)
+    assert np.allclose(project_out(basis, left), left)
+
+
+def test_kept_is_one_beside_nothing_and_zero_inside_the_base() -> None:
+    """And the fraction in between is that of the norm."""
+    effect = columns((1, 1, 0, 0, 0, 0))
+    assert visible(effect, EMPTY, np.ones(1)).kept == pytest.approx(1.0)
+    inside = visible(effect, orthonormal(columns((1, 1, 0, 0, 0, 0), (0, 0, 1, 0, 0, 0))), np.ones(1))
+    assert inside.kept == 0.0
+    assert inside.rank == 0
+    half = visible(effect, orthonormal(columns((1, 0, 0, 0, 0, 0))), np.ones(1))
+    assert half.kept == pytest.approx(np.sqrt(0.5))
+
+
+def test_numerical_dust_is_no_column() -> None:
+    """What is left of an absorbed effect is rounding, whatever its unit."""
+    rng = np.random.default_rng(0)
+    base = rng.standard_normal((30, 4))
+    seen = visible(1e6 * base @ rng.standard_normal((4, 2)), orthonormal(base), np.ones(2))
+    assert seen.kept == 0.0
+    assert np.all(np.isinf(smallest_visible(seen, 0.01)))
+
+
+def test_kept_weighs_parameters_by_their_typical_sizes() -> None:
+    """A tiny parameter that is visible does not make up for a large one that is not."""
+    effect, base = columns((1, 0, 0, 0, 0, 0), (0, 1, 0, 0, 0, 0)), orthonormal(columns((1, 0, 0, 0, 0, 0)))
+    assert visible(effect, base, np.array([100.0, 1.0])).kept == pytest.approx(0.01, abs=1e-3)
+    assert visible(effect, base, np.array([1.0, 100.0])).kept == pytest.approx(1.0, abs=1e-3)
+
+
+def test_units_do_not_change_overlaps() -> None:
+    """A column in other units, its typical size with it, is the same effect."""
+    first, second = columns((1, 2, 3, 0, 0, 0)), columns((1, 2, 0, 4, 0, 0))
+    plain = overlap(visible(first, EMPTY, np.ones(1)), visible(second, EMPTY, np.ones(1)))
+    scaled = overlap(visible(1e3 * first, EMPTY, np.array([1e-3])), visible(-7.0 * second, EMPTY, np.ones(1)))
+    assert plain == pytest.approx(scaled)
+    assert plain == pytest.approx(5.0 / np.sqrt(14.0 * 21.0))
+
+
+def test_a_narrow_effect_inside_a_broad_one_is_explained_by_it_but_is_not_the_same() -> None:
+    """One way round only; the principal cosine alone would call them equal."""
+    narrow = visible(columns((1, 0, 0, 0, 0, 0)), EMPTY, np.ones(1))
+    broad = visible(columns((1, 0, 0, 0, 0, 0), (0, 1, 0, 0, 0, 0), (0, 0, 1, 0, 0, 0)), EMPTY, np.ones(3))
+    assert explained(narrow, broad) == pytest.approx(1.0)
+    assert explained(broad, narrow) == pytest.approx(np.sqrt(1.0 / 3.0))
+    assert overlap(narrow, broad) == overlap(broad, narrow) < 0.6
+    assert principal_cosines(narrow, broad) == pytest.approx([1.0])
+
+
+def test_overlap_of_shape_families_asks_how_well_each_can_copy_the_other() -> None:
+    """One coincidence among many shapes does not make two families the same."""
+    axes = [visible(columns(tuple(np.eye(6)[k])), EMPTY, np.ones(1)) for k in range(6)]
+    assert overlap_over_shapes(axes[:3], axes[:3]) == pytest.approx(1.0)
+    assert overlap_over_shapes(axes[:3], axes[2:5]) == pytest.approx(1.0 / 3.0)
+    assert overlap_over_shapes(axes[:3], []) == 0.0
+
+
+def test_overlaps_of_all_pairs_at_once_are_those_of_each_pair() -> None:
+    """Families of one to three shapes, one of them absorbed by the base altogether."""
+    rng = np.random.default_rng(12)
+    base = orthonormal(rng.standard_normal((20, 4)))
+    families = [[visible(rng.standard_normal((20, 2)), base, np.ones(2)) for _ in range(k)] for k in (1, 3, 2)]
+    families.append([visible(base[:, :1], base, np.ones(1))])
+    table = overlap_table(families)
+    for i, first in enumerate(families):
+        for j, second in enumerate(families):
+            assert table[i, j] == pytest.approx(1.0 if i == j else overlap_over_shapes(first, second))
+
+
+def test_classes_link_what_overlaps_and_keep_the_rest_alone() -> None:
+    """0-1 and 1-3 overlap: one class of three; 2 stays alone."""
+    table = np.eye(4)
+    for a, b in ((0, 1), (1, 3)):
+        table[a, b] = table[b, a] = 0.97
+    table[2, 3] = table[3, 2] = 0.9
+    assert classes(table) == ((0, 1, 3), (2,))
+
+
+@pytest.mark.parametrize(("degrees", "alpha"), [(1, 0.05), (2, 0.01), (6, 0.001)])
+def test_required_noncentrality_gives_the_power_that_was_asked_for(degrees: int, alpha: float) -> None:
+    """Checked with the non-central χ² itself; one degree at 5 % is the textbook's (1.96 + 1.28)²."""
+    needed = required_noncentrality(degrees, alpha, 0.9)
+    assert stats.ncx2.sf(stats.chi2.isf(alpha, degrees), degrees, needed) == pytest.approx(0.9)
+    assert required_noncentrality(1, 0.05, 0.9) == pytest.approx(10.51, abs=0.01)
+
+
+def test_smallest_visible_size_is_found_as_often_as_stated() -> None:
+    """Simulated: a χ² test finds an effect of that size in 90 % of 4000 data sets, and noise in 1 %."""
+    rng = np.random.default_rng(11)
+    base = orthonormal(rng.standard_normal((40, 5)))
+    seen = visible(rng.standard_normal((40, 2)), base, np.ones(2))
+    size = smallest_visible(seen, 0.01)[0]
+    noise = rng.standard_normal((4000, 40))
+    for added, expected in ((size, 0.9), (0.0, 0.01)):
+        statistic = np.sum(((noise + added * seen.residual[:, 0]) @ seen.basis) ** 2, axis=1)
+        assert np.mean(statistic > stats.chi2.isf(0.01, 2)) == pytest.approx(expected, abs=0.015)
+
+
+def test_by_level_gives_every_plateau_its_own_value() -> None:
+    """Columns add up to the original; each stands in its level's rows only."""
+    conditions = campaign(temperatures=(0.0, 20.0, 40.0), runs_each=2)
+    level = np.repeat(np.arange(3), 6)
+    split = by_level(mu_columns(conditions), level)
+    assert split.shape == (18, 2, 6)
+    assert np.allclose(split.reshape(18, 2, 2, 3).sum(axis=-1), mu_columns(conditions))
+    assert not split[level != 1][:, :, [1, 4]].any()
+
+
+def test_flattened_rows_are_collect_by_collect() -> None:
+    """(n, c, p) to (n·c, p): the channels of a collect stand together, as in run_covariance."""
+    conditions = replace(campaign(temperatures=(0.0,), runs_each=1))
+    assert np.array_equal(flattened(mu_columns(conditions))[4], mu_columns(conditions)[2, 0])

@@ -1,0 +1,312 @@
+"""`hil solve` from a campaign folder alone, hand-written ones included: the right answer or the right refusal."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.analysis.published.closed_forms import (
+    contractor_covariance,
+    contractor_solution,
+    matrix_covariance,
+    matrix_solution,
+)
+from hil.campaign.reader import read_campaign
+from hil.errors import InputError
+from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.solve import solve_campaign
+from hil.solve.runs import judge, solution_document
+from procedures.verdict import Verdict
+from tests.hil.solve.solved_campaigns import NAMES, ROTOR_YAML, SIGMA, SITE, TRUTH, only, rotor, rotor_row, values_of
+
+
+def test_three_collects_give_the_six_parameters_and_no_residual(tmp_path: Path) -> None:
+    """Values, closed covariance and condition number; PASS, and it says that nothing was tested."""
+    solution = only(rotor(tmp_path, [rotor_row(1, label) for label in "123"]))
+    assert list(solution.parameters) == NAMES
+    np.testing.assert_allclose(values_of(solution), TRUTH, rtol=1e-10)
+    np.testing.assert_allclose(solution.covariance, SIGMA**2 * matrix_covariance(SITE.gravity_g()), atol=1e-10)
+    assert solution.parameters["MUB"].unit == "deg/hr/g"
+    assert solution.condition_number == pytest.approx(1 + np.sqrt(2), rel=1e-5)
+    assert solution.degrees_of_freedom == 0
+    assert solution.residual_rms_deg_per_hr is None
+    assert solution.verdict is Verdict.PASS
+    assert "no residual: six equations, six unknowns" in solution.reason
+
+
+def test_order_1_3_2_gives_the_same_parameters(tmp_path: Path) -> None:
+    """The order of collects is data."""
+    noise = np.random.default_rng(0).normal(0, SIGMA, (3, 2))
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    usual = only(rotor(tmp_path / "a", [rotor_row(1, label, noise[int(label) - 1]) for label in "123"]))
+    other = only(rotor(tmp_path / "b", [rotor_row(1, label, noise[int(label) - 1]) for label in "132"]))
+    np.testing.assert_allclose(values_of(other), values_of(usual), rtol=1e-9)
+    np.testing.assert_allclose(other.covariance, usual.covariance, atol=1e-12)
+
+
+def test_the_closed_forms_agree_with_the_folder(tmp_path: Path) -> None:
+    """(11), (12), (A-23)-(A-26) on the numbers of the folder give what is solved."""
+    noise = np.random.default_rng(1).normal(0, 5, (3, 2))
+    rows = [rotor_row(1, label, noise[int(label) - 1]) for label in "123"]
+    solution = only(rotor(tmp_path, rows))
+    expected = matrix_solution([row[4] for row in rows], SITE.gravity_g(), SITE.earth_rate_deg_per_hr())
+    np.testing.assert_allclose(values_of(solution), expected, rtol=1e-9)
+
+
+def test_a_fourth_collect_gives_the_first_residual(tmp_path: Path) -> None:
+    """Spin axis down: the same parameters, MU nearly twice as sure, two degrees of freedom, and a tested model."""
+    solution = only(rotor(tmp_path, [rotor_row(1, label) for label in "1234"]))
+    np.testing.assert_allclose(values_of(solution), TRUTH, rtol=1e-9)
+    assert solution.parameters["MUA"].se == pytest.approx(0.707 * SIGMA, rel=1e-2)
+    assert solution.parameters["BA"].se == pytest.approx(0.5 * SIGMA, rel=1e-2)
+    assert solution.degrees_of_freedom == 2
+    assert solution.residual_rms_deg_per_hr == pytest.approx(0.0, abs=1e-9)
+    assert solution.verdict is Verdict.PASS
+    assert "chi-square" in solution.reason
+
+
+@pytest.mark.parametrize(
+    ("chi_square", "verdict"), [(5.98, "PASS"), (6.0, "MARGINAL"), (13.80, "MARGINAL"), (13.83, "FAIL")]
+)
+def test_the_thresholds_of_the_verdict_are_5_and_a_tenth_of_a_percent(chi_square: float, verdict: str) -> None:
+    """On two degrees of freedom chi-square exceeds 5.99 in 5 % and 13.82 in 0.1 % of cases."""
+    assert str(judge(chi_square, 2, 8, noise_stated=True).verdict) == verdict
+
+
+def test_one_run_in_twenty_is_marginal_by_chance(tmp_path: Path) -> None:
+    """Of 400 good runs with a fourth collect 5 % exceed the threshold; hardly any fails."""
+    noise = np.random.default_rng(2).normal(0, SIGMA, (400, 4, 2))
+    rows = [rotor_row(run + 1, label, noise[run, int(label) - 1]) for run in range(400) for label in "1234"]
+    solutions = solve_campaign(rotor(tmp_path, rows))
+    verdicts = [str(solution.verdict) for solution in solutions]
+    assert 0.92 < verdicts.count("PASS") / 400 < 0.98
+    assert verdicts.count("FAIL") <= 3
+    rms = np.array([solution.residual_rms_deg_per_hr for solution in solutions], dtype=float)
+    assert np.sqrt(np.mean(rms**2)) == pytest.approx(SIGMA * np.sqrt(2 / 8), rel=0.1)
+
+
+@pytest.mark.parametrize(("even_deg_per_hr", "verdict"), [(0.0, "PASS"), (1.9, "MARGINAL"), (20.0, "FAIL")])
+def test_the_fourth_collect_exposes_what_the_model_lacks(tmp_path: Path, even_deg_per_hr: float, verdict: str) -> None:
+    """An even term (g²) that three collects would call MU leaves a residual once S points down."""
+    rows = [rotor_row(1, label) for label in "1234"]
+    for row in rows[2:]:
+        row[4][:] += even_deg_per_hr
+    solution = only(rotor(tmp_path, rows))
+    assert str(solution.verdict) == verdict
+    if verdict != "PASS":
+        assert "times what the standard errors allow" in solution.reason
+    (tmp_path / "three").mkdir()
+    assert only(rotor(tmp_path / "three", rows[:3])).verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    ("labels", "known", "unknown"),
+    [("12", ["BA", "BB"], ["MUA", "MUB"]), ("13", [], ["BA", "MUB", "GSA"]), ("3", [], NAMES)],
+)
+def test_a_missing_collect_is_inconclusive_and_says_what_cannot_be_known(
+    tmp_path: Path, labels: str, known: list[str], unknown: list[str]
+) -> None:
+    """What can be known is given and right; what cannot has no value and is named."""
+    solution = only(rotor(tmp_path, [rotor_row(1, label) for label in labels]))
+    assert solution.verdict is Verdict.INCONCLUSIVE
+    given_names = [name for name, estimate in solution.parameters.items() if estimate.value is not None]
+    assert given_names == known
+    for name in known:
+        assert solution.parameters[name].value == pytest.approx(TRUTH[NAMES.index(name)], abs=0.01)
+    named = " ".join(solution.unobservable)
+    assert all(name in named for name in unknown)
+    assert all(text in solution.reason for text in solution.unobservable)
+    assert solution.condition_number is None
+    truth = dict(zip(NAMES, TRUTH, strict=True))
+    for text, estimate in solution.combinations.items():
+        first = text.split()[0]
+        assert first in truth
+        assert estimate.value is not None
+
+
+def test_a_combination_that_is_seen_has_its_value(tmp_path: Path) -> None:
+    """From Collect 3 alone the total in the navigation orientation, BA + MUB, is known at 1 g."""
+    turned = Orientation.from_rotation_about_2("3", 0.0)
+    f_g, w = turned.components([1.0, 0, 0]), np.zeros(3)
+    rates = pickoff_rates(TRUTH[:2], rotor_matrix(*TRUTH[2:]), f_g, w[:2])
+    solution = only(rotor(tmp_path, [(1, "3", f_g, w, rates)]))
+    total = solution.combinations["BA + MUB"]
+    assert total.value == pytest.approx(TRUTH[0] + TRUTH[5])
+    assert (total.se, total.unit) == (pytest.approx(SIGMA), "deg/hr")
+
+
+def test_one_missing_rate_takes_only_what_rests_on_it(tmp_path: Path) -> None:
+    """RB of Collect 3 was not measured: MUA is gone, and BB, GSB stay as far as the tilt allows."""
+    rows = [rotor_row(1, label) for label in "123"]
+    rows[2][4][1] = np.nan
+    solution = only(rotor(tmp_path, rows))
+    assert solution.verdict is Verdict.INCONCLUSIVE
+    for name in ("BA", "GSA", "MUB", "BB"):
+        assert solution.parameters[name].value == pytest.approx(TRUTH[NAMES.index(name)], abs=0.01)
+    assert solution.parameters["MUA"].value is None
+
+
+def test_runs_and_sensors_are_solved_apart_in_order(tmp_path: Path) -> None:
+    """One solution for each run; a run that lacks a collect does not spoil the others."""
+    rows = [rotor_row(run, label, truth=TRUTH + run) for run in (1, 2, 3) for label in "123"]
+    del rows[4]
+    solutions = solve_campaign(rotor(tmp_path, rows))
+    assert [solution.run for solution in solutions] == [1, 2, 3]
+    assert [str(solution.verdict) for solution in solutions] == ["PASS", "INCONCLUSIVE", "PASS"]
+    np.testing.assert_allclose(values_of(solutions[2]), TRUTH + 3, rtol=1e-9)
+
+
+def test_the_given_earth_rate_is_taken_away(tmp_path: Path) -> None:
+    """With w the truth comes back; with w left at 0 the earth rate stands in the parameters, and it is said."""
+    (tmp_path / "with").mkdir()
+    (tmp_path / "without").mkdir()
+    rows = [rotor_row(1, label) for label in "123"]
+    np.testing.assert_allclose(values_of(only(rotor(tmp_path / "with", rows))), TRUTH, rtol=1e-9)
+    blind = only(rotor(tmp_path / "without", [(*row[:3], np.zeros(3), row[4]) for row in rows]))
+    w1, _, w3 = SITE.earth_rate_deg_per_hr()
+    g1, _, g3 = SITE.gravity_g()
+    square = g1**2 + g3**2
+    error = np.array(values_of(blind), dtype=float) - TRUTH
+    assert error[2] == pytest.approx((w1 * g1 + w3 * g3) / square)
+    assert error[5] == pytest.approx((w3 * g1 - w1 * g3) / square)
+    assert error[4] == pytest.approx(0.0, abs=1e-9)
+    assert any("earth rate is given as 0" in line for line in blind.assumed)
+
+
+def test_without_errors_and_residual_the_uncertainty_is_not_known(tmp_path: Path) -> None:
+    """Six rates without standard errors: values, but a null covariance and null errors, and a sentence about it."""
+    campaign = rotor(tmp_path, [rotor_row(1, label) for label in "123"], se=None)
+    (entry,) = solution_document(campaign, solve_campaign(campaign))["solutions"]
+    assert entry["covariance"] is None
+    assert entry["parameters"]["BA"]["value"] == pytest.approx(TRUTH[0])
+    assert entry["parameters"]["BA"]["se"] is None
+    assert "uncertainty is not known" in entry["reason"]
+
+
+def test_without_errors_the_residuals_are_the_noise(tmp_path: Path) -> None:
+    """With degrees of freedom the errors come from the residuals; the verdict says that they test nothing."""
+    noise = np.random.default_rng(3).normal(0, SIGMA, (8, 2))
+    rows = [rotor_row(1, label, noise[i]) for i, label in enumerate("12344321")]
+    solution = only(rotor(tmp_path, rows, se=None))
+    assert solution.degrees_of_freedom == 10
+    assert solution.parameters["BA"].se == pytest.approx(0.354 * SIGMA, rel=0.6)
+    assert solution.verdict is Verdict.PASS
+    assert "taken as the noise" in solution.reason
+
+
+def test_errors_that_are_stated_for_some_rates_only_are_not_used(tmp_path: Path) -> None:
+    """One empty standard error: all rates weigh alike, and the reason says that not all have one."""
+    rotor(tmp_path, [rotor_row(1, label) for label in "1234"])
+    path = tmp_path / "collects.csv"
+    path.write_text(path.read_text().replace(f"{SIGMA},{SIGMA}\n", f"{SIGMA},\n", 1))
+    solution = only(read_campaign(tmp_path))
+    assert "no (or not all) standard errors" in solution.reason
+    assert solution.parameters["BA"].se == pytest.approx(0.0, abs=1e-9)
+
+
+def test_solutions_come_by_run_and_then_by_sensor(tmp_path: Path) -> None:
+    """Two sensors in two runs."""
+    campaign = rotor(tmp_path, [rotor_row(run, label) for run in (1, 2) for label in "123"])
+    both = replace(campaign, sensors={2: campaign.sensors[2], 1: campaign.sensors[2]})
+    assert [(each.run, each.sensor) for each in solve_campaign(both)] == [(1, 1), (1, 2), (2, 1), (2, 2)]
+
+
+@pytest.mark.parametrize("labels", ["123", "132", "1324", "132231"])
+def test_collins_4_follows_the_contractor_where_it_can(tmp_path: Path, labels: str) -> None:
+    """GS from Collects 1 and 2, bias from Collect 3 alone: wrong by MU, exactly as the contractor's was."""
+    solution = only(rotor(tmp_path, [rotor_row(1, label) for label in labels]), "collins-4")
+    gravity, earth = SITE.gravity_g(), SITE.earth_rate_deg_per_hr()
+    rates = [rotor_row(1, label)[4] for label in "123"]
+    assert list(solution.parameters) == NAMES[:4]
+    np.testing.assert_allclose(values_of(solution), contractor_solution(rates, gravity, earth), rtol=1e-9)
+    assert "(A-13)-(A-16)" in solution.method
+    assert "contractor" in solution.reason
+    if len(labels) < 5:
+        expected = SIGMA**2 * contractor_covariance(gravity, np.eye(6))
+        np.testing.assert_allclose(solution.covariance, expected, atol=1e-10)
+
+
+def test_the_contractors_model_fails_where_mu_is_real_and_passes_where_it_is_not(tmp_path: Path) -> None:
+    """Collects 1 and 2 contradict the bias from Collect 3 by MU: two unused equations that the contractor had."""
+    (tmp_path / "mu").mkdir()
+    (tmp_path / "none").mkdir()
+    failed = only(rotor(tmp_path / "mu", [rotor_row(1, label) for label in "123"]), "collins-4")
+    assert failed.verdict is Verdict.FAIL
+    assert failed.degrees_of_freedom == 2
+    assert failed.residual_rms_deg_per_hr is not None
+    assert failed.residual_rms_deg_per_hr > 10.0
+    still = np.array([*TRUTH[:4], 0.0, 0.0])
+    rows = [rotor_row(1, label, truth=still) for label in "123"]
+    passed = only(rotor(tmp_path / "none", rows), "collins-4")
+    assert passed.verdict is Verdict.PASS
+    np.testing.assert_allclose(values_of(passed), TRUTH[:4], rtol=1e-9)
+
+
+def test_collins_4_without_collect_3_is_least_squares_with_mu_zero(tmp_path: Path) -> None:
+    """Collects 1 and 2 are four equations for four unknowns; the method says what was done."""
+    still = np.array([*TRUTH[:4], 0.0, 0.0])
+    solution = only(rotor(tmp_path, [rotor_row(1, label, truth=still) for label in "12"]), "collins-4")
+    np.testing.assert_allclose(values_of(solution), TRUTH[:4], rtol=1e-9)
+    assert solution.method == "weighted least squares"
+    assert "no residual: four equations, four unknowns" in solution.reason
+
+
+def test_the_thermal_model_takes_all_runs_together(tmp_path: Path) -> None:
+    """Quadratics in temperature over five runs: eighteen coefficients about a stated reference, one solution."""
+    temperatures = [-20.0, 0.0, 20.0, 40.0, 60.0]
+    rows = [
+        rotor_row(run, label, truth=TRUTH + 0.1 * (t - 20.0) + 0.002 * (t - 20.0) ** 2)
+        for run, t in enumerate(temperatures, start=1)
+        for label in "123"
+    ]
+    rotor(tmp_path, rows)
+    lines = (tmp_path / "collects.csv").read_text().splitlines()
+    filled = [lines[0] + ",temperature_degC"] + [f"{x},{temperatures[i // 3]}" for i, x in enumerate(lines[1:])]
+    (tmp_path / "collects.csv").write_text("\n".join(filled))
+    solution = only(read_campaign(tmp_path), "matrix-6-thermal")
+    assert solution.run is None
+    assert solution.runs == (1, 2, 3, 4, 5)
+    expected = np.stack([TRUTH, np.full(6, 0.1), np.full(6, 0.002)], -1).ravel()
+    np.testing.assert_allclose(values_of(solution), expected, rtol=1e-6)
+    assert "about 20 degC" in solution.reason
+
+
+def test_the_document_is_the_contract(tmp_path: Path) -> None:
+    """Every key of the contract, strict JSON (no NaN, no infinity), warnings and the simulated mark repeated."""
+    rows = [rotor_row(run, label) for run in (1, 2) for label in "123"][:5]
+    rotor(tmp_path, rows)
+    (tmp_path / "campaign.yaml").write_text(ROTOR_YAML + "simulated: true\ntypo: 1\n")
+    campaign = read_campaign(tmp_path)
+    document = json.loads(json.dumps(solution_document(campaign, solve_campaign(campaign)), allow_nan=False))
+    assert document["schema"] == "hil.solution/1"
+    assert document["simulated"] is True
+    assert "typo" in document["warnings"][0]
+    keys = {"run", "sensor", "model", "parameters", "covariance", "covariance_order", "condition_number"}
+    keys |= {"residual_rms_deg_per_hr", "degrees_of_freedom", "unobservable", "verdict", "reason"}
+    first, second = document["solutions"]
+    assert keys <= first.keys()
+    assert first["covariance_order"] == NAMES
+    assert np.shape(first["covariance"]) == (6, 6)
+    assert first["parameters"]["GSA"] == {
+        "value": pytest.approx(46.8),
+        "se": pytest.approx(np.sqrt(first["covariance"][2][2])),
+        "unit": "deg/hr/g",
+    }
+    assert first["unobservable"] == []
+    assert second["verdict"] == "INCONCLUSIVE"
+    assert second["condition_number"] is None
+    assert second["covariance"][5][5] is None
+
+
+def test_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    """An unknown name lists the names; a triad's model does not fit a rotor sensor."""
+    campaign = rotor(tmp_path, [rotor_row(1, "1")])
+    with pytest.raises(InputError, match="built-in models are"):
+        solve_campaign(campaign, "matrix-12")
+    with pytest.raises(InputError, match="three axes"):
+        solve_campaign(campaign, "triad-12")

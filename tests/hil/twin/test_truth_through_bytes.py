@@ -1,0 +1,79 @@
+"""From the unit's truth through bytes, decoder, averages, journal and solver back to it: intervals keep their word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import hil.night.run
+from hil.bench import LiveBench, build_bench
+from hil.config import load_bench, load_sweep
+from hil.night import start_night
+from hil.records.export import campaign_of_night
+from hil.solve import solve_campaign
+
+PARAMETERS = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
+SEEDS = range(6)
+RUNS = 50
+
+SWEEP: dict[str, Any] = {
+    "title": "Many self-calibrations at one temperature",
+    "temperatures": ["23 degC"],
+    "self_calibrations_per_temperature": RUNS,
+    "restabilisation": {"at_least": "30 s", "window": "30 s", "slope": "1 degC/min", "unit_slope": "1 degC/min"},
+    "collect": {"settle": "30 s", "duration": "60 s"},
+}
+
+
+def still_bench(folder: Path) -> Path:
+    """The simulated bench, warmed through, without scatter from run to run: what is left is noise within collects."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["simulation"]["start"]["powered_for"] = "8 h"
+    document["simulation"]["noise"]["run_to_run"] = False
+    path = folder / "still.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+@pytest.fixture
+def benches(monkeypatch: pytest.MonkeyPatch) -> list[LiveBench]:
+    """The benches that nights build, so that a test can ask the simulated unit for the truth afterwards."""
+    built: list[LiveBench] = []
+
+    def remember(*arguments: Any, **options: Any) -> LiveBench:
+        built.append(build_bench(*arguments, **options))
+        return built[-1]
+
+    monkeypatch.setattr(hil.night.run, "build_bench", remember)
+    return built
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_95_percent_intervals_cover_the_truth_93_to_97_percent(tmp_path: Path, benches: list[LiveBench]) -> None:
+    """Per parameter, over many seeds, both sensors: |estimate - truth| < 1.96 standard errors as often as it says."""
+    sweep = tmp_path / "sweep.yaml"
+    sweep.write_text(yaml.safe_dump(SWEEP))
+    bench = load_bench(still_bench(tmp_path))
+    pulls: dict[str, list[float]] = {name: [] for name in PARAMETERS}
+    for seed in SEEDS:
+        folder = tmp_path / f"night-{seed}"
+        assert start_night(folder, load_sweep(sweep), bench, seed=seed).exit_status == 0
+        simulators = benches[-1].simulators
+        assert simulators is not None
+        for solution in solve_campaign(campaign_of_night(folder)):
+            truth = simulators.unit.truth(1, solution.sensor).parameters  # the same in every run
+            for name in PARAMETERS:
+                found = solution.parameters[name]
+                assert found.value is not None
+                assert found.se is not None
+                pulls[name].append((found.value - truth[name]) / found.se)
+    for name, values in pulls.items():
+        assert len(values) == 2 * RUNS * len(SEEDS)
+        covered = float(np.mean(np.abs(values) < 1.96))
+        assert 0.93 <= covered <= 0.97, f"{name}: {covered:.3f}"
+        assert abs(float(np.mean(values))) < 4.0 / np.sqrt(len(values)), f"{name} is biased"
