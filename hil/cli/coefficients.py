@@ -186,7 +186,9 @@ def thermal(
         str | None, typer.Option(help="matrix-6, collins-4, constant or triad-12; default: what fits.")
     ] = None,
     highest_order: Annotated[int, typer.Option(min=0, max=8, help="The highest polynomial that is tried.")] = 5,
-    apart: Annotated[str, typer.Option(help="How far apart two temperatures are, to count as two.")] = "4 degC",
+    apart: Annotated[
+        str | None, typer.Option(help="How far apart two temperatures are, to count as two; default: the data tell.")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here."),
@@ -199,7 +201,7 @@ def thermal(
     from hil.analysis.thermal.files import write_thermal
     from hil.files.units import DIFFERENCE, to_number
 
-    apart_degC = _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
+    apart_degC = None if apart is None else _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
     if out is not None:

@@ -28,6 +28,7 @@ from hil.reconcile.search.problem import pose
 from hil.reconcile.search.scan import _TAIL, _tail, false_discovery
 from hil.solve.likelihood import NoiseTable, _log_sum
 from hil.solve.rows import Block
+from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
 _POINTS = 48  # noise models: fewer, and units with an unusual noise are found too often
 _NULL_DRAWS = 2000
@@ -37,7 +38,6 @@ _FLEETS = 1000
 _FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Of the fleet, the shares that may have a shared effect."""
 _SAME_G = 0.05
-_SAME_DEGC = 4.0
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,12 @@ def _alike(known: Conditions, other: Conditions) -> bool:
     warm, warm_too = known.columns.get("temperature_degC"), other.columns.get("temperature_degC")
     if (warm is None) != (warm_too is None):
         return False
-    same_warmth = warm is None or warm_too is None or bool(np.all(np.abs(warm - warm_too) < _SAME_DEGC))
+    number = same_temperature(known)
+    same_warmth = np.array_equal(number, same_temperature(other)) and (
+        warm is None
+        or warm_too is None
+        or all(abs(np.nanmean((warm - warm_too)[number == k])) <= ELSEWHERE_DEGC for k in set(number[number >= 0]))
+    )
     in_order = [np.unique(rows.run, return_inverse=True)[1] for rows in (known, other)]
     return (
         same_warmth

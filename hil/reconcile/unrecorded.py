@@ -16,7 +16,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.noise import power_cycles
 from hil.reconcile.naming import Naming, Weighed, with_rivals
-from hil.solve.rows import stations
+from hil.solve.temperatures import same_temperature
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
 _SPELLINGS = {
@@ -49,7 +49,7 @@ def _zone(columns: FloatArray, conditions: Conditions) -> str:
     if temperature is None or not np.all(np.isfinite(temperature)) or there.all() or not there.any():
         return ""
     inside, outside = temperature[there], temperature[~there]
-    setpoint = stations(conditions)
+    setpoint = same_temperature(conditions)
     first, last = setpoint[there].min(), setpoint[there].max()
     if np.any((setpoint[~there] >= first) & (setpoint[~there] <= last)):
         return ""
@@ -101,7 +101,7 @@ def _known(values: FloatArray | None) -> bool:
 
 def _cycles_are_setpoints(conditions: Conditions) -> bool:
     """Whether each power cycle stood at one setpoint, which no other cycle visited."""
-    pairs = set(zip(stations(conditions).tolist(), power_cycles(conditions).tolist(), strict=True))
+    pairs = set(zip(same_temperature(conditions).tolist(), power_cycles(conditions).tolist(), strict=True))
     return len(pairs) == len({setpoint for setpoint, _ in pairs}) == len({cycle for _, cycle in pairs})
 
 

@@ -20,11 +20,10 @@ from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray
 from hil.solve import Estimate, RunSolution, solve_campaign
-from hil.solve.repeats import runs_by_temperature
+from hil.solve.temperatures import nearest, runs_by_temperature
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
-_SAME_DEGC = 2.0  # two chambers' setpoints are the same temperature to this
 
 
 @dataclass(frozen=True)
@@ -126,8 +125,8 @@ def _by_temperature(campaign: Campaign) -> dict[int, _Groups]:
 def _nearest(temperature: float | None, groups: _Groups) -> Sequence[RunSolution] | None:
     if temperature is None or not math.isfinite(temperature):
         return groups.get(None)
-    known = [each for each in groups if each is not None and abs(each - temperature) <= _SAME_DEGC]
-    return groups[min(known, key=lambda each: abs(each - temperature))] if known else None
+    match = nearest(temperature, [each for each in groups if each is not None])
+    return None if match is None else groups[match]
 
 
 def _differences(

@@ -20,8 +20,8 @@ from hil.report.against import Comparison
 from hil.report.night import NightContent
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.contractor import METHOD
-from hil.solve.repeats import runs_by_temperature
 from hil.solve.runs import judged_as_measured
+from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Judgement, Verdict
 
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
+from hil.solve.temperatures import same_temperature
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
-_STATION_WIDTH_DEGC = 4.0  # temperatures closer than this belong to one setpoint
-_SETPOINT_WIDTH_DEGC = 1.0
 _WHITE_PRIOR_DOF = 10.0  # how strongly a temperature's own scatter is drawn to the campaign's
 
 
@@ -59,35 +58,6 @@ class Block:
     def with_base(self, extra: FloatArray) -> Block:
         """Return the block with further base columns, kept independent of those that are there."""
         return replace(self, base=independent_columns(np.hstack([self.base, extra])))
-
-
-def stations(conditions: Conditions) -> IntArray:
-    """Number the temperature setpoints of n collects, coldest first, shape (n,); -1 where the temperature is unknown.
-
-    Setpoints are those of the column `setpoint_degC`, where all temperatures stay by them; else gaps of more than 4 °C
-    in the sorted temperatures. No grid of setpoints is assumed.
-    """
-    temperature = conditions.columns.get("temperature_degC")
-    if temperature is None or not np.any(np.isfinite(temperature)):
-        return np.zeros(len(conditions), dtype=np.int64)
-    known = np.isfinite(temperature)
-    out = np.full(len(conditions), -1, dtype=np.int64)
-    out[known] = _levels(temperature[known], _STATION_WIDTH_DEGC)
-    setpoint = conditions.columns.get("setpoint_degC")
-    if setpoint is not None and np.all(np.isfinite(setpoint[known])):
-        levels = _levels(setpoint[known], _SETPOINT_WIDTH_DEGC)
-        centres = np.bincount(levels, temperature[known]) / np.bincount(levels)
-        if np.max(np.abs(temperature[known] - centres[levels])) < _STATION_WIDTH_DEGC:
-            out[known] = levels
-    return out
-
-
-def _levels(values: FloatArray, apart: float) -> IntArray:
-    """Number groups of values, smallest first, by gaps of more than `apart` between them."""
-    order = np.argsort(values)
-    numbers = np.empty(len(values), dtype=np.int64)
-    numbers[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > apart)])
-    return numbers
 
 
 def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
@@ -200,7 +170,7 @@ def _block(
     row, chan = np.concatenate(rows), np.concatenate(channel)
     run_order = {run: place for place, run in enumerate(dict.fromkeys(conditions.run.tolist()))}
     place = np.array([run_order[run] for run in conditions.run.tolist()], dtype=np.int64)
-    station = stations(conditions)
+    station = same_temperature(conditions)
     sigma, stated = _stated_sigma(collects.rates_se_deg_per_hr[row, chan])
     random_axes = [2] if conditions.sensor.is_rotor else [0, 1, 2]
     block = Block(

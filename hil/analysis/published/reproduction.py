@@ -28,13 +28,12 @@ from hil.files.units import TEMPERATURE, to_number
 from hil.model.equation import RD_GC_86_1_SENSOR_2
 from hil.model.forms import MATRIX_6
 from hil.solve.contractor import report_collects
-from hil.solve.repeats import runs_by_temperature
+from hil.solve.temperatures import nearest, runs_by_temperature
 
 SCHEMA = "hil.reproduction/1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 CONTRACTORS = MATRIX_6[:4]
 
-_SAME_DEGC = 2.0  # a chamber's setpoint and a printed temperature are the same one to this
 _ROWS = (
     ("MUA2 matrix", "deg/hr/g", "MUA", "B", "mu"),
     ("MUB2 matrix", "deg/hr/g", "MUB", "A", "mu"),
@@ -285,10 +284,9 @@ def _cell(runs: Sequence[_Run], name: str, printed: Printed | None) -> Cell:
 
 def _printed_temperature(audit: Audit, temperature_degC: float | None) -> str | None:
     """Return the printed temperature that this one is, as it is printed."""
-    if temperature_degC is None:
-        return None
-    groups = dict.fromkeys(row.group for row in audit.table.rows)
-    return next((at for at in groups if abs(to_number(at, TEMPERATURE) - temperature_degC) < _SAME_DEGC), None)
+    printed = {to_number(row.group, TEMPERATURE): row.group for row in audit.table.rows}
+    match = nearest(temperature_degC, list(printed))
+    return None if match is None else printed[match]
 
 
 def _printed(audit: Audit, group: str | None, axis: str, role: str) -> Printed | None:

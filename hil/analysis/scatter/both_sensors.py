@@ -26,7 +26,7 @@ from hil.analysis.scatter.signature import Interval, correlation_interval
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve import RunSolution, solve_campaign
-from hil.solve.repeats import runs_by_temperature
+from hil.solve.temperatures import runs_by_temperature
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""

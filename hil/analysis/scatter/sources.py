@@ -17,8 +17,8 @@ from hil.analysis.scatter.signature import QUIET_COLLECT_DEG_PER_HR, Repeats, Sc
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.model.forms import MATRIX_6, matrix_6_form
 from hil.solve import solve
-from hil.solve.repeats import runs_by_temperature
 from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.temperatures import runs_by_temperature
 
 # C and M of each channel from the six parameters: MU adds +MUB to A and -MUA to B (eqs. 5, 6).
 _C_AND_M = {

@@ -18,7 +18,7 @@ from hil.analysis.thermal.estimate import Estimates, Layout, estimate, repeatabi
 from hil.analysis.thermal.forms import MONOTONE, monotone
 from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
 from hil.analysis.thermal.noise import RateNoise, rate_noise
-from hil.analysis.thermal.stations import APART_DEGC, Stations, find_stations, refuse_impossible
+from hil.analysis.thermal.stations import Stations, find_stations, refuse_impossible
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.model import Model
@@ -141,7 +141,7 @@ def fit_thermal(
     model_name: str | None = None,
     *,
     highest_order: int = HIGHEST_ORDER,
-    apart_degC: float = APART_DEGC,
+    apart_degC: float | None = None,
     seed: int = 0,
 ) -> ThermalFit:
     """Fit each sensor of a campaign; raise `InputError` where one has no temperatures or fewer than three."""
@@ -156,7 +156,7 @@ def fit_thermal(
 
 
 def fit_sensor(
-    number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float, seed: int
+    number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float | None, seed: int
 ) -> SensorFit:
     """Fit one sensor's parameters; see `fit_thermal`."""
     layout, notes = _layout(number, collects, model_name, apart_degC)
@@ -235,7 +235,9 @@ def _choices(
     ]
 
 
-def _layout(number: int, collects: Collects, model_name: str | None, apart_degC: float) -> tuple[Layout, list[str]]:
+def _layout(
+    number: int, collects: Collects, model_name: str | None, apart_degC: float | None
+) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which not every parameter can be told are left out."""
     refuse_impossible(collects)
     conditions = collects.conditions
@@ -259,7 +261,7 @@ def _layout(number: int, collects: Collects, model_name: str | None, apart_degC:
     if len(stations) < 3:
         raise InputError(
             f"sensor {number}: {len(stations)} temperature{'s' if len(stations) != 1 else ''} with every parameter; at "
-            f"least three are needed, more than {apart_degC:g} °C apart (--apart)"
+            "least three are needed (--apart says how far apart two temperatures are)"
         )
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))

@@ -9,9 +9,7 @@ import numpy as np
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.errors import InputError
-
-APART_DEGC = 4.0
-"""How far apart two temperatures are at least, so that they count as two."""
+from hil.solve.temperatures import same_temperature
 
 _MOST = 1e12
 _LEAST_SE = 1e-12
@@ -41,21 +39,17 @@ class Stations:
         return np.array(found, dtype=np.int64)
 
 
-def find_stations(conditions: Conditions, apart_degC: float = APART_DEGC) -> Stations:
-    """Group rows by temperature: a step of more than `apart_degC` begins a new one.
-
-    A group that is wider (a slow drift instead of setpoints) is cut into equal parts no wider than that. Raises
-    `InputError` where the rows have no temperature.
-    """
+def find_stations(conditions: Conditions, apart_degC: float | None = None) -> Stations:
+    """Group rows by temperature, as `same_temperature` does; raises `InputError` where the rows have none."""
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         what = "lacks the column temperature_degC" if temperature is None else "has rows without temperature_degC"
         raise InputError(f"sensor {conditions.sensor.number}: the campaign {what}; nothing can be said against it")
-    edges = _edges(np.sort(temperature), apart_degC)
-    number = np.searchsorted(edges, temperature, side="right").astype(np.int64)
-    _, number = np.unique(number, return_inverse=True)
+    number = same_temperature(conditions, apart_degC)
     centre = np.array([np.mean(temperature[number == place]) for place in range(number.max() + 1)])
-    return Stations(number, centre, _directions(conditions, number))
+    rising = np.argsort(centre, kind="stable")
+    number = np.argsort(rising)[number]
+    return Stations(number, centre[rising], _directions(conditions, number))
 
 
 def refuse_impossible(collects: Collects) -> None:
@@ -74,16 +68,6 @@ def refuse_impossible(collects: Collects) -> None:
             raise InputError(
                 f"sensor {conditions.sensor.number}: collect {conditions.collect[row]}: {what} {how} cannot be"
             )
-
-
-def _edges(rising: FloatArray, apart_degC: float) -> FloatArray:
-    breaks = np.flatnonzero(np.diff(rising) > apart_degC)
-    edges = [float(np.mean(rising[place : place + 2])) for place in breaks]
-    for part in np.split(rising, breaks + 1):
-        pieces = int(np.ceil(np.ptp(part) / apart_degC))
-        if pieces > 1:
-            edges += np.linspace(part[0], part[-1], pieces + 1)[1:-1].tolist()
-    return np.sort(np.array(edges))
 
 
 def _directions(conditions: Conditions, number: IntArray) -> FloatArray:

@@ -20,7 +20,7 @@ from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.solve import solve_campaign
-from hil.solve.repeats import runs_by_temperature
+from hil.solve.temperatures import runs_by_temperature
 
 SCHEMA = "hil.budget/1"
 

@@ -18,7 +18,8 @@ from hil.model import Model
 from hil.model.forms import LinearForm
 from hil.reconcile.search.evidence import BlockEvidence
 from hil.solve.likelihood import NoiseTable
-from hil.solve.rows import Block, independent_columns, stations
+from hil.solve.rows import Block, independent_columns
+from hil.solve.temperatures import same_temperature
 
 ONE_SET = "one set"
 PER_TEMPERATURE = "per temperature"
@@ -40,7 +41,7 @@ def per_temperature(form: LinearForm, conditions: Conditions) -> LinearForm:
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         return form
-    numbers = stations(conditions)
+    numbers = same_temperature(conditions)
     if numbers.max() + 1 < _LEAST_STATIONS:
         return form
     centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
@@ -72,7 +73,7 @@ def may_differ(model: Model, campaign: Campaign) -> bool:
     return any(
         (temperature := collects.conditions.columns.get("temperature_degC")) is not None
         and np.all(np.isfinite(temperature))
-        and stations(collects.conditions).max() + 1 >= _LEAST_STATIONS
+        and same_temperature(collects.conditions).max() + 1 >= _LEAST_STATIONS
         for collects in campaign.sensors.values()
     )
 

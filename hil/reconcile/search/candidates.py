@@ -18,7 +18,7 @@ from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.history import joined
 from hil.model.forms import RATE
-from hil.solve.rows import stations
+from hil.solve.temperatures import same_temperature
 
 _TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
 _ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
@@ -162,7 +162,7 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     if temperature is None or not np.all(np.isfinite(temperature)):
         return
     plain = _apart_from_bias(plain)
-    numbers = stations(conditions)
+    numbers = same_temperature(conditions)
     centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
     if len(centres) < 2:
         return
@@ -237,7 +237,7 @@ def drivers(conditions: Conditions) -> list[Driver]:
             expressions.append((name, "condition"))
     if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
         expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]
-        numbers = stations(conditions)
+        numbers = same_temperature(conditions)
         low = [float(temperature[numbers == k].min()) for k in range(numbers.max() + 1)]
         high = [float(temperature[numbers == k].max()) for k in range(numbers.max() + 1)]
         if len(low) > 2:
@@ -307,7 +307,7 @@ def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
     """Yield smooth curves over temperature and time: powers one to five, shape (n, 5)."""
     temperature = conditions.columns.get("temperature_degC")
     known = temperature is not None and np.all(np.isfinite(temperature))
-    if known and len(np.unique(stations(conditions))) > 5:
+    if known and len(np.unique(same_temperature(conditions))) > 5:
         yield "temperature_degC", _powers("temperature_degC", conditions)
     if len(np.unique(conditions.run)) > 7:
         yield "start_s", _powers("start_s", conditions)

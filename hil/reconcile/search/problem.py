@@ -22,7 +22,8 @@ from hil.model.forms import LinearForm, named_form
 from hil.reconcile.search.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.reconcile.search.fit import UNSEEN
-from hil.solve.rows import Block, independent_columns, is_repeated, sensor_blocks, stations
+from hil.solve.rows import Block, independent_columns, is_repeated, sensor_blocks
+from hil.solve.temperatures import same_temperature
 
 _RICH_ORDER = 5
 _ROUNDS = 5
@@ -251,7 +252,7 @@ def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArra
     """Return the columns of the terms that the model already has, each at every power its values use, (n, c, p)."""
     out = [np.zeros((len(conditions), len(conditions.sensor.channels), 0))]
     temperature = conditions.columns.get("temperature_degC")
-    numbers = stations(conditions)
+    numbers = same_temperature(conditions)
     for term, effect in model.terms_for(conditions.sensor):
         if effect.missing(conditions):
             continue

@@ -16,7 +16,8 @@ from hil.reconcile.proof.held_out import by_run, in_blocks
 from hil.reconcile.search.evidence import BlockEvidence
 from hil.reconcile.search.scan import level, p_value
 from hil.solve.likelihood import NoiseTable
-from hil.solve.rows import Block, independent_columns, sensor_blocks, stations
+from hil.solve.rows import Block, independent_columns, sensor_blocks
+from hil.solve.temperatures import same_temperature
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 
@@ -100,14 +101,14 @@ def at(temperature: list[float], setpoint: list[float] | None = None) -> Conditi
 
 def test_setpoints_are_found_in_the_temperatures() -> None:
     """Gaps of more than 4 degC part setpoints; the coldest is number 0, an empty cell belongs to none."""
-    assert stations(at([20.1, -19.0, 19.5, np.nan, -20.0, 60.0])).tolist() == [1, 0, 1, -1, 0, 2]
-    assert stations(replace(at([1.0, 2.0, 3.0]), columns={})).tolist() == [0, 0, 0]
+    assert same_temperature(at([20.1, -19.0, 19.5, np.nan, -20.0, 60.0])).tolist() == [1, 0, 1, -1, 0, 2]
+    assert same_temperature(replace(at([1.0, 2.0, 3.0]), columns={})).tolist() == [0, 0, 0]
 
 
 def test_known_setpoints_part_what_temperatures_cannot_unless_the_unit_did_not_follow_them() -> None:
     """A unit that has not settled is still at its setpoint; a setpoint that the unit left altogether says nothing."""
-    assert stations(at([17.0, 19.5, 22.0, 23.0], [20.0, 20.0, 23.0, 23.0])).tolist() == [0, 0, 1, 1]
-    assert stations(at([-20.0, 0.0, 20.0, 40.0], [25.0, 25.0, 25.0, 25.0])).tolist() == [0, 1, 2, 3]
+    assert same_temperature(at([17.0, 19.5, 22.0, 23.0], [20.0, 20.0, 23.0, 23.0])).tolist() == [0, 0, 1, 1]
+    assert same_temperature(at([-20.0, 0.0, 20.0, 40.0], [25.0, 25.0, 25.0, 25.0])).tolist() == [0, 1, 2, 3]
 
 
 def test_evidence_grows_with_the_effect_and_not_with_the_scale_of_the_column() -> None:

@@ -15,7 +15,7 @@ from hil.campaign.reader import read_campaign
 from hil.report.content import gather
 from hil.report.page import render
 from hil.report.statements import headline
-from hil.solve.repeats import runs_by_temperature
+from hil.solve.temperatures import runs_by_temperature
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,116 @@
+"""The same temperature: which collects, and which runs, of a campaign were made at one.
+
+    same_temperature(conditions)     # 0, 0, 0, 1, 1, 1, … of each collect, coldest first; -1 where nobody knows
+    runs_by_temperature(conditions)  # [(-20.0, (1, 9)), (3.0, (2, 10)), …]: runs of one temperature repeat each other
+
+Repeats, noise, a calibration per temperature, parameters against temperature, the report and reconcile ask here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, IntArray
+
+WIDEST_DEGC = 4.0
+"""Values that belong to one temperature lie within this; two further apart never do."""
+
+NARROWEST_DEGC = 1.0
+"""Neighbours that are this close always belong to one temperature: no sweep has setpoints that are closer."""
+
+ELSEWHERE_DEGC = 2.0
+"""Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
+
+_TELL = ("setpoint_degC", "temperature_degC", "chamber_degC")
+
+
+def same_temperature(conditions: Conditions, apart_degC: float | None = None) -> IntArray:
+    """Number the temperatures of n collects, coldest first, shape (n,); -1 where a collect's is unknown.
+
+    The setpoint tells, if there is one and the unit stayed by it (within `WIDEST_DEGC` of the mean at that setpoint);
+    else the unit's own thermometer, else the chamber's. Without any temperature all collects are of one. Given
+    `apart_degC`, steps of more than that part two temperatures, and nothing else does.
+    """
+    level = _level(conditions, apart_degC)
+    if level is None:
+        return np.zeros(len(conditions), dtype=np.int64)
+    known = np.isfinite(level)
+    out = np.full(len(conditions), -1, dtype=np.int64)
+    out[known] = _numbered(level[known], apart_degC)
+    return out
+
+
+def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tuple[int, ...]]]:
+    """Group the runs that were made at one temperature, coldest first, with the mean over a group's runs, °C.
+
+    A run stands at the temperature at which most of its collects do. Without any temperature all runs are one group. A
+    run whose own is not known is a group by itself (None): nobody can say that it repeats another.
+    """
+    runs = np.unique(conditions.run)
+    level = _level(conditions)
+    if level is None:
+        return [(None, tuple(int(run) for run in runs))]
+    number = same_temperature(conditions)
+    groups: dict[int, list[int]] = {}
+    for run in runs:
+        here = number[(conditions.run == run) & (number >= 0)]
+        groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -int(run) - 1, []).append(int(run))
+    means = {int(run): _mean(level[conditions.run == run]) for run in runs}
+    told = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
+    return [(None if at < 0 else _mean(np.array([means[run] for run in group])), tuple(group)) for at, group in told]
+
+
+def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> float | None:
+    """Return the one of `others_degC` that is the same temperature in another campaign, None where none is."""
+    if temperature_degC is None or not np.isfinite(temperature_degC):
+        return None
+    close = [other for other in others_degC if abs(other - temperature_degC) <= ELSEWHERE_DEGC]
+    return min(close, key=lambda other: abs(other - temperature_degC), default=None)
+
+
+def _level(conditions: Conditions, apart_degC: float | None = None) -> FloatArray | None:
+    """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
+    columns = conditions.columns
+    said = {name: columns[name] for name in _TELL if name in columns and np.any(np.isfinite(columns[name]))}
+    setpoint = said.pop("setpoint_degC", None)
+    own = next(iter(said.values()), None)
+    if setpoint is None or own is None:
+        return own if setpoint is None else setpoint
+    here = np.isfinite(own)
+    if not np.all(np.isfinite(setpoint[here])):
+        return own
+    number = _numbered(setpoint[here], apart_degC)
+    centre = np.bincount(number, own[here]) / np.bincount(number)
+    return setpoint if np.all(np.abs(own[here] - centre[number]) < WIDEST_DEGC) else own
+
+
+def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:
+    """Number values by the temperature that they belong to, smallest first, shape (n,).
+
+    Sorted values part at gaps, and the values themselves tell at which: gaps up to `NARROWEST_DEGC` never part them,
+    those above `WIDEST_DEGC` always do, and between the two the widest void among the sizes of the gaps, by ratio,
+    parts scatter from steps. What is then still wider than `WIDEST_DEGC` has no plateaus (a slow ramp) and is cut into
+    equal parts no wider than that.
+    """
+    rising = np.sort(values)
+    gaps = np.diff(rising)
+    low, high = (apart_degC, apart_degC) if apart_degC is not None else (NARROWEST_DEGC, WIDEST_DEGC)
+    scatter = max(float(gaps[gaps <= low].max()), low / 4.0) if np.any(gaps <= low) else low
+    in_doubt = np.sort(gaps[(gaps > low) & (gaps <= high)])
+    sizes = np.array([scatter, *in_doubt, min(gaps[gaps > high], default=high)])
+    breaks = np.flatnonzero(gaps > sizes[int(np.argmax(sizes[1:] / sizes[:-1]))])
+    edges = [float(np.mean(rising[place : place + 2])) for place in breaks]
+    for part in np.split(rising, breaks + 1):
+        pieces = int(np.ceil(np.ptp(part) / high))
+        if pieces > 1:
+            edges += np.linspace(part[0], part[-1], pieces + 1)[1:-1].tolist()
+    number = np.searchsorted(np.sort(np.array(edges)), values, side="right")
+    return np.unique(number, return_inverse=True)[1].astype(np.int64)
+
+
+def _mean(temperatures: FloatArray) -> float:
+    """Return the mean of what is known, NaN where nothing is."""
+    known = temperatures[np.isfinite(temperatures)]
+    return float(known.mean()) if len(known) else float("nan")

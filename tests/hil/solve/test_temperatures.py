@@ -1,0 +1,118 @@
+"""Which runs repeat each other: those at one temperature, and none whose temperature nobody knows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.campaign import Conditions, Sensor
+from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature
+
+SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+
+
+def conditions(columns: dict[str, list[float]]) -> Conditions:
+    """Two collects in each run, with the given columns."""
+    n = 2 * len(next(iter(columns.values()), [0.0, 0.0, 0.0]))
+    return Conditions(
+        SENSOR,
+        collect=np.arange(1, n + 1),
+        run=np.repeat(np.arange(1, n // 2 + 1), 2),
+        position=np.array(["1", "2"] * (n // 2)),
+        start_s=np.arange(n) * 100.0,
+        duration_s=np.full(n, 60.0),
+        f_g=np.zeros((n, 3)),
+        w_deg_per_hr=np.zeros((n, 3)),
+        columns={name: np.repeat(np.array(values), 2) for name, values in columns.items()},
+    )
+
+
+def test_the_setpoint_counts_before_the_units_own_temperature() -> None:
+    """Runs at one setpoint are repeats although the unit read a little otherwise; groups come coldest first."""
+    found = runs_by_temperature(
+        conditions({"setpoint_degC": [40.0, -20.0, 40.0], "temperature_degC": [48.0, -11.0, 46.0]})
+    )
+    assert found == [(-20.0, (2,)), (40.0, (1, 3))]
+
+
+def test_a_run_of_unknown_temperature_repeats_no_other() -> None:
+    """Each stands alone, without a temperature, and nothing is NaN."""
+    found = runs_by_temperature(conditions({"temperature_degC": [20.0, np.nan, 20.2, np.nan]}))
+    assert [runs for _, runs in found] == [(1, 3), (2,), (4,)]
+    assert [at for at, _ in found][1:] == [None, None]
+
+
+def test_without_any_temperature_all_runs_are_repeats() -> None:
+    """There is nothing to tell them apart by."""
+    assert runs_by_temperature(conditions({})) == [(None, (1, 2, 3))]
+
+
+def collects(columns: dict[str, np.ndarray]) -> Conditions:
+    """One collect in a row of the given columns, three collects to a run."""
+    n = len(next(iter(columns.values())))
+    return Conditions(
+        SENSOR,
+        collect=np.arange(1, n + 1),
+        run=np.arange(n) // 3 + 1,
+        position=np.array((["1", "2", "3"] * n)[:n]),
+        start_s=np.arange(n) * 100.0,
+        duration_s=np.full(n, 60.0),
+        f_g=np.zeros((n, 3)),
+        w_deg_per_hr=np.zeros((n, 3)),
+        columns=columns,
+    )
+
+
+SIX = np.repeat(np.arange(6) * 3.0 + 5.0, 9)  # six setpoints, 3 °C apart, three self-calibrations at each
+
+
+@pytest.mark.parametrize("step", [1.5, 2.0, 3.0, 5.0, 12.0])
+@pytest.mark.parametrize("told", [("setpoint_degC", "temperature_degC"), ("temperature_degC",), ("setpoint_degC",)])
+def test_close_setpoints_are_told_apart_with_and_without_their_column(told: tuple[str, ...], step: float) -> None:
+    """Six setpoints are six temperatures, for collects and for runs, whatever column says so."""
+    setpoint = (SIX - 5.0) * step / 3.0
+    own = setpoint + 1.0 + np.random.default_rng(0).normal(0.0, 0.1, len(SIX))
+    rows = collects({name: {"setpoint_degC": setpoint, "temperature_degC": own}[name] for name in told})
+    assert same_temperature(rows).tolist() == np.repeat(np.arange(6), 9).tolist()
+    assert [runs for _, runs in runs_by_temperature(rows)] == [(3 * k + 1, 3 * k + 2, 3 * k + 3) for k in range(6)]
+
+
+def test_scatter_at_a_setpoint_is_not_taken_for_setpoints() -> None:
+    """Gaps of a degree and more within a plateau part nothing where plateaus are ten degrees apart."""
+    own = np.repeat([0.0, 10.0, 20.0], 6) + np.tile([-1.6, -1.2, -0.1, 0.5, 0.6, 1.6], 3)
+    assert same_temperature(collects({"temperature_degC": own})).tolist() == np.repeat([0, 1, 2], 6).tolist()
+
+
+@pytest.mark.parametrize("rows", [60, 24])
+def test_a_slow_ramp_is_cut_and_no_part_is_wider_than_one_temperature_may_be(rows: int) -> None:
+    """Without any plateau, neighbours are of one temperature, the ends of the ramp are not, and no part is empty."""
+    own = np.linspace(-20.0, 20.0, rows)
+    number = same_temperature(collects({"temperature_degC": own}))
+    assert number[0] == 0
+    assert set(np.diff(number).tolist()) == {0, 1}
+    assert max(np.ptp(own[number == k]) for k in range(number.max() + 1)) <= WIDEST_DEGC
+
+
+def test_a_setpoint_that_the_unit_does_not_stay_by_tells_nothing() -> None:
+    """A unit that warms by ten degrees at one setpoint is not at one temperature."""
+    own = np.concatenate([np.full(6, 20.0), np.full(6, 30.0)])
+    assert same_temperature(collects({"setpoint_degC": np.full(12, 25.0), "temperature_degC": own})).max() == 1
+
+
+def test_the_chamber_tells_where_nothing_else_does() -> None:
+    """Its air is what is known."""
+    assert same_temperature(collects({"chamber_degC": np.array([10.0, 40.0, 10.1])})).tolist() == [0, 1, 0]
+
+
+def test_a_stated_distance_parts_at_just_that() -> None:
+    """Who asks for temperatures more than 5 °C apart gets the six setpoints as one slow rise, cut in parts of 5."""
+    number = same_temperature(collects({"temperature_degC": SIX}), apart_degC=5.0)
+    assert number.max() + 1 == 3
+    assert same_temperature(collects({"temperature_degC": SIX}), apart_degC=2.9).max() + 1 == 6
+
+
+def test_another_campaigns_temperature_is_the_nearest_within_two_degrees() -> None:
+    """None where no other is that close, or where one's own is not known."""
+    assert nearest(20.0, [18.5, 21.0, 40.0]) == 21.0
+    assert nearest(20.0, [17.5, 40.0]) is None
+    assert nearest(None, [20.0]) is None
