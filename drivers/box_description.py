@@ -186,7 +186,7 @@ def load_box(path: str | Path) -> BoxDescription:
 
 
 def parse_box(text: str, source: str) -> BoxDescription:
-    """Read a description from YAML text; `source` names it in messages."""
+    """Read a description from YAML text; `source` names it in messages. Raises `BoxError` where it is none."""
     try:
         document = parse_yaml(text)
     except NotYaml as error:

@@ -89,7 +89,7 @@ class PacedClock(VirtualClock):
 
     Only sleeping takes real time; what the program computes in between costs none of the simulated, as under every
     virtual clock, so that the night is the same to the byte at any speed. Where the computing itself is slower than
-    `speed` allows, nothing is waited for. `real` is what is slept on.
+    `speed` allows, nothing is waited for. `real` is what is slept on. Raises `ValueError` for a `speed` of 0 or less.
     """
 
     def __init__(

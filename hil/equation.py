@@ -28,7 +28,8 @@ class Orientation:
     """One collect position: the sensor's axes in the bench frame 1-2-3, one row per sensor axis, shape (3, 3).
 
     Rows are orthonormal; the determinant is the handedness of the sensor's triad as used (+1 right, -1 left where the
-    bench frame is right-handed). The report's (A, B, S) triad is left-handed in all three collects.
+    bench frame is right-handed). The report's (A, B, S) triad is left-handed in all three collects. Raises `ValueError`
+    where the rows are not orthonormal.
     """
 
     label: str
@@ -42,7 +43,10 @@ class Orientation:
 
     @classmethod
     def from_signed_axes(cls, label: str, *directions: str) -> Orientation:
-        """Build from words: `from_signed_axes("1", "-1", "+2", "+3")` has A along -axis 1, B along +2, S along +3."""
+        """Build from words: `from_signed_axes("1", "-1", "+2", "+3")` has A along -axis 1, B along +2, S along +3.
+
+        Raises `ValueError` for another word.
+        """
         rows = []
         for direction in directions:
             sign, axis = direction[:1], direction[1:]

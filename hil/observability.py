@@ -81,7 +81,7 @@ def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, toleranc
 
 
 def combination_text(names: Sequence[str], coefficients: FloatArray) -> str:
-    """Write a combination as people do: "BA - 0.016 GSB"; terms below a thousandth of the largest are left out."""
+    """Write a combination, (p,), as people do: "BA - 0.016 GSB", without terms below a thousandth of the largest."""
     text = ""
     for name, value in zip(names, coefficients, strict=True):
         if abs(value) < 1e-3 * np.abs(coefficients).max():

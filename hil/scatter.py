@@ -242,7 +242,10 @@ def correlation_interval(correlation: float | None, degrees: int) -> Interval:
 
 
 def more_in_collect_3_p(squares: FloatArray, degrees: int, white: FloatArray) -> float:
-    """Return the probability that white noise of any size makes C scatter this much more than M (an F test)."""
+    """Return the probability that white noise of any size makes C scatter this much more than M (an F test).
+
+    `squares` (2, 2) are sums of squares and products of C and M, `white` (2, 2) the covariance of unit white noise.
+    """
     own = np.linalg.inv(np.linalg.cholesky(white))
     ratio = own @ squares @ own.T
     return float(f.sf(ratio[0, 0] / max(ratio[1, 1], 1e-300), degrees, degrees))

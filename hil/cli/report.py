@@ -54,7 +54,7 @@ def report(
 
 
 def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> Path:
-    """Write the report of a night or a campaign folder; return where it is."""
+    """Write the report of a night or a campaign folder; return where it is. Raises `InputError` where it cannot."""
     return _written(source, out, against)[0]
 
 
