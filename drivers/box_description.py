@@ -1,8 +1,10 @@
 """A chamber that nobody has written a driver for, described in a file: what is sent, and what comes back.
 
-    box = load_box("configs/chambers/temptronic-ats.yaml")
-    box.setpoint.request(25.0)            # "SETP 25.0"
-    box.temperature.value("23.4")         # "23.4"
+    >>> box = load_box("configs/chambers/temptronic-ats.yaml")
+    >>> box.setpoint.request(25.0)
+    'SETP 25.0'
+    >>> box.temperature.value("23.4")
+    '23.4'
 
 Texts are templates. In what is sent `{value}` stands for a number and says how it is written: `SETP {value:.1f}`. In
 what comes back `{value}` stands for what is looked for and `{any}` for what does not matter: `T={value}C{any}`; a

@@ -3,9 +3,10 @@
 A bench has a `SystemClock`. A simulated night has a `VirtualClock`, which jumps: sleeping costs nothing, so twenty
 hours of soaking pass in seconds through the same code.
 
-    clock = VirtualClock()
-    clock.sleep(45 * 60.0)
-    clock.now()  # 2700.0, at once
+    >>> clock = VirtualClock()
+    >>> clock.sleep(45 * 60.0)
+    >>> clock.now()  # at once
+    2700.0
 """
 
 from __future__ import annotations

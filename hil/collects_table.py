@@ -146,7 +146,11 @@ def _records(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def rows_in_words(rows: Sequence[int]) -> str:
-    """Write row numbers as people do: "row 7" or "rows 2, 5, 9-12"."""
+    """Write row numbers as people do.
+
+    >>> rows_in_words([7]), rows_in_words([2, 5, 9, 10, 11, 12])
+    ('row 7', 'rows 2, 5, 9-12')
+    """
     spans: list[list[int]] = []
     for row in sorted(rows):
         if spans and row == spans[-1][1] + 1:

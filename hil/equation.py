@@ -8,6 +8,14 @@ term by term.
     [RA]   [BA]   [ GSA  GSB  MUB ]       [wA]
     [RB] = [BB] + [-GSB  GSA -MUA ] · f + [wB]        f = (fA, fB, fS)
 
+    >>> position = Orientation.from_signed_axes("1", "-1", "+2", "+3")
+    >>> f_g = position.components([1.0, 0.0, 0.0])
+    >>> f_g
+    array([-1.,  0.,  0.])
+    >>> k = rotor_matrix(gsa=2.0, gsb=0.5, mua=3.0, mub=-7.5)
+    >>> pickoff_rates([22.0, -4.0], k, f_g, [-8.5, 10.7])  # RA, RB in deg/hr
+    array([11.5,  7.2])
+
 Source: RD-GC-86-1 eqs. (1)–(6). The matrix printed there has two misprints in row 6 (RA for RB, MU_SA2 for GSB_2); the
 corrected rows are followed here.
 """

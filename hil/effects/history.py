@@ -46,6 +46,9 @@ def play(values: FloatArray, half_width: float) -> FloatArray:
 
     |values − play|, (n,), never exceeds `half_width`; the result does not depend on how fast the history was gone
     through.
+
+    >>> play(np.array([0.0, 1.0, 3.0, 2.0, -1.0]), half_width=1.0)
+    array([0., 0., 2., 2., 0.])
     """
     output = []
     held = float(values[0]) if len(values) else 0.0
