@@ -3,9 +3,10 @@
 A bench has a `SystemClock`. A simulated night has a `VirtualClock`, which jumps: sleeping costs nothing, so twenty
 hours of soaking pass in seconds through the same code.
 
-    clock = VirtualClock()
-    clock.sleep(45 * 60.0)
-    clock.now()  # 2700.0, at once
+    >>> clock = VirtualClock()
+    >>> clock.sleep(45 * 60.0)
+    >>> clock.now()  # at once
+    2700.0
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class PacedClock(VirtualClock):
 
     Only sleeping takes real time; what the program computes in between costs none of the simulated, as under every
     virtual clock, so that the night is the same to the byte at any speed. Where the computing itself is slower than
-    `speed` allows, nothing is waited for. `real` is what is slept on.
+    `speed` allows, nothing is waited for. `real` is what is slept on. Raises `ValueError` for a `speed` of 0 or less.
     """
 
     def __init__(

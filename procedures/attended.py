@@ -40,7 +40,10 @@ class Attendant:
         self._watch = watch
 
     def __call__(self, question: str, timeout_s: float) -> bool | None:
-        """Return True where somebody confirms, False where they refuse, None after `timeout_s`. Raises as a poll."""
+        """Return True where somebody confirms, False where they refuse, None after `timeout_s`. Raises as a poll.
+
+        Raises `ValueError` where no sweep is being watched yet: `attend` comes first.
+        """
         watch = self._watch
         if watch is None:
             raise ValueError("a question before the sweep has begun")

@@ -2,6 +2,12 @@
 
 The same list is the dry run, the estimated finishing time, the run, the resume and the proof of completeness. Nothing
 else decides what happens next.
+
+    >>> plan = make_plan(SweepProcedure(title="At 40 °C", temperatures_degC=(40.0,), positions=("1", "2")))
+    >>> [step.key for step in plan.steps][:5]
+    ['identify', 'T1/setpoint', 'T1/S1/restabilise', 'T1/S1/C1/index', 'T1/S1/C1/collect']
+    >>> plan.total_s
+    9055.0
 """
 
 from __future__ import annotations

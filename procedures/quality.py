@@ -70,7 +70,7 @@ def clipped(values: FloatArray) -> float | None:
 
 
 def slope_per_min(time_s: FloatArray, values: FloatArray) -> float | None:
-    """Return the least-squares slope of a series in units per minute, or None where there are too few samples."""
+    """Return the least-squares slope of a series, (n,), in units per minute; None where there are too few samples."""
     usable = np.isfinite(values)
     if int(usable.sum()) < 2:
         return None

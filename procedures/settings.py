@@ -70,7 +70,8 @@ class Restabilisation(_Parameters):
     All of these at once: `at_least_s` of soak in the band; over the last `window_s` the chamber within `band_degC` of
     the setpoint and sloping less than `slope_degC_per_min`; over the same window the unit's own sensor within a span
     of `unit_band_degC` and sloping less than `unit_slope_degC_per_min`. The unit's own heat keeps it above the
-    chamber's air, so its level is not compared with the setpoint; only that it stands still.
+    chamber's air, so its level is not compared with the setpoint; only that it stands still. Raises `ValueError` where
+    a number is impossible, or the ceiling would always come first.
     """
 
     at_least_s: float = 45 * 60.0
@@ -100,7 +101,7 @@ class Restabilisation(_Parameters):
 
 @dataclass(frozen=True)
 class CollectSettings(_Parameters):
-    """How a collect is taken and when it is believed."""
+    """How a collect is taken and when it is believed. Raises `ValueError` where a number is impossible."""
 
     settle_s: float = 20.0  # after the index, thrown away
     duration_s: float = 60.0
@@ -134,7 +135,8 @@ class CollectSettings(_Parameters):
 class SweepProcedure:
     """A temperature sweep: at each temperature, so many self-calibrations, each of collects at the positions in order.
 
-    `positions` may repeat and come in any order (1-3-2 keeps a linear drift out of the bias and MU).
+    `positions` may repeat and come in any order (1-3-2 keeps a linear drift out of the bias and MU). Raises
+    `ValueError` where there is nothing to do, or a number is impossible.
     """
 
     title: str
@@ -163,7 +165,8 @@ class Polling:
     """How often the bench is looked at.
 
     `interval_s` is the chamber's; `read_interval_s` drains the stream and must be short enough that a live serial
-    buffer (4 kB) does not overflow. On simulated devices under the virtual clock both may be tens of seconds.
+    buffer (4 kB) does not overflow. On simulated devices under the virtual clock both may be tens of seconds. Raises
+    `ValueError` where a number is impossible.
     """
 
     interval_s: float = 5.0
@@ -187,7 +190,7 @@ class InterlockSettings:
     """What ends a night in the safe state, and how long each may last before it does.
 
     The grace is the retry: a condition that clears within it is recorded and the night goes on, but no step begins
-    while one is suspected.
+    while one is suspected. Raises `ValueError` where a number is impossible.
     """
 
     chamber_margin_degC: float = 3.0  # beyond the bench's limits: the chamber overshoots, a runaway does not stop

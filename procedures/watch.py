@@ -192,7 +192,7 @@ class Watch:
     def hold_until_clear(self) -> None:
         """Return once nothing is suspected. Nothing new begins before; a trip, or the ceiling, ends the wait.
 
-        The ceiling is for what neither clears nor trips, because nothing more is heard of it.
+        The ceiling is for what neither clears nor trips, because nothing more is heard of it: `InterlockTripped`.
         """
         if not self._interlocks.suspected:
             return
@@ -212,7 +212,7 @@ class Watch:
         return look
 
     def poll(self) -> tuple[Look, SampleBlock]:
-        """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`."""
+        """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
         self.alive(self._polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()

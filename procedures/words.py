@@ -25,7 +25,11 @@ def step_in_words(step: Step) -> str:
 
 
 def hours_minutes(seconds: float) -> str:
-    """Write a duration as people say it: 45 s, 12 min, 3 h 05 min."""
+    """Write a duration as people say it.
+
+    >>> hours_minutes(45), hours_minutes(720), hours_minutes(11_100)
+    ('45 s', '12 min', '3 h 05 min')
+    """
     if seconds < 100:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

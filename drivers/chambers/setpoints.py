@@ -5,9 +5,11 @@ and only then sent; what the controller says afterwards must agree within half o
 limits are the second safety layer, and the order in which they are written matters: a controller refuses a setpoint
 beyond its present limits.
 
-    target = representable_setpoint(-29.72, limits, resolution_degC=0.1)                  # -29.7
-    for write in writes_in_order(Settings(-75, 85, 105), Settings(-45, target, 80), 0.1):
-        ...                                                                               # setpoint, high, low
+    >>> target = representable_setpoint(-29.72, ChamberLimits(-35.0, 65.0), resolution_degC=0.1)
+    >>> target
+    -29.7
+    >>> [write.which for write in writes_in_order(Settings(-75, 85, 105), Settings(-45, target, 80), 0.1)]
+    ['setpoint', 'high', 'low']
 """
 
 from __future__ import annotations

@@ -113,7 +113,10 @@ class VariedBatch(FrameBatch):
         return gathered
 
     def wire(self, field: str) -> NDArray[Any]:
-        """Return a numeric field as it stood on the wire, shape (n,); 0 in frames that do not have it."""
+        """Return a numeric field as it stood on the wire, shape (n,); 0 in frames that do not have it.
+
+        Raises `KeyError` where none has.
+        """
         wires = [part.wire(field) if field in part.layout.numeric else None for part in self._parts]
         known = [wire for wire in wires if wire is not None]
         if not known:
@@ -154,7 +157,10 @@ class VariedBatch(FrameBatch):
 
 
 def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:
-    """Return the frames of `groups` (layout, rows, starts) as one batch in the order of arrival, numbered from 0."""
+    """Return the frames of `groups` as one batch in the order of arrival, numbered from 0.
+
+    A group has a layout, the frames' bytes (n, length), and their places (n,).
+    """
     merged: dict[int, tuple[FrameLayout, list[Rows], list[IntArray]]] = {}
     for layout, rows, starts in groups:
         _, all_rows, all_starts = merged.setdefault(id(layout), (layout, [], []))

@@ -15,7 +15,10 @@ from drivers.frames.wire import Rows
 
 @dataclass
 class Candidates:
-    """All places of one frame type in a piece: whole frames in groups of one length, and what cannot be judged yet."""
+    """All places of one frame type in a piece: whole frames in groups of one length, and what cannot be judged yet.
+
+    A group has places (n,), bytes (n, length), which are good (n,), and the layout.
+    """
 
     groups: list[tuple[IntArray, Rows, NDArray[np.bool_], FrameLayout]] = field(default_factory=list)
     failed: list[tuple[IntArray, int, Flaw]] = field(default_factory=list)  # places, length, flaw
@@ -23,7 +26,7 @@ class Candidates:
 
 
 def judge(piece: NDArray[np.uint8], places: IntArray, family: FrameFamily) -> Candidates:
-    """Judge the frames of one type that begin at `places`, sorted, in a piece of a stream."""
+    """Judge the frames of one type that begin at `places` (n,), sorted, in a piece of a stream, bytes (m,)."""
     found = Candidates()
     if not len(places):
         return found
@@ -51,7 +54,7 @@ def judge(piece: NDArray[np.uint8], places: IntArray, family: FrameFamily) -> Ca
 
 
 def covered(places: IntArray, starts: IntArray, ends: IntArray) -> NDArray[np.bool_]:
-    """Return which places lie in one of the frames [start, end), sorted and without overlap."""
+    """Return which places, (n,), lie in one of the frames [start, end), (k,) each, sorted and without overlap."""
     if not len(starts):
         return np.zeros(len(places), np.bool_)
     before = np.searchsorted(starts, places, side="right") - 1

@@ -121,7 +121,7 @@ class FrameChecksum:
         return np.asarray(self._algorithm.of_rows(rows[:, self._start : self._end]) == stored, dtype=np.bool_)
 
     def write(self, rows: Rows) -> None:
-        """Compute and store the checksums of n whole frames, in place."""
+        """Compute and store the checksums of n whole frames, (n, length), in place."""
         if self._size:
             values = self._algorithm.of_rows(rows[:, self._start : self._end])
             write_column(rows, self._at, f"u{8 * self._size}", self._order, values)

@@ -28,7 +28,7 @@ class Flaw(IntEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """About n candidates of one length: which checksums and delimiters match, and the forms of the good ones."""
+    """About n candidates of one length: which checksums and delimiters match, (n,), and the forms of the good ones."""
 
     sums_match: NDArray[np.bool_]
     ends_match: NDArray[np.bool_]
@@ -76,7 +76,7 @@ class FrameFamily:
         return Verdict(sums, ends, [(self.fixed, sums & ends)])
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the frames at `places`: 0 where there is none, −1 where it is not told yet."""
+        """Return the lengths of the frames at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
         del piece
         return np.full(len(places), self.shortest)
 
@@ -112,7 +112,7 @@ class VaryingFamily(FrameFamily):
         return length + self._extra if length else length
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the frames at `places`: 0 where there is none, −1 where it is not told yet."""
+        """Return the lengths of the frames at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
         found = self._length
         if found is None:
             return np.full(len(places), self.shortest)
@@ -235,7 +235,7 @@ class TextFamily(FrameFamily):
         return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the lines at `places`: 0 where there is none, −1 where it is not told yet."""
+        """Return the lengths of the lines at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
         data = piece.tobytes()
         told = [self.length_of(data, int(place)) for place in places]
         return np.array([-1 if length is None else length for length in told], np.int64)

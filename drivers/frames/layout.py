@@ -122,7 +122,7 @@ class FrameLayout:
         return columns
 
     def texts(self, rows: Rows, field: str) -> list[str]:
-        """Return a text field of n frames, without its padding; bytes that are not ASCII become `?`."""
+        """Return a text field of n frames, (n, length), without its padding; bytes that are not ASCII become `?`."""
         at = self.offsets[field]
         size = self.fields[field].width
         cells = (bytes(row[at : at + size]) for row in rows)
@@ -149,7 +149,7 @@ class FrameLayout:
         write_column(rows, self.offsets[field], found.type, self.order(found), wire)
 
     def store_text(self, rows: Rows, field: str, text: str) -> None:
-        """Write a text field, padded with NUL; raise `ValueError` where it does not fit or is not ASCII."""
+        """Write a text field of frames (n, length), padded with NUL; raise `ValueError` if too long or not ASCII."""
         size = self.description.fields[field].width
         if not text.isascii() or len(text) > size:
             raise ValueError(f"{field}: {text!r} is not ASCII text of at most {size} characters")
@@ -204,7 +204,7 @@ class TextLayout(FrameLayout):
         }
 
     def texts(self, rows: Rows, field: str) -> list[str]:
-        """Return n lines without their delimiters; every field of text is the whole line."""
+        """Return n lines, (n, length), without their delimiters; every field of text is the whole line."""
         del field
         end = self.length - len(self.delimiter)
         return [bytes(row[:end]).decode("ascii", "replace") for row in rows]

@@ -162,7 +162,7 @@ class Scanner:
         return result
 
     def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:
-        """Take the piece as frames of one form without a flaw between them; None where it is not that."""
+        """Take the piece, bytes (m,), as frames of one form without a flaw between them; None where it is not that."""
         start = piece[: self._longest_header].tobytes()
         header = next((header for header in self._headers if start.startswith(header)), None)
         if header is None:
@@ -189,7 +189,7 @@ class Scanner:
         return Scan(n * length, Standing(), found, resyncs=int(not standing.in_step))
 
     def scan_many(self, piece: NDArray[np.uint8], standing: Standing, *, last: bool = False) -> Scan:
-        """Verify every candidate at once, then walk over them."""
+        """Verify every candidate in the piece, bytes (m,), at once, then walk over them."""
         unknown, unfinished, candidates = self._candidates(piece)
         groups = [(index, *group) for index, found in enumerate(candidates) for group in found.groups]
         counts = [int(good.sum()) for _, _, _, good, _ in groups]

@@ -28,8 +28,8 @@ class Scan:
 
     `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
     `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
-    holds, per frame type, the good frames. `standing` is that of the reader at `stop`. `delimited` says that an
-    optional delimiter follows there that was not expected.
+    holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
+    reader at `stop`. `delimited` says that an optional delimiter follows there that was not expected.
     """
 
     stop: int

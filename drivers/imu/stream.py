@@ -53,7 +53,8 @@ class StreamImu:
     """A `drivers.imu.Imu` over a transport.
 
     `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
-    says about the unit: where its model or serial number is given, `identify` refuses another.
+    says about the unit: where its model or serial number is given, `identify` refuses another. Raises `ValueError` for
+    a description without roles.
     """
 
     def __init__(

@@ -55,7 +55,8 @@ DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulat
 class SimulatedImu:
     """A `SimulatedDevice` that streams samples at `rate_hz` from `starts_s` on.
 
-    `seed` is that of the faults alone; the noise of the signals is the physics'.
+    `seed` is that of the faults alone; the noise of the signals is the physics'. Raises `ValueError` for a description
+    without roles.
     """
 
     def __init__(

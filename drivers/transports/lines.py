@@ -71,7 +71,7 @@ class LineExchange:
 
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
         A refusal is asked again too: noise on the line turns a good request into an unknown one; and so is a port that
-        failed, because a transport opens it again where it can.
+        failed, because a transport opens it again where it can. Raises `ValueError` where `attempts` is less than one.
         """
         attempts = self._timing.attempts
         for attempt in range(1, attempts + 1):

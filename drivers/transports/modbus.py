@@ -88,7 +88,7 @@ class ModbusExchange:
         return self.query(address, count, lambda registers: registers)
 
     def query(self, address: int, count: int, parse: Callable[[list[int]], Reply]) -> Reply:
-        """Read registers until `parse` accepts them, as `read` does."""
+        """Read registers until `parse` accepts them; raises as `read` does, and `ValueError` for no attempt at all."""
         attempts = self._timing.attempts
         for attempt in range(1, attempts + 1):
             try:
@@ -108,7 +108,7 @@ class ModbusExchange:
         return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self._unit))
 
     def write_several(self, address: int, values: Sequence[int]) -> bool:
-        """Send several registers (function 16) once; as `write`."""
+        """Send several registers (function 16) once; returns and raises (`CommandRefused`, `ValueError`) as `write`."""
         registers = [_register(value) for value in values]
         return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self._unit))
 

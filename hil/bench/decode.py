@@ -151,7 +151,7 @@ def _fields_of(name: str, batch: FrameBatch, at: int) -> dict[str, Any]:
 
 
 def printed(values: FloatArray, field: FieldDescription) -> FloatArray:
-    """Return values with the decimals that whole counts times a decimal scale can have.
+    """Return values, (n,), with the decimals that whole counts times a decimal scale can have.
 
     57 counts of 0.01 are 0.57, which binary arithmetic makes 0.5700000000000001. Others are returned as they are.
     """

@@ -111,7 +111,10 @@ def read_campaign(folder: Path | str) -> Campaign:
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:
-    """Read the rates within one collect, or return None where the campaign holds no series of it."""
+    """Read the rates within one collect, or return None where the campaign holds no series of it.
+
+    Raises `InputError` where a column is missing, or times are empty or do not increase.
+    """
     path = campaign.series_files.get(collect)
     if path is None:
         return None

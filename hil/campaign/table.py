@@ -22,7 +22,10 @@ LARGEST = 1e12
 
 
 class Table:
-    """The cells of one file: `header`, `lines`, and their `rows` as a spreadsheet numbers them (the header is 1)."""
+    """The cells of one file: `header`, `lines`, and their `rows` as a spreadsheet numbers them (the header is 1).
+
+    Raises `InputError` where the file cannot be read, is empty, or has unclear columns or cells outside of them.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,7 +45,7 @@ class Table:
         return len(self.lines)
 
     def require(self, columns: Sequence[str]) -> None:
-        """Refuse the file where one of `columns` is missing."""
+        """Raise `InputError` where one of `columns` is missing."""
         missing = [name for name in columns if name not in self._index]
         if missing:
             raise InputError(
@@ -56,7 +59,7 @@ class Table:
         return [cells[j].strip() for _, cells in self.lines]
 
     def numbers(self, column: str, *, required: bool = False) -> FloatArray:
-        """Return the cells of a column as numbers, NaN where empty; refuse what is no finite number."""
+        """Return the cells of a column as numbers, (n,), NaN where empty; raise `InputError` for no finite number."""
         values = np.empty(len(self.lines))
         for i, text in enumerate(self.texts(column)):
             values[i] = self._number(i, column, text, required)
@@ -66,7 +69,7 @@ class Table:
         return values
 
     def integers(self, column: str) -> IntArray:
-        """Return the cells of a column as whole numbers, none empty."""
+        """Return the cells of a column as whole numbers, (n,); raise `InputError` for others and for empty cells."""
         values = self.numbers(column, required=True)
         for i in np.flatnonzero(values != np.round(values)):
             raise self.complaint(int(i), column, f"{self.texts(column)[int(i)]!r} is not a whole number")
@@ -143,7 +146,11 @@ def _records(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def rows_in_words(rows: Sequence[int]) -> str:
-    """Write row numbers as people do: "row 7" or "rows 2, 5, 9-12"."""
+    """Write row numbers as people do.
+
+    >>> rows_in_words([7]), rows_in_words([2, 5, 9, 10, 11, 12])
+    ('row 7', 'rows 2, 5, 9-12')
+    """
     spans: list[list[int]] = []
     for row in sorted(rows):
         if spans and row == spans[-1][1] + 1:

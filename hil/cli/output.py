@@ -75,7 +75,7 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def check_result_folder(out: Path, another: str, command: str) -> None:
-    """Refuse an --out that is a file, or that holds `another`: what a `command` left that writes model.yaml too."""
+    """Raise `InputError` for an --out that is a file, or holds `another`: what a `command` left with its model.yaml."""
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")

@@ -54,7 +54,10 @@ def report(
 
 
 def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> Path:
-    """Write the report of a night or a campaign folder; return where it is."""
+    """Write the report of a night or a campaign folder; return where it is.
+
+    Raises `InputError` where the source cannot be read, or `out` is a folder, in none, or not named .html.
+    """
     return _written(source, out, against)[0]
 
 

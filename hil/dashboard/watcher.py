@@ -93,7 +93,10 @@ class Watcher:
             self._wake.clear()
 
     def look(self) -> Mapping[str, Part]:
-        """Look at every night; return by night what changed since the last time."""
+        """Look at every night; return by night what changed since the last time.
+
+        Raises `InputError` where the root folder has gone; a night that cannot be read is a change like others.
+        """
         self._discover()
         changed: dict[str, Part] = {}
         for identity, night in self._nights.items():

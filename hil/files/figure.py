@@ -17,7 +17,7 @@ _DOTS_PER_INCH = 150
 
 
 def check_name(path: Path) -> None:
-    """Refuse a plot whose name ends in neither .svg nor .png, or whose folder is not there."""
+    """Raise `InputError` where a plot's name ends in neither .svg nor .png, or its folder is not there."""
     if path.suffix.lower() not in {".svg", ".png"}:
         raise InputError(f"{path}: a plot is written as .svg or .png; give a name that ends so")
     if not path.parent.is_dir():

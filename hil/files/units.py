@@ -1,9 +1,13 @@
 """Quantities as people write them, turned into the project's plain floats at the boundary.
 
-    to_number("45 min", TIME)              # 2700.0 (s)
-    to_number("-21.5 degF", TEMPERATURE)   # -29.72 (°C)
-    to_number("0.9 degF", DIFFERENCE)      # 0.5 (°C): a difference has no zero point
-    to_number("3 degC/min", SLOPE)         # 3.0 (°C/min)
+    >>> to_number("45 min", TIME)  # s
+    2700.0
+    >>> round(to_number("-21.5 degF", TEMPERATURE), 2)  # °C
+    -29.72
+    >>> to_number("0.9 degF", DIFFERENCE)  # °C: a difference has no zero point
+    0.5
+    >>> to_number("3 degC/min", SLOPE)  # °C/min
+    3.0
 
 A number without its unit is refused, and so is a unit of another kind: "45 kg" is not a time. Nothing behind this
 boundary knows pint.

@@ -1,8 +1,11 @@
 """A number that may depend on temperature: constant, polynomial, or a table interpolated without overshoot.
 
-    Constant(unit="deg/hr", value=22.08).at([20.0])                                   # array([22.08])
-    Polynomial(unit="deg/hr", polynomial=(10.0, 0.85), reference_degC=25.0).at([35.0])  # array([18.5])
-    Table(unit="deg/hr", table={"temperature_degC": [...], "value": [...]}).at([20.0])
+    >>> Constant(unit="deg/hr", value=22.08).at([20.0])
+    array([22.08])
+    >>> Polynomial(unit="deg/hr", polynomial=(10.0, 0.85), reference_degC=25.0).at([35.0])
+    array([18.5])
+    >>> Table(unit="deg/hr", table={"temperature_degC": [0.0, 20.0], "value": [1.0, 3.0]}).at([-10.0, 10.0])
+    array([1., 2.])
 
 Tables are monotone piecewise cubics (PCHIP), because a polynomial through Table 1 of RD-GC-86-1 does not fit it and
 swings between the plateaus. Outside its table a curve keeps the end value: extrapolated cubics are no knowledge.

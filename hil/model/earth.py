@@ -1,8 +1,10 @@
 """Where the bench stands: gravity and earth rate in the bench frame 1-2-3, from latitude, heading and attitude.
 
-    site = Site(latitude_deg=34.6, heading_deg=30.0)
-    site.gravity_g()  # (1, 0, 0)
-    site.earth_rate_deg_per_hr()  # (8.54, 10.72, 6.19)
+    >>> site = Site(latitude_deg=34.6, heading_deg=30.0)
+    >>> site.gravity_g()
+    array([1., 0., 0.])
+    >>> site.earth_rate_deg_per_hr().round(2)
+    array([ 8.54, 10.72,  6.19])
 
 Convention: on a level bench axis 1 points up, axis 2 lies horizontal `heading_deg` clockwise from true north, and
 axis 3 = axis 1 × axis 2 completes a right-handed frame, so that W1 = Ω sin L, W2 = Ω cos L cos h, W3 = Ω cos L sin h.

@@ -8,6 +8,14 @@ proves term by term.
     [RA]   [BA]   [ GSA  GSB  MUB ]       [wA]
     [RB] = [BB] + [-GSB  GSA -MUA ] · f + [wB]        f = (fA, fB, fS)
 
+    >>> position = Orientation.from_signed_axes("1", "-1", "+2", "+3")
+    >>> f_g = position.components([1.0, 0.0, 0.0])
+    >>> f_g
+    array([-1.,  0.,  0.])
+    >>> k = rotor_matrix(gsa=2.0, gsb=0.5, mua=3.0, mub=-7.5)
+    >>> pickoff_rates([22.0, -4.0], k, f_g, [-8.5, 10.7])  # RA, RB in deg/hr
+    array([11.5,  7.2])
+
 Source: RD-GC-86-1 eqs. (1)–(6). The matrix printed there has two misprints in row 6 (RA for RB, MU_SA2 for GSB_2); the
 corrected rows are followed here.
 """
@@ -28,7 +36,8 @@ class Orientation:
     """One collect position: the sensor's axes in the bench frame 1-2-3, one row per sensor axis, shape (3, 3).
 
     Rows are orthonormal; the determinant is the handedness of the sensor's triad as used (+1 right, -1 left where the
-    bench frame is right-handed). The report's (A, B, S) triad is left-handed in all three collects.
+    bench frame is right-handed). The report's (A, B, S) triad is left-handed in all three collects. Raises `ValueError`
+    where the rows are not orthonormal.
     """
 
     label: str
@@ -42,7 +51,10 @@ class Orientation:
 
     @classmethod
     def from_signed_axes(cls, label: str, *directions: str) -> Orientation:
-        """Build from words: `from_signed_axes("1", "-1", "+2", "+3")` has A along -axis 1, B along +2, S along +3."""
+        """Build from words: `from_signed_axes("1", "-1", "+2", "+3")` has A along -axis 1, B along +2, S along +3.
+
+        Raises `ValueError` for another word.
+        """
         rows = []
         for direction in directions:
             sign, axis = direction[:1], direction[1:]

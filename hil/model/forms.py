@@ -36,7 +36,10 @@ def bias_names(sensor: Sensor) -> tuple[str, ...]:
 
 
 def rotor_names(sensor: Sensor) -> tuple[str, ...]:
-    """Name the six parameters of a two-channel rotor sensor: the report's names, whatever its axes are called."""
+    """Name the six parameters of a two-channel rotor sensor: the report's names, whatever its axes are called.
+
+    Raises `InputError` for another sensor.
+    """
     if not sensor.is_rotor:
         raise InputError(f"sensor {sensor.number}: it is not a two-channel rotor sensor, so it has no GS and MU")
     return MATRIX_6
@@ -75,7 +78,7 @@ def sensitivity_columns(conditions: Conditions) -> FloatArray:
 
 
 def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, reference_degC: float) -> FloatArray:
-    """Give every column a quadratic in temperature: p columns become 3p, each followed by its ΔT and ΔT² columns."""
+    """Make every column a quadratic in temperature (n,): (n, c, p) become (n, c, 3p), each followed by ΔT and ΔT²."""
     delta = temperature_degC - reference_degC
     powers = np.stack([np.ones_like(delta), delta, delta**2], -1)
     return np.asarray((columns[..., None] * powers[:, None, None, :]).reshape(*columns.shape[:2], -1))
@@ -83,7 +86,7 @@ def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, refer
 
 @dataclass(frozen=True)
 class LinearForm:
-    """A named model of one sensor: its parameters in order, their units, and its columns.
+    """A named model of one sensor: its p parameters in order, their units, and its columns (n, c, p).
 
     `reason` says why this form and not a fuller one was taken (empty where there is nothing to say);
     `reference_degC` is the temperature about which thermal coefficients are expanded. The earth rate is no part of the
@@ -129,7 +132,7 @@ def collins_4_form(sensor: Sensor) -> LinearForm:
 
 
 def triad_12_form(sensor: Sensor) -> LinearForm:
-    """Bias and the full, not symmetric, acceleration-sensitivity matrix of a three-axis triad."""
+    """Bias and the full, not symmetric, acceleration-sensitivity matrix of a triad; `InputError` for another sensor."""
     if not sensor.is_triad:
         raise InputError(f"sensor {sensor.number}: triad-12 needs one channel about each of the three axes")
     names = bias_names(sensor) + sensitivity_names(sensor)
@@ -140,7 +143,8 @@ def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None =
     """Each of the six parameters a quadratic in `temperature_degC`, about the mean temperature to a whole degree.
 
     The mean keeps value, slope and curvature apart; pass `reference_degC` to compare fits of different campaigns.
-    Coefficients follow their parameter: BA, BA_per_degC, BA_per_degC2, BB, ...
+    Coefficients follow their parameter: BA, BA_per_degC, BA_per_degC2, BB, ... Raises `InputError` where a row has no
+    temperature, or the sensor is no rotor sensor.
     """
     names = rotor_names(conditions.sensor)
     where = f"sensor {conditions.sensor.number}: matrix-6-thermal"

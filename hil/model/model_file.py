@@ -113,7 +113,7 @@ class Model(_Section):
         return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
 
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
-        """Return the base terms and their slopes at n temperatures; `rates` is zero, for it needs an orientation.
+        """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.
 
         Raises `InputError` where the model has no values for the sensor, or they depend on a temperature that is NaN.
         """
@@ -158,6 +158,7 @@ class Model(_Section):
         """Return the rates of n collects (or samples: duration 0), shape (n, c), deg/hr, terms and earth rate included.
 
         `history` are earlier rows, decimated as one likes, for effects that remember (hysteresis, a setpoint's step).
+        Raises `InputError` where the model has no values for the sensor, or the data lacks what a term needs.
         """
         rows = conditions if history is None else joined(history, conditions)
         base = self.base_for(rows)

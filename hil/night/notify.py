@@ -37,7 +37,10 @@ class NotSent(Exception):
 
 
 def send(address: str, title: str, text: str) -> None:
-    """Send through apprise, or by a plain POST of JSON where apprise is absent, or is not needed."""
+    """Send through apprise, or by a plain POST of JSON where apprise is absent, or is not needed.
+
+    Raises `NotSent` where neither can, and what a POST raises.
+    """
     logging.getLogger("apprise").disabled = True  # it would print addresses
     try:
         import apprise

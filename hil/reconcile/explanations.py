@@ -142,7 +142,7 @@ def _weight(search: Search, steps: Sequence[Step]) -> float:
 def posed(
     campaign: Campaign, model: Model, effects: Sequence[Effect], calibration: str = ONE_SET
 ) -> tuple[Problem, list[NoiseTable], list[list[FloatArray]]]:
-    """Pose the problem, with the noise tables of its blocks and rich models of their means."""
+    """Pose the problem, with the noise tables of its blocks and rich models of their means, each (N, p)."""
     problem = pose(campaign, model, effects, calibration)
     rich = [rich_columns(b, campaign.sensors[b.sensor].conditions) for b in problem.blocks]
     tables = [pruned(block, NoiseTable.of(block), extra) for block, extra in zip(problem.blocks, rich, strict=True)]
@@ -289,7 +289,7 @@ def _noise(scan: Scan, present: Search) -> list[BlockNoise]:
 
 
 def joined_columns(added: Sequence[Added], count: int) -> list[FloatArray | None]:
-    """Return the columns of several added effects in each block, side by side."""
+    """Return the columns of several added effects in each block, side by side, (N, p); None where there are none."""
     out: list[FloatArray | None] = [None] * count
     for effect in added:
         for b, columns in enumerate(effect.columns(count)):

@@ -143,7 +143,8 @@ class Screen:
 
         The evidence for a name is that of a mixture: in some fraction of the units it is missing, in the others nothing
         is. What fleets of as many units without an effect come to is resampled from the simulated units, and the noises
-        that these have from one another: they are known no better than their number allows.
+        that these have from one another: they are known no better than their number allows. Raises `InputError` for a
+        unit whose layout differs.
         """
         of_units = self._by_name(self._weighed(_rates(campaigns, self.blocks, self.conditions)))
         prior = self._log_names()[None, :] - np.log(len(_FRACTIONS))

@@ -92,7 +92,10 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:
-    """Return the collects of a night as a campaign in memory, without the series; raises as `export_campaign` does."""
+    """Return the collects of a night as a campaign in memory, without the series.
+
+    Raises `InputError` as `export_campaign` does.
+    """
     folder = Path(folder)
     with reading(folder) as journal:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
@@ -116,7 +119,10 @@ def _lost(journal: JournalReader) -> list[LostBlock]:
 
 
 def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
-    """Return a night as a campaign in memory, and the block of samples of each of its collects that has one."""
+    """Return a night as a campaign in memory, and the block of samples of each of its collects that has one.
+
+    Raises `InputError` as `export_campaign` does.
+    """
     folder = Path(folder)
     with reading(folder) as journal:
         campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))

@@ -58,7 +58,7 @@ class JournalReader:
 
     @cached_property
     def night(self) -> Night:
-        """What the night is: title, who, when, configuration, versions, seed."""
+        """What the night is: title, who, when, configuration, versions, seed. Raises `InputError` where damaged."""
         row = self._connection.execute(
             "SELECT title, who, began_utc, simulated, configuration, seed, versions FROM night"
         ).fetchone()
@@ -71,7 +71,7 @@ class JournalReader:
 
     @cached_property
     def plan(self) -> Plan:
-        """The steps of the night, as they were planned."""
+        """The steps of the night, as they were planned. Raises `InputError` where they are damaged."""
         rows = self._connection.execute(
             "SELECT number, key, kind, starts_s, duration_s, temperature_degC, self_calibration, position, parameters "
             "FROM steps ORDER BY number"

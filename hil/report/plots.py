@@ -183,7 +183,10 @@ def _block_means(t_s: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def draw_temperatures(folder: Path) -> Figure:
-    """Draw chamber, setpoint and unit temperature through a night, as the report does."""
+    """Draw chamber, setpoint and unit temperature through a night, as the report does.
+
+    Raises `InputError` where the folder holds no night, or one without temperatures yet.
+    """
     if not (folder / JOURNAL_NAME).is_file():
         raise InputError(f"{folder}: temperatures through the night are in a night's folder (no {JOURNAL_NAME} here)")
     night = night_content(folder)

@@ -163,7 +163,7 @@ def _membership(sizes: Sequence[int]) -> FloatArray:
 
 
 def principal_cosines(first: Visible, second: Visible) -> FloatArray:
-    """Return the cosines of the principal angles between what two effects span, largest first."""
+    """Return the cosines of the principal angles between what two effects span, largest first, (r,)."""
     if first.rank == 0 or second.rank == 0:
         return np.zeros(0)
     return np.clip(np.linalg.svd(first.basis.T @ second.basis, compute_uv=False), 0.0, 1.0)

@@ -1,8 +1,10 @@
 """Weighted least squares over any set of collects, batched: one campaign or 10⁵ Monte Carlo draws are the same call.
 
-    solution = solve(design, observed, sigma=0.9, names=("BA", "BB", "GSA", "GSB", "MUA", "MUB"))
-    solution.values, solution.se, solution.covariance, solution.condition_number
-    solution.unobservable()  # ("GSA + 0.016 MUB is seen, MUB - 0.016 GSA is not", ...)
+    >>> solution = solve([[1.0, 1.0], [1.0, -1.0], [1.0, 1.0]], [3.0, 1.0, 3.2], sigma=0.9, names=("BA", "GSA"))
+    >>> solution.values.round(2), solution.se.round(2)
+    (array([2.05, 1.05]), array([0.55, 0.55]))
+    >>> solve([[1.0, 1.0]], [3.0], names=("BA", "GSA")).unobservable()
+    ('BA + GSA is seen, BA - GSA is not',)
 
 A number that the rows cannot support is NaN, never a guess: a parameter that is only seen mixed with others has no
 value, and without stated noise and without a residual there is no covariance.

@@ -81,7 +81,11 @@ def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, toleranc
 
 
 def combination_text(names: Sequence[str], coefficients: FloatArray) -> str:
-    """Write a combination as people do: "BA - 0.016 GSB"; terms below a thousandth of the largest are left out."""
+    """Write a combination, (p,), as people do, without terms below a thousandth of the largest.
+
+    >>> combination_text(("BA", "GSA", "GSB"), np.array([1.0, 1e-5, -0.016]))
+    'BA - 0.016 GSB'
+    """
     text = ""
     for name, value in zip(names, coefficients, strict=True):
         if abs(value) < 1e-3 * np.abs(coefficients).max():

@@ -58,7 +58,7 @@ class GrowingTable:
         return np.asarray(self._array[rows - self._dropped])
 
     def between(self, first: int, last: int) -> FloatArray:
-        """Return the rows from `first` to `last`, both included, a view."""
+        """Return the rows from `first` to `last`, both included, a view, shape (m, columns)."""
         return self._array[first - self._dropped : last + 1 - self._dropped]
 
     @property
@@ -69,7 +69,7 @@ class GrowingTable:
 
 @dataclass(frozen=True)
 class FieldColumns:
-    """Which column of the readings each field has, by what it is for."""
+    """Which column of the readings each field has, by what it is for; rates (c,) and accelerations (k,) by sensor."""
 
     names: tuple[str, ...]
     rates: Mapping[int, NDArray[np.int64]]  # by sensor, one per channel
@@ -165,21 +165,21 @@ class SlowGrid:
         self._append_fields(state, slopes)
 
     def nodes(self, times_s: FloatArray) -> NDArray[np.int64]:
-        """Return the number of the grid point at or before each time (the first one for earlier times)."""
+        """Return the number of the grid point at or before each time, (n,); the first one for earlier times."""
         return np.maximum(np.floor((times_s - self._begins_s) / GRID_S).astype(np.int64), 0)
 
     def time_of(self, nodes: NDArray[np.int64]) -> FloatArray:
-        """Return the times of grid points."""
+        """Return the times of grid points, s, (n,)."""
         return np.asarray(self._begins_s + GRID_S * nodes)
 
     @property
     def state(self) -> FloatArray:
-        """Temperatures of air, case and rotor, °C."""
+        """Temperatures of air, case and rotor, °C, (m, 3)."""
         return self._state.rows
 
     @property
     def state_slope(self) -> FloatArray:
-        """Slopes of case and rotor, °C/s."""
+        """Slopes of case and rotor, °C/s, (m, 2)."""
         return self._state_slope.rows
 
     def coefficients(self, sensor: int) -> tuple[GrowingTable, GrowingTable]:
@@ -187,11 +187,11 @@ class SlowGrid:
         return self._coefficients[sensor], self._coefficient_slopes[sensor]
 
     def slow(self, sensor: int) -> FloatArray:
-        """Return the slow noise of a sensor's channels, deg/hr."""
+        """Return the slow noise of a sensor's channels, deg/hr, (m, c)."""
         return self._slow[sensor].rows
 
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
-        """Return supply and spin period at grid points, by campaign column name, as far as they are simulated."""
+        """Return supply and spin period at grid points, (n,) each, by campaign column name, as far as simulated."""
         places = {"supply_V": self._columns.supply, "spin_period_us": self._columns.spins.get(sensor)}
         return {name: self.level.at(nodes)[:, place] for name, place in places.items() if place is not None}
 

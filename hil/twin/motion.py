@@ -20,7 +20,7 @@ Axes = Mapping[int, FloatArray]  # by sensor: its axes in the bench frame, one p
 
 @dataclass(frozen=True)
 class Leg:
-    """A move and the stay after it. The very first leg has no move."""
+    """A move and the stay after it. The very first leg has no move. Axes are (k, 3) by sensor, `turn_rad` (3,)."""
 
     position: str
     begins_s: float
@@ -82,7 +82,7 @@ class Timeline:
         return leg
 
     def parts(self, times_s: FloatArray) -> Iterator[tuple[Leg, bool, slice]]:
-        """Yield (leg, moving, slice of `times_s`) so that every time belongs to one part; times rise."""
+        """Yield (leg, moving, slice of `times_s`) so that every time, (n,), belongs to one part; times rise."""
         first_s = times_s[0]
         number = len(self.legs) - 1
         while self.legs[number].begins_s > first_s:

@@ -20,7 +20,10 @@ _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
 
 
 class SimulatedSensor:
-    """The truth about one sensor. Arrays over n temperatures; c channels in the order of `sensor.channels`."""
+    """The truth about one sensor. Arrays over n temperatures; c channels in the order of `sensor.channels`.
+
+    Raises `InputError` where the stream's description lacks one of its channels, or has an axis that it lacks.
+    """
 
     def __init__(self, bench: Bench, number: int, role: SensorRole, model: Model) -> None:
         assert bench.simulation is not None  # noqa: S101 - for the type checker: the caller has a simulated bench
@@ -51,7 +54,7 @@ class SimulatedSensor:
         return len(self.rate_fields)
 
     def coefficients(self, temperature_degC: FloatArray) -> FloatArray:
-        """Return bias and K at n temperatures as rows of (c + 3 c) numbers, deg/hr and deg/hr/g; K row by channel."""
+        """Return bias and K at temperatures (n,), °C, as (n, 4c), deg/hr and deg/hr/g; K row by channel."""
         at = (np.clip(temperature_degC, _COLDEST_DEGC, _HOTTEST_DEGC) - _COLDEST_DEGC) / _STEP_DEGC
         below = np.minimum(at.astype(np.int64), len(self._table) - 2)
         share = (at - below)[:, None]
@@ -68,7 +71,7 @@ class SimulatedSensor:
         return np.asarray(total)
 
     def white_sigma_per_root_hz(self, temperature_degC: FloatArray) -> FloatArray:
-        """Return the white noise at n temperatures in deg/hr per sqrt(Hz) of sample rate: N·60, for N in deg/√hr."""
+        """Return the white noise, (n,), at n temperatures in deg/hr per √Hz of sample rate: N·60, for N in deg/√hr."""
         return np.asarray(60.0 * self.noise.angle_random_walk.at(temperature_degC))
 
     def begin_run(self, run: int, temperature_degC: float) -> None:
@@ -83,7 +86,7 @@ class SimulatedSensor:
         return self._runs.get(run, {})
 
     def scatter_coefficients(self, run: int) -> FloatArray:
-        """Return the scatter of `run` as one row like those of `coefficients`, shape (c + 3 c,)."""
+        """Return the scatter of `run` as one row like those of `coefficients`, shape (4c,)."""
         return self._offsets.get(run, self._none)
 
     def _offset(self, drawn: Mapping[str, float]) -> FloatArray:

@@ -69,7 +69,7 @@ def served(bench: Bench, *, tcp: bool = False) -> Iterator[Simulation]:
 def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = False) -> None:
     """Serve a bench's devices until SIGINT, SIGTERM or SIGHUP; `announce` gets one JSON line that says where.
 
-    Only the main thread can do this. Raises as `served` does.
+    Only the main thread can do this. Raises `InputError` as `served` does.
     """
     with _server(bench, tcp=tcp) as (server, simulation):
 

@@ -25,7 +25,7 @@ class LoggedPlant(ChamberPlant):
         super().command(setpoint_degC, at_s)
 
     def setpoint_at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the setpoint in force at each time and how long it had been, °C and s; NaN before the first."""
+        """Return the setpoint in force at each time and for how long, °C and s, (n,) each; NaN before the first."""
         setpoints, since_s = np.full(len(times_s), np.nan), np.full(len(times_s), np.nan)
         for row, time_s in enumerate(times_s.tolist()):
             last = bisect_right(self._commanded_s, time_s) - 1

@@ -26,7 +26,7 @@ class Setpoints(Protocol):
     """Whatever knows what the chamber was told."""
 
     def setpoint_at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the setpoint in force at each time and how long it had been, °C and s; NaN before the first."""
+        """Return the setpoint in force at each time and for how long, °C and s, (n,) each; NaN before the first."""
 
 
 class TermRates:

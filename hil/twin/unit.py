@@ -49,7 +49,10 @@ class Truth:
 
 
 class SimulatedUnit:
-    """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`."""
+    """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`.
+
+    Raises `InputError` where the bench has no simulation, or begins at a position that it does not have.
+    """
 
     def __init__(
         self,

@@ -99,11 +99,11 @@ class SetpointBox:
             self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp and read it back; False where the description has none."""
+        """Set the ramp, °C/min; False where the description has none. Raises `ProtocolError` where it did not take."""
         return self._set(self._box.ramp_degC_per_min, degC_per_min)
 
     def arm_dead_man(self, seconds: float) -> bool:
-        """Set the box's own timer and read it back; False where the description has none."""
+        """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""
         return self._set(self._box.dead_man_s, seconds)
 
     def close(self) -> None:

@@ -1,8 +1,10 @@
 """A chamber that nobody has written a driver for, described in a file: what is sent, and what comes back.
 
-    box = load_box("configs/chambers/temptronic-ats.yaml")
-    box.setpoint.request(25.0)            # "SETP 25.0"
-    box.temperature.value("23.4")         # "23.4"
+    >>> box = load_box("configs/chambers/temptronic-ats.yaml")
+    >>> box.setpoint.request(25.0)
+    'SETP 25.0'
+    >>> box.temperature.value("23.4")
+    '23.4'
 
 Texts are templates. In what is sent `{value}` stands for a number and says how it is written: `SETP {value:.1f}`. In
 what comes back `{value}` stands for what is looked for and `{any}` for what does not matter: `T={value}C{any}`; a
@@ -185,7 +187,7 @@ def load_box(path: str | Path) -> BoxDescription:
 
 
 def parse_box(text: str, source: str) -> BoxDescription:
-    """Read a description from YAML text; `source` names it in messages."""
+    """Read a description from YAML text; `source` names it in messages. Raises `BoxError` where it is none."""
     try:
         document = parse_yaml(text)
     except NotYaml as error:

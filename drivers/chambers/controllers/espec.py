@@ -109,7 +109,7 @@ class Espec:
     def arm_dead_man(self, seconds: float) -> bool:
         """Let the quick timer lead to STANDBY, counted from now in whole minutes; False where there is no such timer.
 
-        It replaces whatever the quick timer was set to.
+        It replaces whatever the quick timer was set to. Raises `ProtocolError` where it is not on when read back.
         """
         minutes = math.ceil(seconds / 60.0)
         try:

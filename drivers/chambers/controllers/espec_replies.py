@@ -72,7 +72,10 @@ def meaning_of(error_text: str) -> str:
 
 
 class ReplyParser:
-    """Turns reply lines into values, or into errors that begin with the device's name."""
+    """Turns reply lines into values, or into errors that begin with the device's name.
+
+    Every method raises `CommandRefused` for a refusal and `ProtocolError` for a line that is no reply to the request.
+    """
 
     def __init__(self, device: str) -> None:
         self._device = device

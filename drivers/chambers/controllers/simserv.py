@@ -102,7 +102,7 @@ class SimServ:
         self._do(19015)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the gradients up and down, no faster than it can, and read them back."""
+        """Bound the gradients up and down, no faster than it can; raise `ProtocolError` where others are read back."""
         for write, read, rate in (
             (11068, 11066, min(degC_per_min, _FASTEST_UP)),
             (11072, 11070, min(degC_per_min, _FASTEST_DOWN)),

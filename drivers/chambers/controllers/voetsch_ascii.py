@@ -125,7 +125,10 @@ class VoetschAscii:
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the gradient of the first channel, up and down, in tenths of °C/min; others get none."""
+        """Bound the gradient of the first channel, up and down, in tenths of °C/min; others get none.
+
+        Raises `ProtocolError` where it is not acknowledged.
+        """
         rate = max(round(degC_per_min, 1), 0.1)
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)

@@ -105,7 +105,10 @@ class WatlowF4t:
         self._registers.write(_PROFILE_ACTION, _TERMINATE)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound how fast the setpoint moves, and read the rate back; False without the SCPI port."""
+        """Bound how fast the setpoint moves, and read the rate back; False without the SCPI port.
+
+        Raises `WrongDevice` where SCPI does not speak °C, and `ProtocolError` where another rate is read back.
+        """
         if self._scpi is None:
             return False
         unit = self._scpi.query(":UNIT:TEMPERATURE?", str.upper)

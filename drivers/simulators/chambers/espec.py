@@ -1,9 +1,9 @@
 r"""An ESPEC ASCII controller with a chamber behind it, byte for byte, and with faults in front of it.
 
-    plant = ChamberPlant()
-    device = SimulatedEspec(plant, limits=ChamberLimits(-75.0, 105.0))
-    device.receive(b"TEMP?\r\n", now_s=0.0)
-    device.transmit(now_s=0.1)            # b"22.0,23.0,105.0,-75.0\r\n"
+    >>> device = SimulatedEspec(ChamberPlant(), limits=ChamberLimits(-75.0, 105.0))
+    >>> device.receive(b"TEMP?\r\n", now_s=0.0)
+    >>> device.transmit(now_s=0.1)
+    b'22.0,23.0,105.0,-75.0\r\n'
 
 Independent of the driver: it formats and judges by itself. As real ones do, it ignores a request that comes before
 the vendor's pause (0.3 s after a monitor command, 0.5 s after a setting), refuses a setpoint beyond its alarm limits,

@@ -1,8 +1,9 @@
 r"""A Cincinnati Sub-Zero EZT-570i with a chamber behind it.
 
-    device = SimulatedEzt570i(ChamberPlant(ambient_degC=23.6))
-    device.receive(bytes.fromhex("01 03 00 3D 00 01 15 C6"), 0.0)
-    device.transmit(0.1)                  # 01 03 02 00 EC B9 C9, the manual's own example
+    >>> device = SimulatedEzt570i(ChamberPlant(ambient_degC=23.6))
+    >>> device.receive(bytes.fromhex("01 03 00 3D 00 01 15 C6"), 0.0)
+    >>> device.transmit(0.1).hex(" ")  # the manual's own example
+    '01 03 02 00 ec b9 c9'
 
 Whatever it does not like it does not answer, and it ignores a request within half a second of its last reply. Its
 setpoint limits do not guard the line: a setpoint beyond them is taken, as the manual warns. An alarm of the chamber

@@ -1,8 +1,9 @@
 r"""A Julabo circulator with a bath behind it.
 
-    device = SimulatedJulabo(ChamberPlant(), setpoint_degC=55.5)
-    device.receive(b"IN_SP_00\r", 0.0)
-    device.transmit(0.1)                  # b"55.5\n"
+    >>> device = SimulatedJulabo(ChamberPlant(), setpoint_degC=55.5)
+    >>> device.receive(b"IN_SP_00\r", 0.0)
+    >>> device.transmit(0.1)
+    b'55.5\n'
 
 `OUT` commands are not answered; what was wrong with one shows in `STATUS` until it is asked. An alarm stops the bath.
 """

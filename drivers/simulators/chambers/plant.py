@@ -123,7 +123,7 @@ class _Settled:
 class ChamberPlant:
     """The chamber's air, °C, from `begins_s` on; at first unconditioned and at ambient.
 
-    Rates are °C/min, both positive; times are seconds on the caller's clock.
+    Rates are °C/min, both positive (else `ValueError`); times are seconds on the caller's clock.
     """
 
     def __init__(

@@ -1,8 +1,9 @@
 r"""A SimServ control panel with a chamber behind it.
 
-    device = SimulatedSimServ(ChamberPlant())
-    device.receive("11004¶1¶1\r".encode("latin-1"), 0.0)
-    device.transmit(0.1)                  # "1¶22.000\r\n"
+    >>> device = SimulatedSimServ(ChamberPlant())
+    >>> device.receive("11004¶1¶1\r".encode("latin-1"), 0.0)
+    >>> device.transmit(0.1).decode("latin-1")
+    '1¶22.000\r\n'
 
 Requests are those of its clients; every reply is inferred from what they parse. A leading `\xb6`, which one of them
 sends, is tolerated. A setpoint beyond its limits is error -6, a locked panel -12. An alarm stops it.

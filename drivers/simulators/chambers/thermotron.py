@@ -1,8 +1,9 @@
 r"""A Thermotron with a chamber behind it.
 
-    device = SimulatedThermotron(ChamberPlant())
-    device.receive(b"PVAR1?\r", 0.0)
-    device.transmit(0.1)                  # b"22.000\r"
+    >>> device = SimulatedThermotron(ChamberPlant())
+    >>> device.receive(b"PVAR1?\r", 0.0)
+    >>> device.transmit(0.1)
+    b'22.000\r'
 
 `replies` is how operations are answered: `echo` as the 8200's frames show it (a setpoint is echoed, RUNM and STOP are
 not answered), `code` as the 8800's page says it (0 for done). A new setpoint waits for RUNM. An alarm stops it.

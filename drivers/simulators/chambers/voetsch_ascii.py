@@ -1,8 +1,9 @@
 r"""A Vötsch chamber behind ASCII-2, with air behind it.
 
-    device = SimulatedVoetschAscii(ChamberPlant(ambient_degC=11.2), setpoint_degC=10.0)
-    device.receive(b"$00I\r", 0.0)
-    device.transmit(0.1)                  # b"0010.0 0011.2 0000.0 … 0000000000000000\r"
+    >>> device = SimulatedVoetschAscii(ChamberPlant(ambient_degC=11.2), setpoint_degC=10.0)
+    >>> device.receive(b"$00I\r", 0.0)
+    >>> device.transmit(0.1)
+    b'0010.0 0011.2 0000.0 0011.2 0000.0 0011.2 0000.0 0011.2 0000.0 0011.2 0000000000000000\r'
 
 A VT 4002 unless `layout` says otherwise: five pairs of nominal and actual value, sixteen bits. As in the manual's
 example, every pair shows the same actual value. It conditions while start and temperature bit are both set. The error

@@ -1,8 +1,9 @@
 r"""A Watlow F4 with a chamber behind it.
 
-    device = SimulatedWatlowF4(ChamberPlant())
-    device.receive(bytes.fromhex("01 03 00 64 00 01 C5 D5"), 0.0)
-    device.transmit(0.1)                  # 01 03 02 00 DC …: 22.0 °C
+    >>> device = SimulatedWatlowF4(ChamberPlant())
+    >>> device.receive(bytes.fromhex("01 03 00 64 00 01 C5 D5"), 0.0)
+    >>> device.transmit(0.1).hex(" ")  # 00 dc: 22.0 °C
+    '01 03 02 00 dc b9 dd'
 
 Registers it does not know are exception 2, values it does not take exception 3, functions other than 3, 4, 6 and 16
 exception 1; a wrong checksum is silence. Setpoints beyond its limits, and limits that exclude the setpoint, are

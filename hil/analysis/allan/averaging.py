@@ -116,7 +116,11 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
 
 
 def duration(seconds: float) -> str:
-    """Write a time in the unit that a person would use."""
+    """Write a time in the unit that a person would use.
+
+    >>> duration(90), duration(600), duration(5 * 3600)
+    ('90 s', '10 min', '5 h')
+    """
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * size:
             return f"{seconds / size:.3g} {unit}"

@@ -91,10 +91,10 @@ class Octaves:
 
 
 def octaves(stretches: Sequence[FloatArray], interval_s: float) -> Octaves:
-    """Return the overlapping Allan variances of gap-free stretches at multiples 1, 2, 4, … of the interval.
+    """Return the overlapping Allan variances of gap-free stretches, (n,) each, at multiples 1, 2, 4, … of the interval.
 
-    A multiple is there where some stretch has two averages of that length to compare. Raises ValueError where no
-    stretch has two samples.
+    A multiple is there where some stretch has two averages of that length to compare. Raises `ValueError` where no
+    stretch has three samples.
     """
     from allantools import oadev
 

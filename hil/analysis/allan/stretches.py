@@ -19,7 +19,7 @@ _POSSIBLE_DEG_PER_HR = 1e10  # three million degrees per second
 
 @dataclass(frozen=True)
 class Recording:
-    """One channel's rates, deg/hr, in gap-free `stretches` of samples `interval_s` apart.
+    """One channel's rates, deg/hr, in gap-free `stretches`, (n,) each, of samples `interval_s` apart.
 
     `notes` say what a reader of the result must know: gaps, what was left out, what looks wrong.
     """
@@ -65,7 +65,7 @@ def cut(name: str, values: FloatArray, interval_s: float, time_s: FloatArray | N
 
 
 def sampling_interval(name: str, time_s: FloatArray) -> float:
-    """Return the median step of the times, s."""
+    """Return the median step of the times (n,), s. Raises `InputError` where there are fewer than three."""
     if len(time_s) < 3:
         raise InputError(f"{name}: {len(time_s)} samples; an Allan deviation needs more")
     return float(np.median(np.diff(time_s)))
@@ -74,7 +74,7 @@ def sampling_interval(name: str, time_s: FloatArray) -> float:
 def recording(
     name: str, pieces: list[FloatArray], interval_s: float, *, simulated: bool = False, notes: tuple[str, ...] = ()
 ) -> Recording:
-    """Gather stretches as a recording, with notes about gaps and about what looks wrong.
+    """Gather stretches, (n,) each in deg/hr, as a recording, with notes about gaps and about what looks wrong.
 
     Raises `InputError` where no stretch is long enough, the rate never changes, or is larger than any rate can be.
     """

@@ -2,6 +2,7 @@
 
 `rates` has shape (..., 3, 2): Collects 1, 2, 3 by (RA, RB), deg/hr. `G` (..., 3) and `W` (..., 3) are (G1, G2, G3) in g
 and (W1, W2, W3) in deg/hr along the bench axes 1-2-3. Parameters come in the order BA, BB, GSA, GSB, MUA, MUB.
+Other shapes raise `ValueError`.
 
 Misprints in RD-GC-86-1; the corrected form is followed here:
 
@@ -21,9 +22,9 @@ from hil.campaign import FloatArray
 
 
 def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
-    """Solve for the six parameters by eqs. (11), (12), (A-23)-(A-26); shape (..., 6).
+    """Solve for the six parameters by eqs. (11), (12), (A-23)-(A-26); shape (..., 6), deg/hr and deg/hr/g.
 
-    (A-21), (A-22) are (11), (12) again; (A-17), (A-18) are (A-23), (A-24).
+    (A-21), (A-22) are (11), (12) again; (A-17), (A-18) are (A-23), (A-24). Raises `ValueError` for other shapes.
     """
     (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
     (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
@@ -38,7 +39,10 @@ def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
 
 
 def matrix_covariance(G: ArrayLike) -> FloatArray:
-    """Return the covariance of the six parameters for white noise of 1 deg/hr in every rate; shape (..., 6, 6)."""
+    """Return the covariance of the six parameters for white noise of 1 deg/hr in every rate; shape (..., 6, 6).
+
+    Raises `ValueError` where `G` is not (..., 3).
+    """
     g1, g2, g3 = _parts(G)
     square = g1**2 + g3**2
     gs = (g1**2 + 3 * g3**2) / (2 * square**2)
@@ -62,7 +66,10 @@ def matrix_covariance(G: ArrayLike) -> FloatArray:
 
 
 def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
-    """Solve for BA, BB, GSA, GSB as the contractor did, MU taken as zero: eqs. (A-13)-(A-16); shape (..., 4)."""
+    """Solve for BA, BB, GSA, GSB as the contractor did, MU taken as zero: eqs. (A-13)-(A-16); shape (..., 4).
+
+    Raises `ValueError` for other shapes.
+    """
     (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
     (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
     gsa = (ra2 - ra1 - 2 * w1) / (2 * g1)  # (A-13)
@@ -89,6 +96,7 @@ def contractor_error(G: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray
 
     Exact: BA by MUB (G1 + G3²/G1) + MUA G2 G3/G1, BB by -MUA (G1 + G3²/G1) + MUB G2 G3/G1, GSA by -MUB G3/G1, GSB by
     -MUA G3/G1. With G3 = 0 that is the report's statement, the bias off by MUB G1 and -MUA G1.
+    Raises `ValueError` where `G` is not (..., 3).
     """
     g1, g2, g3 = _parts(G)
     a, b = np.asarray(mua, dtype=np.float64), np.asarray(mub, dtype=np.float64)
@@ -102,6 +110,7 @@ def seven_biases(
     """Return the bias BA seven ways, eqs. (A-27)-(A-33), for given GSA, GSB, MUB; shape (..., 7).
 
     With the true parameters and no noise they are BA + {0, MUB G3, -MUB G3, MUB G1, 0, 0, 0}.
+    Raises `ValueError` for other shapes.
     """
     (ra1, ra2, ra3), _ = _by_channel(rates)
     (g1, g2, g3), (w1, _, w3) = _parts(G), _parts(W)

@@ -168,14 +168,14 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
 
 
 def check_units(table: Table) -> None:
-    """Refuse a table whose column `unit` names other units than deg/hr and deg/hr/g, in which tolerances are."""
+    """Raise `InputError` where the column `unit` names others than deg/hr and deg/hr/g, in which tolerances are."""
     for line, unit in enumerate(table.texts("unit") if "unit" in table.header else ()):
         if unit.replace(" ", "").replace("hr", "h") not in _UNITS:
             raise table.complaint(line, "unit", f"{unit}: biases in deg/hr and MU in deg/hr/g are needed; convert them")
 
 
 def check_sizes(table: Table, column: str, values: FloatArray) -> None:
-    """Refuse a number that no table prints: an exponent slipped in."""
+    """Raise `InputError` for a number that no table prints (an exponent slipped in); `values` (n,), one per row."""
     for line in np.flatnonzero(np.abs(values) > _LARGEST):
         raise table.complaint(int(line), column, f"{values[line]:g} deg/hr cannot be")
 

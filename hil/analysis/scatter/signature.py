@@ -1,9 +1,12 @@
 """What makes repeats scatter: told from how the bias, Collect 3 and their difference MU scatter together.
 
-    signature = scatter_signature([repeats_of_sigmas("A", sigma_c=4.64, sigma_m=1.90, sigma_mu=4.11, runs=19)])
-    signature.probabilities   # {"white": 0.03, "bias": 0.0, "collect_3": 0.0, "bias_and_collect_3": 0.97, "drift": 0.0}
-    signature.verdict         # "bias_and_collect_3"; None where these repeats cannot tell
-    print(signature.sentence)
+    >>> signature = scatter_signature([repeats_of_sigmas("A", sigma_c=4.64, sigma_m=1.90, sigma_mu=4.11, runs=19)])
+    >>> {name: round(float(each), 2) for name, each in signature.probabilities.items()}
+    {'white': 0.03, 'bias': 0.0, 'collect_3': 0.0, 'bias_and_collect_3': 0.97, 'drift': 0.0}
+    >>> signature.verdict  # None where these repeats cannot tell
+    'bias_and_collect_3'
+    >>> print(signature.sentence)
+    19 runs: bias and MU (or Collect 3) both change from run to run (probability 0.97)
 
 C is the contractor's bias, which is what Collect 3 shows (B + MU at 1 g, eqs. 5, 6); M is the matrix bias, the mean of
 Collects 1 and 2 (eqs. 9, 10); C - M is MU. With the collects in the order 1-2-3 their standard deviations and the
@@ -242,7 +245,10 @@ def correlation_interval(correlation: float | None, degrees: int) -> Interval:
 
 
 def more_in_collect_3_p(squares: FloatArray, degrees: int, white: FloatArray) -> float:
-    """Return the probability that white noise of any size makes C scatter this much more than M (an F test)."""
+    """Return the probability that white noise of any size makes C scatter this much more than M (an F test).
+
+    `squares` (2, 2) are sums of squares and products of C and M, `white` (2, 2) the covariance of unit white noise.
+    """
     own = np.linalg.inv(np.linalg.cholesky(white))
     ratio = own @ squares @ own.T
     return float(f.sf(ratio[0, 0] / max(ratio[1, 1], 1e-300), degrees, degrees))

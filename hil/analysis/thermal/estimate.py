@@ -97,7 +97,7 @@ class Estimates:
 
 
 def estimate(layout: Layout, noise: RateNoise, bases: Sequence[FloatArray]) -> Estimates:
-    """Fit all parameters along their bases at once; hysteresis last, one value per parameter."""
+    """Fit all parameters along their bases, (n, k_p), at once; hysteresis last, one value per parameter."""
     rates = layout.collects.rates_deg_per_hr - layout.collects.conditions.w_channels_deg_per_hr
     design = layout.design(bases)[noise.row, noise.channel]
     covariance = noise.covariance

@@ -21,7 +21,10 @@ _SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": 
 
 
 def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
-    """Write everything into `folder`, which is made where it is not there; return the names."""
+    """Write everything into `folder`, which is made where it is not there; return the names.
+
+    Raises `InputError` where it cannot be written, or the sensors have different forms.
+    """
     model = result.model()
     contents = {
         "thermal.json": json.dumps(thermal_document(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -126,7 +126,7 @@ class ThermalFit:
     notes: Sequence[str] = field(default_factory=tuple)
 
     def model(self) -> Model:
-        """Return the curves as a model file's content; all sensors must have the same form."""
+        """Return the curves as a model file's content; raise `InputError` where sensors have different forms."""
         forms = {each.layout.form.name for each in self.sensors.values()}
         if len(forms) > 1:
             raise InputError(f"the sensors have different forms ({', '.join(sorted(forms))}); fit them one by one")
@@ -158,7 +158,7 @@ def fit_thermal(
 def fit_sensor(
     number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float | None, seed: int
 ) -> SensorFit:
-    """Fit one sensor's parameters; see `fit_thermal`."""
+    """Fit one sensor's parameters; see `fit_thermal`, also for where it raises `InputError`."""
     layout, notes = _layout(number, collects, model_name, apart_degC)
     runs = len(np.unique(layout.collects.conditions.run))
     free = [layout.station_basis()] * len(layout.form.names)

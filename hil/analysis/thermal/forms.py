@@ -79,7 +79,7 @@ class PolynomialForm:
 
 @dataclass(frozen=True)
 class TableForm:
-    """The values themselves, interpolated by PCHIP."""
+    """The values themselves, (..., S), interpolated by PCHIP."""
 
     temperature_degC: FloatArray
     name: str = TABLE
@@ -96,7 +96,7 @@ class TableForm:
 
 @dataclass(frozen=True)
 class MonotoneForm:
-    """The nearest values that only rise or only fall (isotonic least squares), interpolated by PCHIP."""
+    """The nearest values, (..., S), that only rise or only fall (isotonic least squares), interpolated by PCHIP."""
 
     temperature_degC: FloatArray
     weight: FloatArray
@@ -160,7 +160,7 @@ def _scaled_powers(temperature_degC: FloatArray, order: int) -> FloatArray:
 
 
 def candidate_forms(temperature_degC: FloatArray, weight: FloatArray, highest_order: int) -> list[Form]:
-    """Return the forms that S temperatures can judge, the simplest first: polynomials, monotone, table.
+    """Return the forms that temperatures (S,), °C, can judge, the simplest first: polynomials, monotone, table.
 
     A polynomial must leave at least one temperature over when one is held out (three temperatures allow a line).
     """

@@ -38,7 +38,7 @@ _SIGMAS = 4.5  # of some sixty numbers compared, chance alone brings one beyond 
 
 @dataclass(frozen=True)
 class Share:
-    """One source's contribution to each of p parameters: one standard deviation, analytic and simulated."""
+    """One source's contribution to each parameter, (p,): one standard deviation, analytic and simulated."""
 
     source: Source
     analytic: FloatArray
@@ -47,7 +47,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Budget:
-    """The budget of one run. `everything` is what all sources together give in the draws (drawn at once)."""
+    """The budget of one run. `everything`, (p,), is what all sources together give in the draws (drawn at once)."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]

@@ -136,6 +136,8 @@ def sequence_worth(scene: Scene, form: LinearForm) -> Worth | None:
 def seen_terms(f_g: FloatArray, w_deg_per_hr: FloatArray) -> tuple[int, int, int]:
     """Return how many combinations a channel's rates can see: of 4 linear terms, with six squares, with the scale.
 
+    `f_g` (n, 3) in g and `w_deg_per_hr` (n, 3) are along the sensor's axes, one row per collect.
+
     Linear: bias and sensitivity along A, B, S. Squares: the six products of accelerations. Scale factor and the two
     misalignments act on the earth rate along the three axes, so that only a change of heading brings them apart.
     """

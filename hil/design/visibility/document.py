@@ -32,8 +32,9 @@ def visibility_document(
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
-    `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it in one
-    sensor at least (each has its own MU); `sensors` has the map of each.
+    `sigmas` (n, c) are the averages' standard errors, deg/hr. `effects` has each effect once, as the sensor sees it
+    that sees it best, with what cannot be told from it in one sensor at least (each has its own MU); `sensors` has the
+    map of each.
     """
     maps = {n: visibility(rows, model, noise, sigma=(sigmas or {}).get(n)) for n, rows in sensors.items()}
     best: dict[str, tuple[int, Sight]] = {}
@@ -127,7 +128,7 @@ def campaign_document(
 def of_campaign(
     campaign: Campaign, noise: NoiseLevel | None = None
 ) -> tuple[dict[int, Conditions], str, dict[int, FloatArray]]:
-    """Return a campaign's conditions and title, and the standard error of every average that was measured.
+    """Return a campaign's conditions and title, and the standard error, (n, c) in deg/hr, of every average.
 
     Where the campaign states none, it is the noise level's; NaN where the rate was not measured.
     """

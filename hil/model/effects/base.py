@@ -205,7 +205,8 @@ class SeriesEffect(Described):
     def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
         """Test all collects of a channel at once for what each shows a little of: p-value, estimates, a sentence.
 
-        None where the effect has nothing that is the same from collect to collect.
+        `summaries` are those of its collects, (k,) each, as `summary` returns them. None where the effect has nothing
+        that is the same from collect to collect.
         """
         return None
 

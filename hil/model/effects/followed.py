@@ -39,7 +39,10 @@ def driver_values(expression: str, conditions: Conditions, reference: float | No
 
 
 def driver_reference(expression: str, conditions: Conditions) -> float:
-    """Return the median that a plain condition or power is taken about; 0 for steps, zones and positions."""
+    """Return the median that a plain condition or power is taken about; 0 for steps, zones and positions.
+
+    Raises `InputError` where the data has no such column.
+    """
     if "&" in expression or any(form.match(expression) for form in (_LABEL, _ABOVE, _INSIDE)):
         return 0.0
     power = _POWER.match(expression)

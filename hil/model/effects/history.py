@@ -44,7 +44,11 @@ def averaged_decay(since_s: FloatArray, duration_s: FloatArray, tau_s: float) ->
 def play(values: FloatArray, half_width: float) -> FloatArray:
     """Play (backlash) operator over a history, starting relaxed: the output moves only when pushed by the edge.
 
-    |values − play| never exceeds `half_width`; the result does not depend on how fast the history was gone through.
+    |values − play|, (n,), never exceeds `half_width`; the result does not depend on how fast the history was gone
+    through.
+
+    >>> play(np.array([0.0, 1.0, 3.0, 2.0, -1.0]), half_width=1.0)
+    array([0., 0., 2., 2., 0.])
     """
     output = []
     held = float(values[0]) if len(values) else 0.0

@@ -31,7 +31,7 @@ _RATE = "deg/hr"
 
 
 def blocked(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
-    """Return times and averages of at most 60 equal blocks of one channel; the samples themselves where fewer."""
+    """Return times, s, and averages, deg/hr, (k,) each, of at most 60 equal blocks of a channel (or fewer samples)."""
     known = np.isfinite(series.rates_deg_per_hr[:, channel])
     times, rates = series.t_s[known], series.rates_deg_per_hr[known, channel]
     size = max(len(rates) // _BLOCKS, 1)
@@ -322,7 +322,7 @@ class Bursts(_ChannelwiseTest):
 
 
 def equal_spread(parts: Sequence[FloatArray]) -> float:
-    """Return the p-value of Levene's test about medians (Brown-Forsythe) that the parts have the same variance."""
+    """Return the p-value of Levene's test about medians (Brown-Forsythe) that parts, (n,) each, vary the same."""
     distances = [np.abs(part - np.median(part)) for part in parts]
     everything = np.concatenate(distances)
     between = sum(len(part) * (part.mean() - everything.mean()) ** 2 for part in distances) / (len(parts) - 1)
@@ -332,7 +332,7 @@ def equal_spread(parts: Sequence[FloatArray]) -> float:
 
 
 def uniform(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
-    """Return one channel on a uniform grid of the usual spacing; missing samples are interpolated."""
+    """Return times, s, and rates, deg/hr, (m,) each, of a channel on a uniform grid; the missing are interpolated."""
     known = np.isfinite(series.rates_deg_per_hr[:, channel])
     times, rates = series.t_s[known], series.rates_deg_per_hr[known, channel]
     step = float(np.median(np.diff(times)))
@@ -341,7 +341,7 @@ def uniform(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
 
 
 def lattice_step(rates: FloatArray) -> float:
-    """Return the step of which all differences are multiples; 0 where there is none (or too few repeats to tell)."""
+    """Return the step of which all differences of rates (n,) are multiples; 0 for none, or too few repeats to tell."""
     values = np.unique(rates)
     if len(values) == 1:
         return 0.0

@@ -119,7 +119,7 @@ class ThermometerLag(Effect):
         """Return slope of the rate by temperature times dT/dt, shape (n, c, 1).
 
         `k_share` is how much of the acceleration terms lags too: all, where the thermometer is late (as without it);
-        none, where the part is late that the bias alone follows.
+        none, where the part is late that the bias alone follows. Raises `InputError` where `base` has no slopes.
         """
         base = required_base(self, base)
         if base.bias_slope is None or base.k_slope is None:

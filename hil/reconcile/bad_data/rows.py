@@ -35,7 +35,7 @@ def find_outliers(
 ) -> list[dict[str, Any]]:
     """Return rows that stand out, strongest first: sensor, row index, channel index, score, size in deg/hr.
 
-    Rows are judged beside a rich model of the means, so that a missing effect is not taken for a row's fault.
+    Rows are judged beside a rich model of the means, (N, p), so that a missing effect is not taken for a row's fault.
     """
     out = []
     for block, table, extra in zip(blocks, tables, rich, strict=True):

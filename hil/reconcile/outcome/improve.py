@@ -84,7 +84,7 @@ def improved(
 ) -> Model:
     """Return the model with the added terms; a built-in gets the base values that were fitted with them.
 
-    `values` are the refitted base parameters by sensor, `record` says where each term came from.
+    `values` are the refitted base parameters, (p,), by sensor, `record` says where each term came from.
     """
     terms = list(model.terms)
     for index, effect in enumerate(added):

@@ -30,7 +30,7 @@ _ALIKE = 1e-3  # of log evidence
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Squared errors of held-out rows, by fold: raw sums, standardised sums, rows, before and after."""
+    """Squared errors of held-out rows by fold, (folds,): raw sums in (deg/hr)², standardised ones, before and after."""
 
     raw_before: FloatArray
     raw_after: FloatArray
@@ -96,7 +96,7 @@ class HeldOut:
 
 
 def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[list[BoolArray]]:
-    """Return the rows held out in every block, fold by fold: one per run, or per collect where runs are few."""
+    """Return the rows, (N,), held out in every block, by fold: one per run, or per collect where runs are few."""
     several = len(np.unique(np.concatenate(place_of_run))) >= 4
     labels = list(place_of_run) if several else [block.order for block in blocks]
     values = np.unique(np.concatenate(labels))
@@ -104,7 +104,7 @@ def by_run(blocks: Sequence[Block], place_of_run: Sequence[IntArray]) -> list[li
 
 
 def in_blocks(blocks: Sequence[Block], place_of_run: Sequence[IntArray], count: int = 6) -> list[list[BoolArray]]:
-    """Return folds of neighbouring runs (or collects), `count` of them."""
+    """Return folds of neighbouring runs (or collects), `count` of them: in each the rows, (N,), of every block."""
     folds = by_run(blocks, place_of_run)
     cut = np.array_split(np.arange(len(folds)), min(count, len(folds)))
     return [[np.any([folds[i][b] for i in part], axis=0) for b in range(len(blocks))] for part in cut if len(part)]

@@ -84,7 +84,10 @@ def log_evidence(
     tables: Sequence[NoiseTable],
     rich: Sequence[Sequence[FloatArray]],
 ) -> float | None:
-    """Log Bayes factor of one set per temperature against one set, effects apart; None where rows do not correspond."""
+    """Log Bayes factor of one set per temperature against one set, effects apart; None where rows do not correspond.
+
+    `rich` are the rich models of the means of each block, each (N, p).
+    """
     if len(plain) != len(levelled) or any(len(a.y) != len(b.y) for a, b in zip(plain, levelled, strict=True)):
         return None
     total = 0.0

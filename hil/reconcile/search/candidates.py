@@ -77,7 +77,10 @@ class Candidate:
         return int(self.columns.shape[2])
 
     def rebuilt(self, conditions: Conditions, base: Base) -> FloatArray:
-        """Return the columns of the same effect, shape and form on other rows, shape (n, c, p)."""
+        """Return the columns of the same effect, shape and form on other rows, shape (n, c, p).
+
+        Raises `ValueError` where it is a term of the second tier, which is no effect.
+        """
         if self.effect is None:
             raise ValueError(f"{self.name} has no effect to be rebuilt from")
         columns = effect_columns(self.effect, conditions, base, self.shape, self.before_degC)

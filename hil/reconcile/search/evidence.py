@@ -134,6 +134,8 @@ def _explained(score: FloatArray, inverse: FloatArray) -> FloatArray:
 def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> IntArray:
     """Return the noise points that matter: probable under the base alone, or under some rich model of the means.
 
+    They are returned as places in the grid, (k,); each rich model is (N, p).
+
     A missing effect looks like run-to-run noise to the base alone; a flexible model of the means shows how quiet the
     unit might really be. What lies between is judged by evidence.
     """
@@ -147,7 +149,7 @@ def relevant_points(block: Block, noise: NoiseTable, rich: Sequence[FloatArray])
 
 
 def pruned(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> NoiseTable:
-    """Return the table without the noise points that are out of the question for these data, whatever is missing."""
+    """Return the table without noise points that are out of the question for these data; each rich model is (N, p)."""
     best = _best_of_any(block, noise, rich)
     likely = np.sort(np.argsort(-best)[:_MOST_KEPT])
     return noise.take(likely[best[likely] > -_OUT_OF_THE_QUESTION])

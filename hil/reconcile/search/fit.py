@@ -24,7 +24,7 @@ class Added:
     units: tuple[Unit, ...]
 
     def columns(self, n_blocks: int) -> list[FloatArray | None]:
-        """Return the columns it adds to each block."""
+        """Return the columns it adds to each block, (N, p); None where it does not act."""
         out: list[FloatArray | None] = [None] * n_blocks
         for unit in self.units:
             for block, columns in zip(unit.blocks, unit.columns, strict=True):
@@ -34,7 +34,7 @@ class Added:
 
 
 def chosen_units(hypothesis: Hypothesis, log_factors: FloatArray) -> Added:
-    """Keep the units that the data speak for; at least the strongest."""
+    """Keep the units that the data speak for, by their log factors (units,); at least the strongest."""
     strongest = int(np.argmax(log_factors))
     kept = [unit for k, unit in enumerate(hypothesis.units) if log_factors[k] > 0 or k == strongest]
     return Added(hypothesis, tuple(kept))
@@ -92,8 +92,8 @@ def refit(
 ) -> Fit:
     """Fit the base of every block and all added effects together, on the rows where `rows[b]` is true (all, if None).
 
-    `noise[b]` is that of these rows; predictions and residuals are for every row. Directions that the rows cannot
-    support get the smallest solution.
+    `rows[b]` is (N,), `noise[b]` that of these rows; predictions and residuals are for every row. Directions that the
+    rows cannot support get the smallest solution.
     """
     keep = [np.ones(len(b.y), dtype=bool) for b in blocks] if rows is None else list(rows)
     owner = [

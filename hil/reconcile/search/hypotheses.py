@@ -31,7 +31,7 @@ _FOLLOWS = frozenset({"bias_T", "GS_T"})
 
 @dataclass(frozen=True)
 class Unit:
-    """One part of a hypothesis: the candidate of one sensor, its blocks, and which of its columns act in each."""
+    """One part of a hypothesis: the candidate of one sensor, its blocks, and the columns, (N, q), that act in each."""
 
     candidate: Candidate
     blocks: tuple[int, ...]
@@ -212,7 +212,8 @@ def build_evidence(
 ) -> Evidence:
     """Lay out the columns of all units and compute their evidence at the noise points that matter for these data.
 
-    `keep_all` keeps every noise point of the tables, whatever these data say (a layout that many units share).
+    `rich` are models of the means of each block, each (N, p). `keep_all` keeps every noise point of the tables,
+    whatever these data say (a layout that many units share).
     """
     if not keep_all:
         tables = [

@@ -35,7 +35,10 @@ class JointColumns:
 
 
 class JointEvidence:
-    """Evidence for joint units beside the bases of their blocks, for what these leave of the data (`states[block]`)."""
+    """Evidence for joint units beside the bases of their blocks, for what these leave of the data (`states[block]`).
+
+    A state is what `BlockEvidence.state` returns: residuals (t, N, m), RSS (t, m), log likelihood (t, m).
+    """
 
     def __init__(self, blocks: Sequence[BlockEvidence], states: Sequence[State]) -> None:
         self.blocks = blocks

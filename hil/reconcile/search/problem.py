@@ -235,7 +235,7 @@ def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float
 
 
 def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Base:
-    """Return bias, K, rates and their slopes by temperature at each row, from the fitted values."""
+    """Return bias, K, rates and their slopes by temperature at each row, from the fitted values (p,)."""
     bias, k = form.terms(conditions, values)
     rates = bias + np.einsum("nca,na->nc", k, conditions.f_g) + conditions.w_channels_deg_per_hr
     temperature = conditions.columns.get("temperature_degC")

@@ -49,7 +49,10 @@ class Scan:
 
 @dataclass(frozen=True)
 class Search:
-    """The campaign's layout for the search: blocks as the base has them now, and their noise tables, made once."""
+    """The campaign's layout for the search: blocks as the base has them now, and their noise tables, made once.
+
+    `rich` are models of the means of each block, each (N, p).
+    """
 
     blocks: Sequence[Block]
     noise: Sequence[NoiseTable]
@@ -57,7 +60,7 @@ class Search:
     hypotheses: Sequence[Hypothesis]
 
     def with_base(self, extra: Sequence[FloatArray | None]) -> Search:
-        """Return the search with further base columns per block."""
+        """Return the search with further base columns, (N, p), per block."""
         blocks = [b if e is None else b.with_base(e) for b, e in zip(self.blocks, extra, strict=True)]
         return Search(blocks, self.noise, self.rich, self.hypotheses)
 
@@ -88,7 +91,7 @@ def null_statistics(scan: Scan, blocks: Sequence[Block], draws: int, rng: np.ran
 
 
 def level(null: FloatArray, alpha: float) -> float:
-    """Return what the statistic exceeds with probability `alpha` without a missing effect, from simulated values.
+    """Return what the statistic exceeds with probability `alpha` without a missing effect, from simulated values (m,).
 
     The tail beyond the ninth decile is taken as exponential, so that a few hundred draws are enough.
     """
@@ -99,7 +102,7 @@ def level(null: FloatArray, alpha: float) -> float:
 
 
 def p_value(null: FloatArray, statistic: float) -> float:
-    """Return the probability of a statistic this large without a missing effect, as `level` counts, or 1e-6."""
+    """Return how probable so large a statistic is without a missing effect, as `level` counts, (m,) draws, or 1e-6."""
     start, mean_excess = _tail(null)
     if statistic <= start or mean_excess <= 0.0:
         return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
@@ -107,7 +110,7 @@ def p_value(null: FloatArray, statistic: float) -> float:
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:
-    """Benjamini–Hochberg q-values."""
+    """Benjamini–Hochberg q-values, (k,) from (k,)."""
     order = np.argsort(p_values)
     scaled = p_values[order] * len(p_values) / np.arange(1, len(p_values) + 1)
     q = np.minimum.accumulate(scaled[::-1])[::-1]

@@ -58,7 +58,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Whitened:
-    """The columns of `count` candidates of one block, by number of columns; a candidate without any is in no group."""
+    """The columns, (N, q), of `count` candidates of one block, by q; a candidate without any is in no group."""
 
     count: int
     groups: tuple[Group, ...]
@@ -75,7 +75,7 @@ class Whitened:
         return cls(len(columns), tuple(groups))
 
     def take(self, candidates: IntArray) -> Whitened:
-        """Return some of the candidates, in ascending order."""
+        """Return some of the candidates, their places (j,) in ascending order."""
         new_place = np.full(self.count, -1)
         new_place[candidates] = np.arange(len(candidates))
         groups = []
