@@ -1,4 +1,4 @@
-"""What the sequencer needs of a journal. The durable one is in `hil.records.journal`; a list will do in a test."""
+"""What the sequencer needs of a journal. The durable one is in `hil/records/journal.py`; a list will do in a test."""
 
 from __future__ import annotations
 

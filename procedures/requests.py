@@ -4,7 +4,7 @@
     desk.hear(takes_effect="at once")      # at every poll
     desk.pause                             # who asked for one, or None
 
-`Control` is where requests come from; the durable one is in `hil.journal_control`. A request is answered once, by the
+`Control` is where requests come from; the durable one is in `hil.records.requests`. A request is answered once, by the
 controller that it was meant for: accepted, or refused with the reason.
 """
 
