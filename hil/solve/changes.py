@@ -179,8 +179,8 @@ def _at_second_heading(conditions: Conditions) -> Conditions | None:
     if not np.any(frame.north):
         return None
     w = np.nan_to_num(conditions.w_deg_per_hr)
-    vertical = np.sum(w * frame.up, axis=1, keepdims=True) * frame.up
-    return replace(conditions, w_deg_per_hr=vertical + np.cross(frame.up, w - vertical))
+    vertical, level = (np.sum(w * along, axis=1, keepdims=True) for along in (frame.up, frame.north))
+    return replace(conditions, w_deg_per_hr=vertical * frame.up + level * frame.east)
 
 
 def _again(conditions: Conditions, by_s: float) -> Conditions:
