@@ -1,8 +1,13 @@
-"""Steps and durations as a technician would say them."""
+"""Steps, numbers and durations as a technician would say them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from procedures.plan import Step, StepKind
+
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+_MOST, _SHOWN = 12, 5  # numbers to choose from: if there are more, so many of them are shown
 
 
 def step_in_words(step: Step) -> str:
@@ -34,3 +39,60 @@ def hours_minutes(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def duration(seconds: float) -> str:
+    """Write a time that was calculated to three digits, in the unit a person would use: 34.1 s, 12.5 min, 3.08 h."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def spelled(number: int) -> str:
+    """Write a small number as a word: no, one, two … twelve, 13."""
+    return _NUMBERS[number] if number < len(_NUMBERS) else str(number)
+
+
+def counted(number: int, noun: str) -> str:
+    """Write how many there are: 1 run, 3 runs, 0 runs."""
+    return f"{number} {plural(noun, number)}"
+
+
+def plural(noun: str, number: int) -> str:
+    """Return the noun as it stands behind a number."""
+    return noun if number == 1 else f"{noun}s"
+
+
+def ranges(numbers: Iterable[int], to: str = "–") -> str:
+    """Write whole numbers as people do: 1–3, 7, 9–10. Without a `to` each stands by itself."""
+    parts: list[list[int]] = []
+    for each in sorted(set(numbers)):
+        if to and parts and each == parts[-1][-1] + 1:
+            parts[-1][1:] = [each]
+        else:
+            parts.append([each])
+    return ", ".join(f"{part[0]}{to}{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+
+
+def numbered(noun: str, numbers: Iterable[int], to: str = "–") -> str:
+    """Name things by their numbers: run 4, runs 1–3, 7."""
+    found = set(numbers)
+    return f"{plural(noun, len(found))} {ranges(found, to)}"
+
+
+def choice(numbers: Iterable[int]) -> str:
+    """Write which numbers there are to choose from: all, or where they are many the first ones and the last."""
+    found = [str(each) for each in numbers]
+    return ", ".join(found if len(found) <= _MOST else [*found[:_SHOWN], "…", found[-1]])
+
+
+def listed(names: Iterable[object]) -> str:
+    """Write names one after another: A, B and C."""
+    *before, last = map(str, names)
+    return f"{', '.join(before)} and {last}" if before else last
+
+
+def percent(share: float) -> str:
+    """Write a share: 50 %, and with a decimal where it is nearly all or nearly nothing, 99.5 %."""
+    return f"{100.0 * share:.0f} %" if 0.01 <= share <= 0.99 else f"{100.0 * share:.1f} %"

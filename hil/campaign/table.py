@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hil.campaign.data import FloatArray, IntArray
 from hil.errors import InputError
+from procedures.words import numbered, plural
 
 ABSOLUTE_ZERO_DEGC = -273.15
 
@@ -49,7 +50,7 @@ class Table:
         missing = [name for name in columns if name not in self._index]
         if missing:
             raise InputError(
-                f"{self.path}, row {self.header_row}: column{'s' if len(missing) > 1 else ''} {', '.join(missing)} "
+                f"{self.path}, row {self.header_row}: {plural('column', len(missing))} {', '.join(missing)} "
                 f"{'are' if len(missing) > 1 else 'is'} missing"
             )
 
@@ -145,17 +146,10 @@ def _records(path: Path) -> list[tuple[int, list[str]]]:
     return [(row, cells) for row, cells in enumerate(records, start=1) if any(cell.strip() for cell in cells)]
 
 
-def rows_in_words(rows: Sequence[int]) -> str:
+def rows_in_words(rows: Iterable[int]) -> str:
     """Write row numbers as people do.
 
     >>> rows_in_words([7]), rows_in_words([2, 5, 9, 10, 11, 12])
     ('row 7', 'rows 2, 5, 9-12')
     """
-    spans: list[list[int]] = []
-    for row in sorted(rows):
-        if spans and row == spans[-1][1] + 1:
-            spans[-1][1] = row
-        else:
-            spans.append([row, row])
-    text = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in spans)
-    return f"row{'s' if len(rows) > 1 else ''} {text}"
+    return numbered("row", rows, to="-")

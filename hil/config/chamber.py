@@ -14,6 +14,7 @@ from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_D
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
 from hil.files.strict import Section, validated_inside
 from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
+from procedures.words import listed
 
 
 def _off_is_a_word(value: object) -> object:
@@ -124,7 +125,7 @@ class ChamberSection(Section):
         if (self.driver == "box") != (self.description is not None):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
-            having = " and ".join(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
+            having = listed(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
             raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
         if self.layout is not None and self.driver != "voetsch-ascii2":
             raise ValueError("layout: only voetsch-ascii2 has layouts that differ")

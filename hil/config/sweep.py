@@ -18,6 +18,7 @@ from hil.files.strict import Section, find_config, near, parse_yaml, read_text, 
 from hil.files.units import Celsius, CelsiusPerMinute
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
+from procedures.words import counted
 
 _MOST_COLLECTS = 100_000
 _LONGEST_DAYS = 60
@@ -147,6 +148,6 @@ def cautions(sweep: Sweep, bench: Bench) -> list[str]:
     rotors = [number for number in bench.sensors if bench.sensor(number).is_rotor]
     if len(different) >= 3 or not rotors:
         return []
-    count = f"{len(different)} different position{'s' if len(different) > 1 else ''}"
+    count = counted(len(different), "different position")
     listed = f"{sweep.source}: positions: {', '.join(sweep.positions)}"
     return [f"{listed} is {count}; bias, GS and MU of a two-channel sensor need three"]

@@ -99,10 +99,14 @@ def rotor_matrix(gsa: ArrayLike, gsb: ArrayLike, mua: ArrayLike, mub: ArrayLike)
 
 
 def pickoff_rates(bias: ArrayLike, k: ArrayLike, f_g: ArrayLike, w_channels: ArrayLike) -> FloatArray:
-    """Evaluate R = B + K·f + w.
+    """Evaluate R = B + K·f + w: the only place where rates are put together, for the model, the twin and every design.
 
     `bias` (…, c) deg/hr, `k` (…, c, 3) deg/hr/g, `f_g` (…, 3) g, `w_channels` (…, c) deg/hr: the earth rate about each
-    channel's own axis. Returns (…, c) deg/hr; leading dimensions broadcast.
+    channel's own axis. Returns (…, c) deg/hr; leading dimensions broadcast. It is linear in bias and K together, and in
+    f and w: changes of either give the change of the rates, slopes of B and K the slope.
+
+    K·f is written out, so that a row's result never depends on how many rows are asked for together.
     """
-    sensitive = np.einsum("...ca,...a->...c", np.asarray(k, dtype=np.float64), np.asarray(f_g, dtype=np.float64))
-    return np.asarray(np.asarray(bias, dtype=np.float64) + sensitive + np.asarray(w_channels, dtype=np.float64))
+    k, f_g = np.asarray(k, dtype=np.float64), np.asarray(f_g, dtype=np.float64)[..., None, :]
+    pulled = k[..., 0] * f_g[..., 0] + k[..., 2] * f_g[..., 2] + k[..., 1] * f_g[..., 1]
+    return np.asarray(np.asarray(bias, dtype=np.float64) + pulled + np.asarray(w_channels, dtype=np.float64))

@@ -5,7 +5,7 @@
     form.columns(conditions)  # (n collects, c channels, p parameters)
 
 The columns of bias, GS, MU and G stand here and nowhere else: the solver and the catalogue of effects call these
-functions. Sign pattern of GS and MU: RD-GC-86-1 eqs. (1)–(6), that is K = [[GSA, GSB, MUB], [-GSB, GSA, -MUA]].
+functions. Each is what the one equation gives for a unit of its parameter, signs and all (`hil.model.equation`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
+from hil.model.equation import pickoff_rates, rotor_matrix
 
 MATRIX_6 = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 """Order of the report's six parameters, everywhere."""
@@ -54,27 +55,29 @@ def sensitivity_names(sensor: Sensor) -> tuple[str, ...]:
 def bias_columns(conditions: Conditions) -> FloatArray:
     """Columns of one bias per channel: 1 in its own channel, shape (n, c, c)."""
     channels = len(conditions.sensor.channels)
-    return np.broadcast_to(np.eye(channels), (len(conditions), channels, channels)).copy()
+    return _columns(conditions, np.eye(channels), np.zeros((channels, channels, 3)))
 
 
 def gs_columns(conditions: Conditions) -> FloatArray:
     """Columns of GSA and GSB, the isotropic pair: RA += GSA fA + GSB fB, RB += GSA fB - GSB fA; shape (n, 2, 2)."""
-    f_a, f_b = conditions.f_g[:, 0], conditions.f_g[:, 1]
-    return np.stack([np.stack([f_a, f_b], -1), np.stack([f_b, -f_a], -1)], -2)
+    return _columns(conditions, np.zeros(2), rotor_matrix(*np.eye(4)[:, :2]))
 
 
 def mu_columns(conditions: Conditions) -> FloatArray:
     """Columns of MUA and MUB: RA += MUB fS, RB -= MUA fS; shape (n, 2, 2)."""
-    f_s = conditions.f_g[:, 2]
-    zero = np.zeros_like(f_s)
-    return np.stack([np.stack([zero, f_s], -1), np.stack([-f_s, zero], -1)], -2)
+    return _columns(conditions, np.zeros(2), rotor_matrix(*np.eye(4)[:, 2:]))
 
 
 def sensitivity_columns(conditions: Conditions) -> FloatArray:
     """Columns of the full matrix G, R += G f: channel c has f in columns 3c, 3c+1, 3c+2; shape (n, c, 3c)."""
     channels = len(conditions.sensor.channels)
-    columns = np.einsum("cd,na->ncda", np.eye(channels), conditions.f_g)
-    return np.asarray(columns.reshape(len(conditions), channels, 3 * channels))
+    return _columns(conditions, np.zeros(channels), np.eye(3 * channels).reshape(-1, channels, 3))
+
+
+def _columns(conditions: Conditions, bias: FloatArray, k: FloatArray) -> FloatArray:
+    """Return the rates that B (p, c) and K (p, c, 3) of a unit of each parameter make at every f, shape (n, c, p)."""
+    rates = pickoff_rates(bias, k, conditions.f_g[:, None, :], 0.0)
+    return np.ascontiguousarray(np.swapaxes(rates, 1, 2))
 
 
 def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, reference_degC: float) -> FloatArray:

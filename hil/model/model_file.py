@@ -27,6 +27,7 @@ from hil.model.curve import Curve
 from hil.model.effects.base import Base, Effect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.model.effects.history import joined
+from hil.model.equation import pickoff_rates
 from hil.model.forms import (
     MATRIX_6,
     MODEL_NAMES,
@@ -151,7 +152,7 @@ class Model(_Section):
     def base_for(self, conditions: Conditions) -> Base:
         """Return the base at each row of `conditions`, with its rates B + K·f + w."""
         base = self.base_at(conditions.sensor, _temperature(conditions))
-        rates = base.bias + np.einsum("nca,na->nc", base.k, conditions.f_g) + conditions.w_channels_deg_per_hr
+        rates = pickoff_rates(base.bias, base.k, conditions.f_g, conditions.w_channels_deg_per_hr)
         return Base(base.bias, base.k, rates, base.bias_slope, base.k_slope)
 
     def rates(self, conditions: Conditions, history: Conditions | None = None) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hil.model import Model
+from procedures.words import numbered
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -73,9 +74,8 @@ def without_collects(why: str) -> dict[str, Any]:
 
 
 def runs_in_words(runs: Iterable[int]) -> str:
-    """Name runs by the campaign's numbers: "run 4", "runs 4, 9"."""
-    numbers = sorted(set(runs))
-    return f"run{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+    """Name runs by the campaign's numbers, each by itself: "run 4", "runs 4, 5, 9"."""
+    return numbered("run", runs, to="")
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.noise import power_cycles
 from hil.reconcile.naming import Naming, Weighed, with_rivals
 from hil.solve.temperatures import same_temperature
+from procedures.words import listed
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
 _SPELLINGS = {
@@ -151,7 +152,7 @@ def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
         effect = effect_by_id(name)
         needs = effect.missing(here)
         if needs:
-            remedy = f"record {' and '.join(need.replace('|', ' or ') for need in needs)}"
+            remedy = f"record {listed(need.replace('|', ' or ') for need in needs)}"
             yield _Unasked(name, effect.title, remedy, weight)
     if candidate.shape.get("runs_held"):
         yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")

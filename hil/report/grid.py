@@ -64,14 +64,3 @@ def decimals_for(uncertainties: Iterable[float | None]) -> int:
 def degrees(temperature_degC: float | None) -> str:
     """Write a temperature in °C, or say that there is none."""
     return "all runs" if temperature_degC is None else f"{temperature_degC:.1f} °C"
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Write whole numbers as people do: 1–3, 7, 9–10."""
-    parts: list[list[int]] = []
-    for each in sorted(set(numbers)):
-        if parts and each == parts[-1][-1] + 1:
-            parts[-1][1:] = [each]
-        else:
-            parts.append([each])
-    return ", ".join(f"{part[0]}–{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)

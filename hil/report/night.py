@@ -24,7 +24,7 @@ from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.verdict import Judgement, self_calibration_verdict
-from procedures.words import hours_minutes, step_in_words
+from procedures.words import counted, hours_minutes, step_in_words
 
 _SECONDS_PER_HOUR = 3600.0
 _SILENT_BEATS = 5.0
@@ -155,7 +155,7 @@ def _asked(plan: Plan) -> str:
         else f"at {where} °C"
     )
     return (
-        f"{len(runs)} self-calibration{'s' * (len(runs) != 1)}, {at}; collects at positions {positions}{soak}; "
+        f"{counted(len(runs), 'self-calibration')}, {at}; collects at positions {positions}{soak}; "
         f"{hours_minutes(plan.total_s)} planned"
     )
 

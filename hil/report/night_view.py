@@ -10,7 +10,7 @@ from hil.report.figures import draw_night, inline_svg
 from hil.report.grid import Cell, Grid, degrees, number, text, wrap
 from hil.report.night import CollectLine, NightContent
 from procedures.verdict import Verdict
-from procedures.words import hours_minutes
+from procedures.words import counted, hours_minutes
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -49,7 +49,7 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
     used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
     troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
-    resyncs = f"{total['resyncs']} resync{'s' * (total['resyncs'] != 1)}"
+    resyncs = counted(total["resyncs"], "resync")
     share = f" ({math.floor(10_000 * used / expected) / 100:.2f} %)" if expected else ""  # 100 % is all of them
     return (
         f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "

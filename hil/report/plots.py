@@ -21,9 +21,9 @@ from hil.records.blocks import Block, read_samples
 from hil.records.export import samples_by_collect
 from hil.records.reader import JOURNAL_NAME
 from hil.report.figures import draw_night
-from hil.report.grid import ranges
 from hil.report.night import night_content
 from hil.solve import solve_campaign
+from procedures.words import ranges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

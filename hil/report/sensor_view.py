@@ -13,9 +13,10 @@ from hil.analysis.scatter.sources import overall
 from hil.campaign import FloatArray
 from hil.report.content import Repeat, ReportContent, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
-from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, ranges, text, wrap
+from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text, wrap
 from hil.solve import RunSolution
 from procedures.verdict import Verdict
+from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
 
@@ -190,8 +191,7 @@ def _reasons(content: ReportContent, sensor: SensorContent) -> Iterator[dict[str
         judged = content.judgement(solution)
         groups.setdefault((-judged.severity, str(judged.verdict), judged.reason), []).extend(solution.runs)
     for (_, verdict, reason), runs in sorted(groups.items()):
-        noun = "run" if len(runs) == 1 else "runs"
-        yield {"verdict": verdict, "runs": f"{noun} {ranges(runs)}", "reason": reason}
+        yield {"verdict": verdict, "runs": numbered("run", runs), "reason": reason}
 
 
 def _contractors_verdicts(sensor: SensorContent) -> str:
@@ -201,9 +201,7 @@ def _contractors_verdicts(sensor: SensorContent) -> str:
         groups.setdefault(solution.verdict, []).extend(solution.runs)
     words = {Verdict.FAIL: "contradicted", Verdict.MARGINAL: "strained", Verdict.PASS: "not contradicted"}
     told = [
-        f"{verdict} ({words[verdict]}) in {'run' if len(groups[verdict]) == 1 else 'runs'} {ranges(groups[verdict])}"
-        for verdict in words
-        if verdict in groups
+        f"{verdict} ({words[verdict]}) in {numbered('run', groups[verdict])}" for verdict in words if verdict in groups
     ]
     return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 

@@ -9,9 +9,10 @@ from itertools import groupby
 import numpy as np
 
 from hil.report.content import ReportContent, SensorContent
-from hil.report.grid import degrees, ranges
+from hil.report.grid import degrees
 from hil.report.night import NightContent
 from procedures.verdict import Verdict
+from procedures.words import counted, numbered
 
 _WANDER = (
     "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
@@ -39,13 +40,11 @@ def headline(content: ReportContent) -> str:
     runs = {each.run for sensor in content.sensors for each in sensor.solutions}
     temperatures = max((len(sensor.repeats) for sensor in content.sensors), default=0)
     counts = content.verdict_counts()
-    what = (
-        f"{len(runs)} self-calibration{'s' * (len(runs) != 1)} at {temperatures} temperature{'s' * (temperatures != 1)}"
-    )
+    what = f"{counted(len(runs), 'self-calibration')} at {counted(temperatures, 'temperature')}"
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
     state = "" if night is None or night.state == "complete" else f" The night {_ended(night)}."
-    sensors = f"{len(content.sensors)} sensor{'s' * (len(content.sensors) != 1)}"
+    sensors = counted(len(content.sensors), "sensor")
     return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
 
 
@@ -100,8 +99,7 @@ def _missing(content: ReportContent) -> str:
 def summary(content: ReportContent) -> Iterator[str]:
     """Yield what an engineer must know first."""
     if content.campaign.warnings:
-        number = len(content.campaign.warnings)
-        yield f"{number} warning{'s' * (number != 1)} about the data: see Notes and warnings."
+        yield f"{counted(len(content.campaign.warnings), 'warning')} about the data: see Notes and warnings."
     solutions = [each for sensor in content.sensors for each in sensor.solutions]
     if solutions and not any(each.degrees_of_freedom for each in solutions):
         yield "No residual is left: this speaks for the measurements, and not for the model."
@@ -112,7 +110,7 @@ def summary(content: ReportContent) -> Iterator[str]:
         for sensor in content.sensors:
             found = [run for e in sensor.solutions if content.judgement(e).verdict is verdict for run in e.runs]
             if found:
-                yield f"{verdict}: sensor {sensor.number}, {'run' if len(found) == 1 else 'runs'} {ranges(found)}."
+                yield f"{verdict}: sensor {sensor.number}, {numbered('run', found)}."
     if content.comparison is not None:
         yield content.comparison.sentence[:1].upper() + content.comparison.sentence[1:] + "."
 
@@ -158,10 +156,7 @@ def cannot_tell(content: ReportContent) -> list[str]:
     for each in solutions:
         for text in each.unobservable:
             open_things.setdefault((each.sensor, text), []).extend(each.runs)
-    told = [
-        f"sensor {sensor}, {'run' if len(runs) == 1 else 'runs'} {ranges(runs)}: {text}"
-        for (sensor, text), runs in open_things.items()
-    ]
+    told = [f"sensor {sensor}, {numbered('run', runs)}: {text}" for (sensor, text), runs in open_things.items()]
     if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
         told = [*_THREE_COLLECTS, *told]
     if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):

@@ -23,6 +23,7 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
 from procedures.verdict import Judgement, Verdict
+from procedures.words import counted, plural, spelled
 
 SCHEMA = "hil.solution/1"
 
@@ -36,8 +37,6 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
-
-_COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
 @dataclass(frozen=True)
@@ -218,12 +217,12 @@ def stated_noise(collects: Collects) -> FloatArray | None:
 def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -> Judgement:
     """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise."""
     if degrees == 0:
-        count = _count(equations)
+        count = spelled(equations)
         reason = f"no residual: {count} equations, {count} unknowns; these collects cannot contradict the model"
         if not noise_stated:
             reason += "; with neither a residual nor stated standard errors the uncertainty is not known"
         return Judgement(Verdict.PASS, reason)
-    freedom = f"{degrees} degree{'s' if degrees > 1 else ''} of freedom"
+    freedom = f"{counted(degrees, 'degree')} of freedom"
     if not noise_stated:
         return Judgement(
             Verdict.PASS,
@@ -247,8 +246,8 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -
 def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str]) -> str:
     count = len(set(positions.tolist()))
     return (
-        f"{_count(equations)} measured rate{'s' if equations != 1 else ''} at {_count(count)} "
-        f"position{'s' if count != 1 else ''} cannot support every parameter: {'; '.join(unobservable)}"
+        f"{spelled(equations)} measured {plural('rate', equations)} at {spelled(count)} "
+        f"{plural('position', count)} cannot support every parameter: {'; '.join(unobservable)}"
     )
 
 
@@ -290,10 +289,6 @@ def _reason(*parts: str) -> str:
 
 def _runs(collects: Collects) -> tuple[int, ...]:
     return tuple(int(run) for run in np.unique(collects.conditions.run))
-
-
-def _count(number: int) -> str:
-    return _COUNTS[number] if number < len(_COUNTS) else str(number)
 
 
 def _finite(value: float) -> float | None:

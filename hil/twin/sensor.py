@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from drivers.frames.roles import SensorRole
 from hil.campaign import FloatArray
@@ -12,6 +13,7 @@ from hil.config.bench import Bench
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
+from hil.model.equation import pickoff_rates
 from hil.model.forms import bias_names
 from hil.model.model_file import SensorNoise
 from hil.twin.scatter import run_scatter
@@ -60,15 +62,11 @@ class SimulatedSensor:
         share = (at - below)[:, None]
         return np.asarray(self._table[below] * (1.0 - share) + self._table[below + 1] * share)
 
-    def pull(self, coefficients: FloatArray, f_g: FloatArray) -> FloatArray:
-        """Return B + K·f, shape (n, c), for rows of `coefficients` and f of shape (3,) or (n, 3).
-
-        Written out term by term, so that a row's result never depends on how many rows are asked for together.
-        """
+    def rates(self, coefficients: FloatArray, f_g: FloatArray, w_channels: ArrayLike = 0.0) -> FloatArray:
+        """Return R, shape (n, c), for rows of `coefficients`, f of shape (3,) or (n, 3) and w of (c,) or (n, c)."""
         c = self.channels
         k = coefficients[:, c:].reshape(len(coefficients), c, 3)
-        total = coefficients[:, :c] + k[..., 0] * f_g[..., 0:1] + k[..., 1] * f_g[..., 1:2] + k[..., 2] * f_g[..., 2:3]
-        return np.asarray(total)
+        return pickoff_rates(coefficients[:, :c], k, f_g, w_channels)
 
     def white_sigma_per_root_hz(self, temperature_degC: FloatArray) -> FloatArray:
         """Return the white noise, (n,), at n temperatures in deg/hr per √Hz of sample rate: N·60, for N in deg/√hr."""

@@ -173,9 +173,9 @@ class SimulatedUnit:
             slope = np.zeros_like(level)
         else:
             now, then = (table.between(first, last) for table in self._grid.coefficients(number))
-            level, slope = one.pull(now, f_g), one.pull(then, f_g)
-            level += w[one.sensor.channel_axes]
-        level += one.pull(one.scatter_coefficients(here.leg.run)[None], f_g) + self._grid.slow(number)[first : last + 1]
+            level, slope = one.rates(now, f_g, w[one.sensor.channel_axes]), one.rates(then, f_g)
+        scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
+        level += scatter + self._grid.slow(number)[first : last + 1]
         at = here.nodes - first
         rates = level[at] + slope[at] * here.since_s[:, None]
         rates += _settling(here.leg, self._settling.size, here.times_s)
@@ -191,8 +191,9 @@ class SimulatedUnit:
         rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
         now, then = self._grid.coefficients(number)
         coefficients = now.at(here.nodes) + then.at(here.nodes) * here.since_s[:, None]
-        rates = one.pull(coefficients + one.scatter_coefficients(here.leg.run), f_g)
-        rates += (w + rotation)[:, one.sensor.channel_axes] + self._grid.slow(number)[here.nodes]
+        turning = (w + rotation)[:, one.sensor.channel_axes]
+        rates = one.rates(coefficients + one.scatter_coefficients(here.leg.run), f_g, turning)
+        rates += self._grid.slow(number)[here.nodes]
         here.readings[:, self._columns.rates[number]] += rates
         here.readings[:, self._columns.accelerations[number]] += f_g[:, one.acceleration_axes]
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hil.analysis.allan.fit import NoiseFit
 from hil.campaign import FloatArray
+from procedures.words import duration
 
 _WORTH = 1.1  # a deviation this close to the lowest is as good as the lowest
 MU_FACTOR = float(np.sqrt(1.5))
@@ -113,15 +114,3 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
     else:
         said.append(f"longer keeps helping as far as this record can tell ({duration(found.longest_s)})")
     return said
-
-
-def duration(seconds: float) -> str:
-    """Write a time in the unit that a person would use.
-
-    >>> duration(90), duration(600), duration(5 * 3600)
-    ('90 s', '10 min', '5 h')
-    """
-    for unit, size in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"

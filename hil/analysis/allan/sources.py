@@ -27,6 +27,7 @@ from hil.files.units import RATE, to_number
 from hil.records.blocks import Block, read_samples
 from hil.records.export import samples_by_collect
 from hil.records.reader import JOURNAL_NAME
+from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
 _PROJECT_UNIT = "deg/hr"
@@ -77,7 +78,7 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
     if not own:
         raise InputError(f"{folder}: no series of sensor {number} was kept")
     if collect is not None and collect not in own:
-        raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {_listed(own)}")
+        raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {choice(own)}")
     pieces: list[FloatArray] = []
     interval_s = 0.0
     for title, time_s, values, block_s in _each_series(folder, campaign, blocks, number, name, own, collect):
@@ -112,7 +113,7 @@ def _each_series(
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
     """Return sensor number and channel; refuse where there is more than one to choose from."""
     if sensor is not None and sensor not in campaign.sensors:
-        raise InputError(f"{folder}: there is no sensor {sensor}; there are {_listed(campaign.sensors)}")
+        raise InputError(f"{folder}: there is no sensor {sensor}; there are {choice(campaign.sensors)}")
     numbers = [sensor] if sensor is not None else list(campaign.sensors)
     found = [
         (number, name)
@@ -264,8 +265,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _listed(numbers: Mapping[int, object] | Sequence[int]) -> str:
-    found = [str(each) for each in numbers]
-    return ", ".join(found if len(found) <= 12 else [*found[:5], "…", found[-1]])

@@ -18,6 +18,7 @@ from hil.campaign import FloatArray
 from hil.campaign.table import Table
 from hil.errors import InputError
 from hil.files.strict import config_folders
+from procedures.words import listed
 
 TABLE_1, TABLE_A1 = "table-1", "table-a1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))
@@ -161,7 +162,7 @@ def _rows_of_1(table: Table, mean: str, temperature: str, unit: str) -> tuple[li
         label = f"{degrees} {unit}, axis {axis}" + (f", sensor {sensor}" if len({k[1] for k in found}) > 1 else "")
         missing = [role for role in ("contractor", "matrix", "mu") if role not in cells]
         if missing:
-            notes.append(f"{label}: {' and '.join(missing)} not printed, so nothing ties its cells together")
+            notes.append(f"{label}: {listed(missing)} not printed, so nothing ties its cells together")
         else:
             rows.append(PrintedRow(label, f"{degrees} {unit}", axis, cells, stated.get(degrees)))
     return rows, notes or ["no parameter is named like BA2_collins, BA2_matrix or MUB2_matrix"] * (not rows)

@@ -27,6 +27,7 @@ from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
+from procedures.words import counted
 
 HIGHEST_ORDER = 5
 _RARE, _CHANGED = 0.4, 0.05
@@ -260,7 +261,7 @@ def _layout(
         stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
     if len(stations) < 3:
         raise InputError(
-            f"sensor {number}: {len(stations)} temperature{'s' if len(stations) != 1 else ''} with every parameter; at "
+            f"sensor {number}: {counted(len(stations), 'temperature')} with every parameter; at "
             "least three are needed (--apart says how far apart two temperatures are)"
         )
     own = collects.conditions.columns["temperature_degC"]

@@ -122,7 +122,7 @@ def _simulate(
 ) -> FloatArray:
     """Return sums of squared errors (s + 1, p) over draws: each source alone, then all of them at once."""
     design, sigma = _design(scene, form), scene.sigma.ravel()
-    rates = scene.base.bias + scene.rates(scene.gravity, scene.earth_rate)
+    rates = scene.rates(scene.gravity, scene.earth_rate, scene.base.bias)
     assumed = scene.conditions.w_channels_deg_per_hr
     right = solve(design, (rates - assumed).ravel(), sigma, rank_tolerance=OBSERVABLE).values
     together = np.zeros((draws, *rates.shape))

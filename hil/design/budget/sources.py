@@ -21,11 +21,13 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from hil.campaign import Conditions, FloatArray
 from hil.config.uncertainty import UncertaintySection
 from hil.model.effects.base import Base
+from hil.model.equation import pickoff_rates
 
 _STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
 
@@ -64,13 +66,11 @@ class Scene:
         """How many rates there are at each collect."""
         return len(self.conditions.sensor.channels)
 
-    def rates(self, gravity: FloatArray, earth_rate: FloatArray) -> FloatArray:
-        """Return K·f + w (..., n, c) for G and W (..., n, 3) in the bench frame; linear in both."""
-        n, c = len(self.axes), self.channels
-        pull = np.einsum("nca,nab->ncb", self.base.k, self.axes)
-        own = self.axes[:, self.conditions.sensor.channel_axes]
-        total = _flat(gravity) @ _each_row(pull).T + _flat(earth_rate) @ _each_row(own).T
-        return np.asarray(total.reshape(*total.shape[:-1], n, c))
+    def rates(self, gravity: FloatArray, earth_rate: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
+        """Return R (..., n, c) for G and W (..., n, 3) in the bench frame; without a bias it is linear in both."""
+        axes = _each_row(self.axes).T
+        f_g, w = ((_flat(vectors) @ axes).reshape(vectors.shape) for vectors in (gravity, earth_rate))
+        return pickoff_rates(bias, self.base.k, f_g, w[..., self.conditions.sensor.channel_axes])
 
 
 class Source(ABC):

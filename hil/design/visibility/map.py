@@ -20,6 +20,7 @@ from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, Parameter, flattened
 from hil.model.effects.catalogue import askable
+from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
     CANNOT_BE_SEEN,
@@ -166,7 +167,7 @@ def base_values(conditions: Conditions, model: Model | None) -> Base:
         values = np.array([*_TYPICAL_ROTOR["bias"], *_TYPICAL_ROTOR["GS"], *_TYPICAL_ROTOR["MU"]])
         bias, k = form.terms(conditions, values)
         slope = np.broadcast_to(np.array(_TYPICAL_ROTOR["slope"]), bias.shape)
-    rates = bias + np.einsum("nca,na->nc", k, conditions.f_g) + np.nan_to_num(conditions.w_channels_deg_per_hr)
+    rates = pickoff_rates(bias, k, conditions.f_g, np.nan_to_num(conditions.w_channels_deg_per_hr))
     return Base(bias, k, rates, slope, np.zeros_like(k))
 
 

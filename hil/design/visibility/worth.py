@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions
-from hil.design.visibility.changes import CHANGES
 from hil.design.visibility.map import Sights, visibility
 from hil.model import Model, built_in_model
+from hil.solve.changes import CHANGES
 
 _CLEAN = 0.1
 """A leak that falls below this fraction of what it was is counted as gone."""

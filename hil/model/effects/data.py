@@ -10,6 +10,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
+from hil.model.equation import pickoff_rates
 
 ALL_RUNS = -1.0
 """Value of swap's shape parameter `run` that stands for the whole campaign."""
@@ -89,7 +90,7 @@ class Mislabelled(Effect):
             there = conditions.position == other
             f = conditions.f_g[there].mean(axis=0) - conditions.f_g[here]
             w = np.nan_to_num(conditions.w_deg_per_hr)
-            change[here] = np.einsum("nca,na->nc", base.k[here], f) + (w[there].mean(axis=0) - w[here])[:, axes]
+            change[here] = pickoff_rates(0.0, base.k[here], f, (w[there].mean(axis=0) - w[here])[:, axes])
         return change[..., None]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.model.effects.base import Base, Effect, Parameter, required_base
 from hil.model.effects.geometry import local_frame, turned_about_index_axis
+from hil.model.equation import pickoff_rates
 
 MILLI = 1e-3
 
@@ -19,9 +20,7 @@ def _tilt_columns(conditions: Conditions, base: Base) -> FloatArray:
     level = np.zeros_like(f)
     level[:, 1] = np.hypot(f[:, 0], f[:, 2])  # axis 2 is the sensor's B axis at every index position
     about_index_axis = turned_about_index_axis(f)
-    return MILLI * np.stack(
-        [np.einsum("nca,na->nc", base.k, level), np.einsum("nca,na->nc", base.k, about_index_axis)], -1
-    )
+    return MILLI * np.stack([pickoff_rates(0.0, base.k, df, 0.0) for df in (level, about_index_axis)], -1)
 
 
 class _IndexedRotorEffect(Effect):
@@ -96,7 +95,7 @@ class IndexPositionError(_IndexedRotorEffect):
         """Return the change of the rates per mrad, in the rows of each position, shape (n, 2, positions)."""
         base = required_base(self, base)
         turned = turned_about_index_axis(np.nan_to_num(conditions.w_deg_per_hr))[:, conditions.sensor.channel_axes]
-        change = np.einsum("nca,na->nc", base.k, turned_about_index_axis(conditions.f_g)) + turned
+        change = pickoff_rates(0.0, base.k, turned_about_index_axis(conditions.f_g), turned)
         at = np.equal.outer(conditions.position, np.unique(conditions.position)).astype(np.float64)
         return np.asarray(MILLI * change[:, :, None] * at[:, None, :])
 

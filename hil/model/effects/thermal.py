@@ -19,6 +19,7 @@ from hil.model.effects.base import (
     required_base,
 )
 from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
+from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
 
@@ -124,7 +125,7 @@ class ThermometerLag(Effect):
         base = required_base(self, base)
         if base.bias_slope is None or base.k_slope is None:
             raise InputError("effect T_lag needs a base model that depends on temperature (its slopes)")
-        slope = base.bias_slope + shape.get("k_share", 1.0) * np.einsum("nca,na->nc", base.k_slope, conditions.f_g)
+        slope = pickoff_rates(base.bias_slope, shape.get("k_share", 1.0) * base.k_slope, conditions.f_g, 0.0)
         rate = np.nan_to_num(column(conditions, "dTdt_degC_per_min"))
         return np.asarray((slope * rate[:, None])[..., None])
 

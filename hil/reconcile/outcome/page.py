@@ -16,6 +16,7 @@ from matplotlib.image import AxesImage
 
 from hil.model import save_model
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, values_off
+from procedures.words import listed, numbered, percent
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
@@ -37,7 +38,7 @@ def page(result: Reconciliation) -> str:
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined
     )
     environment.filters["number"] = _number
-    environment.filters["percent"] = _percent
+    environment.filters["percent"] = percent
     rows = list(result.picture.get("rows", []))
     return environment.get_template(_TEMPLATE).render(
         result=result,
@@ -79,7 +80,7 @@ def summary(result: Reconciliation) -> list[str]:
         if effect.kind == "ambiguous" and alike:
             sentence += f", or {' or '.join(alike[:3])}: in these collects they look the same"
         elif effect.kind == "ambiguous":
-            sentence += f" – probably ({_percent(effect.probability)}), not certainly"
+            sentence += f" – probably ({percent(effect.probability)}), not certainly"
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
@@ -88,7 +89,7 @@ def summary(result: Reconciliation) -> list[str]:
         proved = np.isfinite(result.gap.improved_p_value)
         how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
         said.append(
-            f"With {' and '.join(mended)} the gap {how} falls from {_number(result.gap.before)} to "
+            f"With {listed(mended)} the gap {how} falls from {_number(result.gap.before)} to "
             f"{_number(result.gap.after)} deg/hr; noise alone leaves {_number(result.gap.noise_floor)}."
         )
     if per_temperature:
@@ -117,7 +118,7 @@ def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
     for rival in effect.confusable_with:
         alike = "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
         if rival.same_on:
-            alike = f"the same on sensor {' and '.join(map(str, rival.same_on))}, taken by itself"
+            alike = f"the same on sensor {listed(rival.same_on)}, taken by itself"
         rows.append((rival.id, rival.probability, alike))
     return rows
 
@@ -131,16 +132,8 @@ def _place(where: Mapping[str, Any]) -> str:
         low, high = where["temperature_degC"]
         parts.append(f"{low:.0f} to {high:.0f} °C")
     if "runs" in where:
-        runs = where["runs"]
-        parts.append(f"run {runs[0]}" if len(runs) == 1 else f"runs {_listed(runs)}")
+        parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    """Numbers with unbroken stretches drawn together: 1 to 3, 7, 9 to 12."""
-    cut = np.flatnonzero(np.diff(np.asarray(numbers)) != 1) + 1
-    stretches = np.split(np.asarray(numbers), cut)
-    return ", ".join(str(s[0]) if len(s) == 1 else f"{s[0]} to {s[-1]}" for s in stretches)
 
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:
@@ -218,10 +211,6 @@ def _number(value: float | None) -> str:
     if value is None or not np.isfinite(value):
         return "–"
     return f"{value:.3g}"
-
-
-def _percent(value: float) -> str:
-    return f"{100.0 * value:.0f} %" if 0.01 <= value <= 0.99 else (f"{100.0 * value:.1f} %")
 
 
 def write_result(result: Reconciliation, out_dir: Path) -> None:

@@ -8,8 +8,7 @@ them apart; what counts is by how much the addition raises it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,20 +20,10 @@ from hil.model.effects.history import joined
 from hil.reconcile.naming import Naming, Weighed
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
+from hil.solve.changes import Addition, additions
 
 _EASY = 9.0
 _NEARLY = 0.8
-_INDEX_ANGLES = {"4": 180.0, "at 45 deg": 45.0, "at 135 deg": 135.0}
-
-
-@dataclass(frozen=True)
-class Addition:
-    """A feasible addition: what it is called, the rows it adds, and how much it asks of the bench (fewer is easier)."""
-
-    name: str
-    rows: Conditions
-    effort: float
-    collects: Sequence[Mapping[str, Any]]
 
 
 def next_experiment(
@@ -54,7 +43,7 @@ def next_experiment(
     sensor = sensors[next((number for number in touched if number in rival.same_on), touched[0])]
     scored = []
     present = separation(leader, rival, sensor, None, sigma[sensor.number])
-    for addition in additions(sensor):
+    for addition in additions(sensor.collects.conditions):
         outcome = separation(leader, rival, sensor, addition, sigma[sensor.number])
         if outcome is not None and present is not None:  # what counts is what the new rows add to those at hand
             scored.append((outcome[0] - present[0], outcome[1], addition))
@@ -77,7 +66,7 @@ def next_experiment(
     return {
         "why": f"separates {leader.name} from {rival.name}",
         "what": addition.name,
-        "collects": list(addition.collects),
+        "collects": _described(addition.rows),
         "repeats": repeats,
         "expected_difference_deg_per_hr": difference,
         "power": power,
@@ -123,31 +112,6 @@ def _remedy(weighed: Weighed) -> str:
     """What the catalogue says separates a name from its rivals."""
     effect = weighed.added.hypothesis.candidate.effect
     return effect.experiment if effect is not None else "vary the driver alone"
-
-
-def additions(sensor: SensorProblem) -> list[Addition]:
-    """List the feasible additions for a sensor: every run gets the extra collects once."""
-    conditions = sensor.collects.conditions
-    out: list[Addition] = []
-    if conditions.sensor.is_rotor:
-        reference = _index_zero(conditions)
-        present = set(conditions.position.tolist())
-        if reference is not None:
-            for label, angle in _INDEX_ANGLES.items():
-                if label not in present:
-                    rows = _indexed(conditions, reference, label, angle)
-                    out.append(Addition(f"Collect {label}", rows, 1.0 if label == "4" else 1.5, _described(rows)))
-    else:
-        rows = _flipped(conditions)
-        out.append(Addition("every pose upside down", rows, 2.0, _described(rows)))
-    if np.any(conditions.w_deg_per_hr):
-        rows = _turned_heading(conditions)
-        out.append(Addition("the same positions at a heading 90 deg on", rows, 3.0, _described(rows)))
-    out.append(Addition("the same collects once more, afterwards", _later(conditions), 1.8, _described(conditions)))
-    if len(np.unique(conditions.run)) > 1:
-        rows = _reversed(conditions)
-        out.append(Addition("the same runs in reverse order of temperature and time", rows, 2.5, _described(rows)))
-    return out
 
 
 def separation(
@@ -198,90 +162,6 @@ def _columns(weighed: Weighed, number: int, conditions: Conditions, base: Base) 
 
 def _candidate(weighed: Weighed, number: int) -> Candidate | None:
     return next((unit.candidate for unit in weighed.added.units if unit.candidate.sensor == number), None)
-
-
-def _index_zero(conditions: Conditions) -> tuple[FloatArray, FloatArray] | None:
-    """Return f and w at index angle zero: the position labelled 3, or the one with its spin axis most nearly up."""
-    labels = np.unique(conditions.position)
-    label = (
-        "3" if "3" in labels else max(labels, key=lambda p: float(conditions.f_g[conditions.position == p, 2].mean()))
-    )
-    rows = conditions.position == label
-    if conditions.f_g[rows, 2].mean() < 0.5:
-        return None
-    return conditions.f_g[rows].mean(axis=0), np.nan_to_num(conditions.w_deg_per_hr[rows]).mean(axis=0)
-
-
-def _one_per_run(conditions: Conditions) -> Conditions:
-    last = [int(np.flatnonzero(conditions.run == run)[-1]) for run in dict.fromkeys(conditions.run.tolist())]
-    return conditions.rows(np.array(last))
-
-
-def _indexed(
-    conditions: Conditions, reference: tuple[FloatArray, FloatArray], label: str, angle_deg: float
-) -> Conditions:
-    """One more collect per run at an index angle: f and w turned about the index axis."""
-    rows = _one_per_run(conditions)
-    sine, cosine = np.sin(np.deg2rad(angle_deg)), np.cos(np.deg2rad(angle_deg))
-
-    def turned(vector: FloatArray) -> FloatArray:
-        g3, g2, g1 = vector  # at angle zero A lies along axis 3, B along 2, S along 1
-        return np.array([g1 * sine + g3 * cosine, g2, g1 * cosine - g3 * sine])
-
-    n = len(rows)
-    return replace(
-        rows,
-        collect=conditions.collect.max() + 1 + np.arange(n),
-        position=np.full(n, label),
-        start_s=rows.start_s + 90.0,
-        f_g=np.tile(turned(reference[0]), (n, 1)),
-        w_deg_per_hr=np.tile(turned(reference[1]), (n, 1)),
-    )
-
-
-def _flipped(conditions: Conditions) -> Conditions:
-    return _later(
-        replace(conditions, f_g=-conditions.f_g, position=np.char.add(conditions.position.astype(str), " upside down"))
-    )
-
-
-def _turned_heading(conditions: Conditions) -> Conditions:
-    """The same positions with the horizontal earth rate turned by 90 deg about the vertical."""
-    up = conditions.f_g / np.linalg.norm(conditions.f_g, axis=1, keepdims=True)
-    w = np.nan_to_num(conditions.w_deg_per_hr)
-    vertical = np.sum(w * up, axis=1, keepdims=True) * up
-    return _later(replace(conditions, w_deg_per_hr=vertical + np.cross(up, w - vertical)))
-
-
-def _reversed(conditions: Conditions) -> Conditions:
-    """The same collects again, coming back through the temperatures: slopes change sign."""
-    columns = dict(conditions.columns)
-    if "dTdt_degC_per_min" in columns:
-        columns["dTdt_degC_per_min"] = -columns["dTdt_degC_per_min"]
-    back = np.argsort(-conditions.run, kind="stable")
-    return _later(replace(conditions, columns=columns).rows(back), back_to_front=True)
-
-
-def _later(conditions: Conditions, *, back_to_front: bool = False) -> Conditions:
-    """Put the rows after the campaign: runs, collects and times carry on."""
-    start = conditions.start_s
-    span = float(np.ptp(start)) + 3600.0
-    times = start.max() + 3600.0 + (start.max() - start if back_to_front else start - start.min())
-    runs = (
-        conditions.run.max()
-        + 1
-        + (conditions.run.max() - conditions.run if back_to_front else conditions.run - conditions.run.min())
-    )
-    columns = dict(conditions.columns)
-    if "time_since_power_on_s" in columns:
-        columns["time_since_power_on_s"] = columns["time_since_power_on_s"] + span
-    return replace(
-        conditions,
-        run=runs,
-        start_s=times,
-        collect=conditions.collect.max() + 1 + np.arange(len(conditions)),
-        columns=columns,
-    )
 
 
 def _described(rows: Conditions) -> list[dict[str, Any]]:

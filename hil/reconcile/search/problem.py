@@ -18,6 +18,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
+from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
 from hil.reconcile.search.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
@@ -237,7 +238,7 @@ def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float
 def base_at(form: LinearForm, conditions: Conditions, values: FloatArray) -> Base:
     """Return bias, K, rates and their slopes by temperature at each row, from the fitted values (p,)."""
     bias, k = form.terms(conditions, values)
-    rates = bias + np.einsum("nca,na->nc", k, conditions.f_g) + conditions.w_channels_deg_per_hr
+    rates = pickoff_rates(bias, k, conditions.f_g, conditions.w_channels_deg_per_hr)
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None:
         return Base(bias, k, rates, np.zeros_like(bias), np.zeros_like(k))

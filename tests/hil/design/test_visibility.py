@@ -13,7 +13,6 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
 from hil.design.visibility.document import campaign_document, of_campaign, sweep_document, visibility_document
 from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
 from hil.design.visibility.text import visibility_text
@@ -22,6 +21,7 @@ from hil.model import built_in_model, load_model
 from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.forms import named_form
+from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
 from hil.solve.identifiability import orthonormal, project_out, run_covariance, whitener
 from procedures.plan import make_plan
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses

@@ -18,10 +18,10 @@ from hil.cli.app import run as hil
 from hil.config import load_bench
 from hil.night import resume_night, start_night
 from hil.records import SqliteJournal
-from hil.report.grid import ranges
 from hil.report.night import night_content
 from procedures.stop import StopRequest
 from procedures.verdict import Judgement, Verdict
+from procedures.words import ranges
 from tests.hil.report.report_pages import TWO, Tables, solved
 
 REJECTED = [("self-calibration 4: Collect 3 at 30.0 °C, attempt 1", "failed")]
