@@ -16,6 +16,7 @@ from hil.campaign import FloatArray
 from hil.reconcile.search.candidates import POWERS
 from hil.reconcile.search.fit import Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.search.scan import Scan
+from hil.solve.identifiability import orthonormal, share_within
 from hil.solve.rows import Block
 
 NAMED = 0.8
@@ -127,8 +128,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
 
 def _norm(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """Norm of a fitted effect beside the base, in units of the noise."""
-    parts = [_beside(effect, block, n) for effect, block, n in zip(weighed.fit.effect, blocks, noise, strict=True)]
-    return float(np.linalg.norm(np.concatenate(parts)))
+    return float(np.linalg.norm(_shown(weighed.fit, blocks, noise)))
 
 
 def forgiving(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
@@ -231,17 +231,15 @@ def _stacked(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise])
                 for unit in added.units
             ]
         )
-        basis = _orthonormal(noise[b].whitening @ block.base)
-        white = noise[b].whitening @ columns
-        parts.append(white - basis @ (basis.T @ white))
-        norms.append(np.sum(white**2, axis=0))
+        parts.append(noise[b].beside(block.base, columns))
+        norms.append(np.sum((noise[b].whitening @ columns) ** 2, axis=0))
     size = np.sqrt(np.sum(norms, axis=0))
     return np.asarray(np.vstack(parts) / np.where(size > 0, size, 1.0))
 
 
 def _span(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
     """An orthonormal basis of what an effect has beside the base; slivers of a column do not count."""
-    return _orthonormal(_stacked(added, blocks, noise), _SLIVER)
+    return orthonormal(_stacked(added, blocks, noise), _SLIVER, scale=1.0)
 
 
 def _lead(ranked: Sequence[Weighed], blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> tuple[Weighed, str]:
@@ -296,9 +294,7 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
             unit = added.units[u]
             if b in unit.blocks:
                 columns[:, place] = unit.columns[unit.blocks.index(b)][:, k]
-        basis = _orthonormal(noise[b].whitening @ block.base)
-        white = noise[b].whitening @ np.column_stack([columns, fit.effect[b]])
-        white = white - basis @ (basis.T @ white)
+        white = noise[b].beside(block.base, np.column_stack([columns, fit.effect[b]]))
         seen.append(white[:, :-1])
         target.append(white[:, -1])
     for _, u, k in fit.owner:
@@ -333,12 +329,13 @@ def plausibility(excess: float) -> float:
 
 def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """How much of the leader's fitted effect the rival's columns reproduce beside the base, 0 to 1."""
-    target = np.concatenate(
-        [_beside(effect, block, n) for effect, block, n in zip(leader.fit.effect, blocks, noise, strict=True)]
-    )
-    total = float(target @ target)
-    span = _span(rival.added, blocks, noise)
-    return min(float(np.sqrt(np.sum((span.T @ target) ** 2) / total)), 1.0) if total > 0 else 0.0
+    return share_within(_span(rival.added, blocks, noise), _shown(leader.fit, blocks, noise))
+
+
+def _shown(fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
+    """A fitted effect beside the base in units of the noise, all blocks one after the other."""
+    parts = zip(fit.effect, blocks, noise, strict=True)
+    return np.concatenate([loud.beside(block.base, effect) for effect, block, loud in parts])
 
 
 def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
@@ -349,13 +346,13 @@ def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: 
     found, largest = [], rival.overlap
     for number in numbers:
         own = [b for b, block in enumerate(blocks) if block.sensor == number]
-        target = np.concatenate([_beside(leader.fit.effect[b], blocks[b], noise[b]) for b in own])
+        target = np.concatenate([noise[b].beside(blocks[b].base, leader.fit.effect[b]) for b in own])
         theirs, ours = _on_sensor(rival.added, own), _on_sensor(leader.added, own)
         if float(target @ target) < _SHOWS**2 or not theirs.units or not ours.units:
             continue
         here, loud = [blocks[b] for b in own], [noise[b] for b in own]
         span, mine = _span(theirs, here, loud), _span(ours, here, loud)
-        alike = min(float(np.sqrt(np.sum((span.T @ target) ** 2) / (target @ target))), 1.0)
+        alike = share_within(span, target)
         if alike > SAME and span.shape[1] <= mine.shape[1]:
             found.append(number)
             largest = max(largest, alike)
@@ -370,17 +367,3 @@ def _on_sensor(added: Added, own: Sequence[int]) -> Added:
         if all(b in own for b in unit.blocks)
     ]
     return replace(added, units=tuple(units))
-
-
-def _beside(effect: FloatArray, block: Block, noise: BlockNoise) -> FloatArray:
-    basis = _orthonormal(noise.whitening @ block.base)
-    white = noise.whitening @ effect
-    return np.asarray(white - basis @ (basis.T @ white))
-
-
-def _orthonormal(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
-    if columns.shape[1] == 0:
-        return np.zeros((columns.shape[0], 0))
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    cut = tolerance if tolerance > 1e-6 else tolerance * singular.max(initial=0.0)
-    return np.asarray(left[:, singular > cut])

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.solve.identifiability import combinations_beside, independent_columns, project_out, unit_columns
 from hil.solve.noise_grid import NoiseGrid, noise_grid, whiteners
-from hil.solve.rows import Block, independent_columns
+from hil.solve.rows import Block
 
 _STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
 _TRUSTED_DOF = 12.0  # and where they are all there is to judge by
@@ -70,7 +71,7 @@ class Projection:
 
     def beside(self, white: FloatArray) -> FloatArray:
         """Return whitened columns (t, N, k) less their part in the base."""
-        return np.asarray(white - self.basis @ (np.swapaxes(self.basis, 1, 2) @ white))
+        return project_out(self.basis, white)
 
     def log_null(self, y: FloatArray, prior: ScalePrior) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return residuals (t, N, m), RSS (t, m) and the log marginal likelihood of the base alone (t, m)."""
@@ -185,13 +186,11 @@ class RichMeans:
     def best_of_any(self, base: FloatArray) -> FloatArray:
         """Log probability of each noise point below the best, under whichever model suits it most, (t,)."""
         prior, further = ScalePrior.of(self.block), base[:, self.block.base.shape[1] :]
-        further = further / np.maximum(np.linalg.norm(further, axis=0), 1e-300)
+        further = unit_columns(further)
         white = self.whitening @ further
         out = []
         for k, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
-            _, singular, v = np.linalg.svd(further - span @ (span.T @ further), full_matrices=False)
-            seen = singular > _DEPENDENT
-            new = white @ (v[seen].T / singular[seen])  # orthonormal beside the span, however alike the columns are
+            new = white @ combinations_beside(span, further, _DEPENDENT)
             if k == 0 or len(span) - span.shape[1] - new.shape[2] >= _LEAST_FREEDOM:
                 log_null = projection.log_null_with(new, self.residuals[k], self.squares[k], prior)
                 out.append(log_null - log_null.max())

@@ -17,8 +17,9 @@ from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.forms import LinearForm
 from hil.reconcile.search.evidence import BlockEvidence
+from hil.solve.identifiability import independent_columns
 from hil.solve.likelihood import NoiseTable
-from hil.solve.rows import Block, independent_columns, stations
+from hil.solve.rows import Block, stations
 
 ONE_SET = "one set"
 PER_TEMPERATURE = "per temperature"
