@@ -7,12 +7,14 @@ them. Identical columns are never resolved silently.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.search.candidates import POWERS
 from hil.reconcile.search.fit import Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.search.scan import Scan
@@ -27,23 +29,6 @@ _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD_TERMS: Mapping[str, float] = {"bias_T": 3.0, "MU_real": 5.0, "GS_T": 3.0, "g_sensitivity": 3.0}
-"""Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name.
-
-A rotor without mass unbalance is rarer than a triad without sensitivity to acceleration.
-"""
-_OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
-_EXCLUDED = 3.0
-"""Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
-_LEADS = 1.5
-_UNLISTED = frozenset({"ageing"})
-"""Names that the published list of effects has not: they lead where nothing of it explains as much."""
-_INCIDENTAL = frozenset(
-    {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "T_lag", "mag"}
-)
-"""Names that imitate another only because of the order, the timing or the one heading of these collects.
-
-Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _NEARLY = 7.0  # and within which a usual term withholds the name from an unusual one
@@ -79,6 +64,24 @@ class Weighed:
     remedy: str = ""
     norm: float = 0.0
 
+    @property
+    def effect(self) -> Effect | None:
+        """The effect of the catalogue that it is named after; None for a term of the second tier."""
+        if self.tier != 1:
+            return None
+        hypothesis = self.added.hypothesis
+        return hypothesis.effect if hypothesis.name == self.name else effect_by_id(self.name)
+
+    @property
+    def odds(self) -> float:
+        """How many times as probable as any other name it is before the data."""
+        return 1.0 if self.effect is None else self.effect.odds
+
+    @property
+    def incidental(self) -> bool:
+        """Whether it imitates others only by how these collects were taken."""
+        return self.effect is not None and self.effect.incidental
+
 
 @dataclass(frozen=True)
 class Naming:
@@ -98,7 +101,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     first_tier = [n for n in names if scan.shares[n] > least and scan.best(n)[0].tier == 1][:limit]
     others = [name for name in dict.fromkeys([*names[:12], *first_tier]) if name != names[0]]
     weighed = forgiving([strongest, *(_fitted(name, scan, blocks, noise) for name in others)], norm)
-    logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
+    logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(w.odds) for w in weighed])
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
     ranked = sorted(
@@ -165,7 +168,7 @@ def certainty(scan: Scan) -> float:
 
 def prior_weight(weighed: Weighed) -> float:
     """Log weight of a name before the data: how usual it is, and how usual its fitted size."""
-    return plausibility(weighed.excess) + float(np.log(_standing(weighed.name)))
+    return plausibility(weighed.excess) + float(np.log(weighed.odds))
 
 
 def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Naming:
@@ -178,14 +181,6 @@ def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Nami
     return Naming(kind, leader, rivals)
 
 
-def _standing(name: str) -> float:
-    if name in _UNLISTED:
-        return 1.0 / _LEADS
-    if name in _OUTSIDE_CAUSES:
-        return 1.0 / _EXCLUDED
-    return _STANDARD_TERMS.get(name, 1.0)
-
-
 def _is_possible(leader: Weighed, rival: Weighed) -> bool:
     """Whether a rival that reproduces the leader could be it; one that is only nearly the same must be probable."""
     if rival.overlap < _IDENTICAL and rival.probability < _MENTIONED:
@@ -195,7 +190,7 @@ def _is_possible(leader: Weighed, rival: Weighed) -> bool:
 
 def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
     """Whether a rival is improbable, and the same only because of how these collects were taken."""
-    return rival.name in _INCIDENTAL and leader.name not in _INCIDENTAL and rival.probability < _NEGLIGIBLE
+    return rival.incidental and not leader.incidental and rival.probability < _NEGLIGIBLE
 
 
 def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
@@ -204,7 +199,7 @@ def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Seque
 
 def _usual_and_as_good(leader: Weighed, rival: Weighed) -> bool:
     """Whether a term of the standard model, at a usual size, reproduces an unusual leader nearly as probably."""
-    usual = rival.name in _STANDARD_TERMS and leader.name not in _STANDARD_TERMS and rival.excess < _TYPICAL
+    usual = rival.odds > 1.0 >= leader.odds and rival.excess < _TYPICAL
     return usual and rival.overlap > SAME and leader.log_evidence - rival.log_evidence < _NEARLY
 
 

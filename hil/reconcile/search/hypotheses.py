@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import named
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.evidence import _INVISIBLE, BlockEvidence, relevant_points
 from hil.reconcile.search.joint import JointColumns, JointEvidence
@@ -26,8 +28,6 @@ _ACTS = 0.03  # a parameter that moves a block less than this, beside the block 
 _SAME = 0.98
 _FEW = 2
 _PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
-_FOLLOWS = frozenset({"bias_T", "GS_T"})
-"""Names that mean following temperature: their plain form is the straight line."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,12 @@ class Hypothesis:
     def candidate(self) -> Candidate:
         """The candidate on the first sensor."""
         return self.units[0].candidate
+
+    @property
+    def effect(self) -> Effect | None:
+        """The effect of the catalogue that it is named after; None for a term of the second tier."""
+        own = self.candidate.effect
+        return None if own is None or self.tier != 1 else named(own)
 
 
 def hypotheses(candidates: Sequence[Candidate], blocks: Sequence[Block]) -> list[Hypothesis]:
@@ -260,7 +266,7 @@ def _irregular_apart(found: Sequence[Hypothesis], visible: Sequence[bool]) -> li
         h.name
         for h, seen_ in zip(found, visible, strict=True)
         if seen_ and h.candidate.form == "constant" and h.candidate.effect is not None
-        if h.candidate.effect.id not in _FOLLOWS
+        if h.candidate.effect.plain_form == "constant"
     }
     out = []
     for hypothesis in found:
@@ -290,7 +296,8 @@ def share_prior(
 
 
 def _form_weight(hypothesis: Hypothesis) -> float:
-    plain = "line" if hypothesis.name in _FOLLOWS else "constant"
+    effect = hypothesis.effect
+    plain = "constant" if effect is None else effect.plain_form
     return _PLAIN if hypothesis.candidate.form == plain else 1.0
 
 
