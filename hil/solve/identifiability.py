@@ -77,6 +77,15 @@ def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE, *, scale
     return np.asarray(left[:, singular > tolerance * scale])
 
 
+def orthonormal_of_independent(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (N, p) of columns (N, p) that are known to be independent.
+
+    There are always as many directions as columns, which is what a likelihood counts its freedom by. By QR, in half the
+    time of `orthonormal`, which decides on a rank; its last digits decide between hypotheses that fit equally well.
+    """
+    return np.asarray(np.linalg.qr(columns)[0])
+
+
 def project_out(base: FloatArray, columns: FloatArray) -> FloatArray:
     """Return columns (..., N, p) less their part in the orthonormal `base` (..., N, b)."""
     return np.asarray(columns - base @ (np.swapaxes(base, -1, -2) @ columns))

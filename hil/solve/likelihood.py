@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.solve.identifiability import combinations_beside, independent_columns, project_out, unit_columns
+from hil.solve.identifiability import (
+    combinations_beside,
+    independent_columns,
+    orthonormal_of_independent,
+    project_out,
+    unit_columns,
+)
 from hil.solve.noise_grid import NoiseGrid, noise_grid, whiteners
 from hil.solve.rows import Block
 
@@ -119,7 +125,7 @@ def restricted_likelihood(
 
     The same as `Projection.log_null`, for one data set `y` (N,) and without what only candidates need.
     """
-    spans = [np.linalg.qr(base)[0] if base.shape[1] else base for base in bases]
+    spans = [orthonormal_of_independent(base) for base in bases]
     white = noise.whitening @ np.column_stack([*spans, y])
     out, start = [], 0
     target = white[:, :, -1]
@@ -168,7 +174,7 @@ class RichMeans:
     @classmethod
     def of(cls, block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> RichMeans:
         """Project the base out, alone and with each of the rich models."""
-        spans = [np.linalg.qr(base)[0] for base in _bases(block, rich)]
+        spans = [orthonormal_of_independent(base) for base in _bases(block, rich)]
         projections = [Projection.of(noise, span) for span in spans]
         white = noise.whitening @ block.y[:, None]
         residuals = [projection.beside(white)[:, :, 0] for projection in projections]
