@@ -7,15 +7,18 @@ them. Identical columns are never resolved silently.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.search.candidates import POWERS
 from hil.reconcile.search.fit import Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.search.scan import Scan
+from hil.solve.identifiability import orthonormal, share_within
 from hil.solve.rows import Block
 
 NAMED = 0.8
@@ -26,23 +29,6 @@ _FLOOR = 5.0
 _IMPOSSIBLE = 50.0  # a size this many times beyond the typical range is no physics, whatever the algebra says
 _UNDETERMINED = 0.4  # a switch whose size has a larger error may be on or off
 _SPAN_DEGC = 40.0  # a coefficient per degree is judged by what it makes over this span
-_STANDARD_TERMS: Mapping[str, float] = {"bias_T": 3.0, "MU_real": 5.0, "GS_T": 3.0, "g_sensitivity": 3.0}
-"""Terms of the standard gyro models (IEEE 813, 952): a priori this many times as probable as any other name.
-
-A rotor without mass unbalance is rarer than a triad without sensitivity to acceleration.
-"""
-_OUTSIDE_CAUSES = frozenset({"mag", "tilt", "accel", "index", "earth", "frame", "misalign"})
-_EXCLUDED = 3.0
-"""Causes outside the sensor element, which a bench is built to exclude: as many times less probable."""
-_LEADS = 1.5
-_UNLISTED = frozenset({"ageing"})
-"""Names that the published list of effects has not: they lead where nothing of it explains as much."""
-_INCIDENTAL = frozenset(
-    {"settle", "drift", "convection", "warmup", "soak_insufficient", "bias_Tdot", "bias_grad", "T_lag", "mag"}
-)
-"""Names that imitate another only because of the order, the timing or the one heading of these collects.
-
-Improbable ones stay in the list of rivals but do not withhold the name."""
 _NEGLIGIBLE = 0.15
 _CLOSE = 4.0  # log evidence within which two names explain the data equally
 _NEARLY = 7.0  # and within which a usual term withholds the name from an unusual one
@@ -78,6 +64,24 @@ class Weighed:
     remedy: str = ""
     norm: float = 0.0
 
+    @property
+    def effect(self) -> Effect | None:
+        """The effect of the catalogue that it is named after; None for a term of the second tier."""
+        if self.tier != 1:
+            return None
+        hypothesis = self.added.hypothesis
+        return hypothesis.effect if hypothesis.name == self.name else effect_by_id(self.name)
+
+    @property
+    def odds(self) -> float:
+        """How many times as probable as any other name it is before the data."""
+        return 1.0 if self.effect is None else self.effect.odds
+
+    @property
+    def incidental(self) -> bool:
+        """Whether it imitates others only by how these collects were taken."""
+        return self.effect is not None and self.effect.incidental
+
 
 @dataclass(frozen=True)
 class Naming:
@@ -97,7 +101,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     first_tier = [n for n in names if scan.shares[n] > least and scan.best(n)[0].tier == 1][:limit]
     others = [name for name in dict.fromkeys([*names[:12], *first_tier]) if name != names[0]]
     weighed = forgiving([strongest, *(_fitted(name, scan, blocks, noise) for name in others)], norm)
-    logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(_standing(w.name)) for w in weighed])
+    logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(w.odds) for w in weighed])
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
     ranked = sorted(
@@ -127,8 +131,7 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
 
 def _norm(weighed: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """Norm of a fitted effect beside the base, in units of the noise."""
-    parts = [_beside(effect, block, n) for effect, block, n in zip(weighed.fit.effect, blocks, noise, strict=True)]
-    return float(np.linalg.norm(np.concatenate(parts)))
+    return float(np.linalg.norm(_shown(weighed.fit, blocks, noise)))
 
 
 def forgiving(weighed: Sequence[Weighed], norm: float) -> list[Weighed]:
@@ -165,7 +168,7 @@ def certainty(scan: Scan) -> float:
 
 def prior_weight(weighed: Weighed) -> float:
     """Log weight of a name before the data: how usual it is, and how usual its fitted size."""
-    return plausibility(weighed.excess) + float(np.log(_standing(weighed.name)))
+    return plausibility(weighed.excess) + float(np.log(weighed.odds))
 
 
 def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Naming:
@@ -178,14 +181,6 @@ def with_rivals(naming: Naming, share: float, others: Sequence[Weighed]) -> Nami
     return Naming(kind, leader, rivals)
 
 
-def _standing(name: str) -> float:
-    if name in _UNLISTED:
-        return 1.0 / _LEADS
-    if name in _OUTSIDE_CAUSES:
-        return 1.0 / _EXCLUDED
-    return _STANDARD_TERMS.get(name, 1.0)
-
-
 def _is_possible(leader: Weighed, rival: Weighed) -> bool:
     """Whether a rival that reproduces the leader could be it; one that is only nearly the same must be probable."""
     if rival.overlap < _IDENTICAL and rival.probability < _MENTIONED:
@@ -195,7 +190,7 @@ def _is_possible(leader: Weighed, rival: Weighed) -> bool:
 
 def _only_incidental(leader: Weighed, rival: Weighed) -> bool:
     """Whether a rival is improbable, and the same only because of how these collects were taken."""
-    return rival.name in _INCIDENTAL and leader.name not in _INCIDENTAL and rival.probability < _NEGLIGIBLE
+    return rival.incidental and not leader.incidental and rival.probability < _NEGLIGIBLE
 
 
 def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> bool:
@@ -204,7 +199,7 @@ def _same(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Seque
 
 def _usual_and_as_good(leader: Weighed, rival: Weighed) -> bool:
     """Whether a term of the standard model, at a usual size, reproduces an unusual leader nearly as probably."""
-    usual = rival.name in _STANDARD_TERMS and leader.name not in _STANDARD_TERMS and rival.excess < _TYPICAL
+    usual = rival.odds > 1.0 >= leader.odds and rival.excess < _TYPICAL
     return usual and rival.overlap > SAME and leader.log_evidence - rival.log_evidence < _NEARLY
 
 
@@ -231,17 +226,15 @@ def _stacked(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise])
                 for unit in added.units
             ]
         )
-        basis = _orthonormal(noise[b].whitening @ block.base)
-        white = noise[b].whitening @ columns
-        parts.append(white - basis @ (basis.T @ white))
-        norms.append(np.sum(white**2, axis=0))
+        parts.append(noise[b].beside(block.base, columns))
+        norms.append(np.sum((noise[b].whitening @ columns) ** 2, axis=0))
     size = np.sqrt(np.sum(norms, axis=0))
     return np.asarray(np.vstack(parts) / np.where(size > 0, size, 1.0))
 
 
 def _span(added: Added, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
     """An orthonormal basis of what an effect has beside the base; slivers of a column do not count."""
-    return _orthonormal(_stacked(added, blocks, noise), _SLIVER)
+    return orthonormal(_stacked(added, blocks, noise), _SLIVER, scale=1.0)
 
 
 def _lead(ranked: Sequence[Weighed], blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> tuple[Weighed, str]:
@@ -296,9 +289,7 @@ def _excess(added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[Blo
             unit = added.units[u]
             if b in unit.blocks:
                 columns[:, place] = unit.columns[unit.blocks.index(b)][:, k]
-        basis = _orthonormal(noise[b].whitening @ block.base)
-        white = noise[b].whitening @ np.column_stack([columns, fit.effect[b]])
-        white = white - basis @ (basis.T @ white)
+        white = noise[b].beside(block.base, np.column_stack([columns, fit.effect[b]]))
         seen.append(white[:, :-1])
         target.append(white[:, -1])
     for _, u, k in fit.owner:
@@ -333,12 +324,13 @@ def plausibility(excess: float) -> float:
 
 def _overlap(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> float:
     """How much of the leader's fitted effect the rival's columns reproduce beside the base, 0 to 1."""
-    target = np.concatenate(
-        [_beside(effect, block, n) for effect, block, n in zip(leader.fit.effect, blocks, noise, strict=True)]
-    )
-    total = float(target @ target)
-    span = _span(rival.added, blocks, noise)
-    return min(float(np.sqrt(np.sum((span.T @ target) ** 2) / total)), 1.0) if total > 0 else 0.0
+    return share_within(_span(rival.added, blocks, noise), _shown(leader.fit, blocks, noise))
+
+
+def _shown(fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> FloatArray:
+    """A fitted effect beside the base in units of the noise, all blocks one after the other."""
+    parts = zip(fit.effect, blocks, noise, strict=True)
+    return np.concatenate([loud.beside(block.base, effect) for effect, block, loud in parts])
 
 
 def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: Sequence[BlockNoise]) -> Weighed:
@@ -349,13 +341,13 @@ def _by_sensor(leader: Weighed, rival: Weighed, blocks: Sequence[Block], noise: 
     found, largest = [], rival.overlap
     for number in numbers:
         own = [b for b, block in enumerate(blocks) if block.sensor == number]
-        target = np.concatenate([_beside(leader.fit.effect[b], blocks[b], noise[b]) for b in own])
+        target = np.concatenate([noise[b].beside(blocks[b].base, leader.fit.effect[b]) for b in own])
         theirs, ours = _on_sensor(rival.added, own), _on_sensor(leader.added, own)
         if float(target @ target) < _SHOWS**2 or not theirs.units or not ours.units:
             continue
         here, loud = [blocks[b] for b in own], [noise[b] for b in own]
         span, mine = _span(theirs, here, loud), _span(ours, here, loud)
-        alike = min(float(np.sqrt(np.sum((span.T @ target) ** 2) / (target @ target))), 1.0)
+        alike = share_within(span, target)
         if alike > SAME and span.shape[1] <= mine.shape[1]:
             found.append(number)
             largest = max(largest, alike)
@@ -370,17 +362,3 @@ def _on_sensor(added: Added, own: Sequence[int]) -> Added:
         if all(b in own for b in unit.blocks)
     ]
     return replace(added, units=tuple(units))
-
-
-def _beside(effect: FloatArray, block: Block, noise: BlockNoise) -> FloatArray:
-    basis = _orthonormal(noise.whitening @ block.base)
-    white = noise.whitening @ effect
-    return np.asarray(white - basis @ (basis.T @ white))
-
-
-def _orthonormal(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
-    if columns.shape[1] == 0:
-        return np.zeros((columns.shape[0], 0))
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    cut = tolerance if tolerance > 1e-6 else tolerance * singular.max(initial=0.0)
-    return np.asarray(left[:, singular > cut])

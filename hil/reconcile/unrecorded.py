@@ -26,21 +26,6 @@ _SPELLINGS = {
     "spin_period_us": re.compile(r"(spin|rotor).*(period|_us)", re.IGNORECASE),
 }
 """Conditions that effects ask for, and how else people call them."""
-_UNLIKELY = 0.1  # before the data, of what would have to be of an unusual kind or size to stand in
-_KIN: Mapping[str, Mapping[str, float]] = {
-    "ageing": {"bias_T": 1.0},
-    "drift": {"bias_T": 1.0},
-    "jump": {"bias_T": 1.0},
-    "hyst": {"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0},
-    "bias_T": {"demod": _UNLIKELY, "warmup": _UNLIKELY},
-    "warmup": {"soak_insufficient": _UNLIKELY},
-    "soak_insufficient": {"bias_Tdot": 1.0, "bias_grad": 1.0},
-    "bias_Tdot": {"bias_grad": 1.0},
-    "bias_grad": {"bias_Tdot": 1.0},
-}
-"""Names of one history in time that only a further condition tells apart, with their weight against the leader's 1."""
-_OF_A_FIRST_RUN: Mapping[str, float] = {"warmup": 1.0, "soak_insufficient": 1.0}
-"""Names of which only the first run may show much."""
 
 
 def _zone(columns: FloatArray, conditions: Conditions) -> str:
@@ -144,10 +129,7 @@ def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Nami
 def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
     """Yield the names of the leader's history in time that nothing recorded tells from it."""
     candidate = leader.added.hypothesis.candidate
-    within_runs = leader.name == "drift" and not candidate.shape.get("through_runs")
-    kin = {} if within_runs else dict(_KIN.get(leader.name, {}))
-    if leader.name == "jump" and candidate.shape.get("from_run") == np.unique(here.run)[1]:
-        kin |= _OF_A_FIRST_RUN
+    kin = {} if leader.effect is None else leader.effect.kin_for(here, candidate.shape)
     for name, weight in kin.items():
         effect = effect_by_id(name)
         needs = effect.missing(here)

@@ -56,6 +56,7 @@ from hil.reconcile.search.hypotheses import hypotheses
 from hil.reconcile.search.problem import Problem
 from hil.reconcile.search.scan import Scan, Search
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.solve.identifiability import smallest_fit
 from hil.solve.rows import Block
 
 _DRAWS = 300
@@ -328,7 +329,5 @@ def _base_values(problem: Problem, steps: Sequence[Step], fit: Fit) -> dict[int,
                 target[block.rows, block.channel] -= fit.effect[b]
         design = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
         measured = np.isfinite(target)
-        scale = np.maximum(np.linalg.norm(design[measured], axis=0), 1e-300)
-        values = np.linalg.lstsq(design[measured] / scale, target[measured], rcond=1e-6)[0] / scale
-        out[number] = values[: len(sensor.form.names)]
+        out[number] = smallest_fit(design[measured], target[measured], 1e-6)[: len(sensor.form.names)]
     return out

@@ -1,4 +1,4 @@
-"""What a design can tell apart: whitening, projecting out the base, overlaps, classes, and the size that shows.
+"""What a design can tell apart: spans, projecting out the base, overlaps, classes, and the size that shows.
 
     whiten = whitener(covariance)                                   # (N, N)
     base = orthonormal(whiten @ base_columns)                       # (N, b)
@@ -6,7 +6,8 @@
     seen.kept, overlap(seen, other), smallest_visible(seen, alpha)
 
 Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
-conditions, so it can be asked before a night is spent.
+conditions, so it can be asked before a night is spent. Whoever asks what columns span, what is left of them beside
+others, or which are independent asks here, so that all mean the same by it.
 """
 
 from __future__ import annotations
@@ -58,25 +59,92 @@ def run_covariance(
     return np.asarray(covariance.reshape(count * channels, count * channels))
 
 
-def orthonormal(columns: FloatArray, scale: float | None = None) -> FloatArray:
+def unit_columns(columns: FloatArray) -> FloatArray:
+    """Return the columns (N, p), each of norm one; a column of zeros stays as it is."""
+    norms = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(norms > 0.0, norms, 1.0))
+
+
+def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE, *, scale: float | None = None) -> FloatArray:
     """Return an orthonormal basis (N, r) of what the columns (N, p) span; r may be less than p, or zero.
 
-    Directions are weighed after scaling every column to unit norm; with `scale`, against that norm instead.
+    Directions weaker than `tolerance` are none. They are weighed after scaling every column to unit norm; with `scale`,
+    against that norm instead.
     """
-    if columns.shape[1] == 0:
-        return np.zeros((len(columns), 0))
     if scale is None:
-        norms = np.linalg.norm(columns, axis=0)
-        columns, scale = columns[:, norms > 0.0] / norms[norms > 0.0], 1.0
-    if columns.shape[1] == 0:
-        return np.zeros((len(columns), 0))
+        columns, scale = unit_columns(columns), 1.0
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, singular > RANK_TOLERANCE * scale])
+    return np.asarray(left[:, singular > tolerance * scale])
+
+
+def orthonormal_of_independent(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (N, p) of columns (N, p) that are known to be independent.
+
+    There are always as many directions as columns, which is what a likelihood counts its freedom by. By QR, in half the
+    time of `orthonormal`, which decides on a rank; its last digits decide between hypotheses that fit equally well.
+    """
+    return np.asarray(np.linalg.qr(columns)[0])
 
 
 def project_out(base: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the columns (N, p) less their part in the orthonormal `base` (N, b)."""
-    return np.asarray(columns - base @ (base.T @ columns))
+    """Return columns (..., N, p) less their part in the orthonormal `base` (..., N, b)."""
+    return np.asarray(columns - base @ (np.swapaxes(base, -1, -2) @ columns))
+
+
+def kept_shares(base: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return how much of each column's norm an orthonormal `base` leaves, (p,): 0 nothing, 1 all of it."""
+    return np.asarray(np.linalg.norm(project_out(base, unit_columns(columns)), axis=0))
+
+
+def share_within(basis: FloatArray, columns: FloatArray) -> float:
+    """Return how much of the norm of columns, (N,) or (N, p), lies in an orthonormal `basis`: 0 nothing, 1 all."""
+    whole = float(np.linalg.norm(columns))
+    return min(float(np.linalg.norm(basis.T @ columns)) / whole, 1.0) if whole > 0.0 else 0.0
+
+
+def combinations_beside(base: FloatArray, columns: FloatArray, tolerance: float) -> FloatArray:
+    """Return the combinations (p, r) of columns of about unit norm that are orthonormal beside an orthonormal `base`.
+
+    Combinations of which no more than `tolerance` is left beside the base are none.
+    """
+    _, singular, directions = np.linalg.svd(project_out(base, columns), full_matrices=False)
+    seen = singular > tolerance
+    return np.asarray(directions[seen].T / singular[seen])
+
+
+def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
+    """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
+    return columns[:, independent(columns, tolerance)].astype(np.float64)
+
+
+def independent(columns: FloatArray, tolerance: float) -> list[int]:
+    """Return the places of the columns that are no combinations of earlier ones."""
+    if 0 < columns.shape[1] <= columns.shape[0]:
+        left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
+        if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
+            return list(range(columns.shape[1]))
+    kept: list[int] = []
+    basis = np.zeros(columns.shape)
+    for place, column in enumerate(columns.T):
+        remainder = column.astype(np.float64)
+        size = np.linalg.norm(column)
+        for _ in range(2):  # once more, as the first subtraction leaves rounding errors
+            remainder = project_out(basis[:, : len(kept)], remainder)
+        norm = np.linalg.norm(remainder)
+        if size > 0 and norm > tolerance * size:
+            basis[:, len(kept)] = remainder / norm
+            kept.append(place)
+    return kept
+
+
+def smallest_fit(columns: FloatArray, target: FloatArray, tolerance: float) -> FloatArray:
+    """Return the values (p,) of columns (N, p), at unit norm each, that fit a target (N,) best.
+
+    Of combinations that the rows leave open to within `tolerance` the smallest is taken.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0)
+    return np.asarray(np.linalg.lstsq(columns / norms, target, rcond=tolerance)[0] / norms)
 
 
 @dataclass(frozen=True)
@@ -111,10 +179,7 @@ def visible(columns: FloatArray, base: FloatArray, sizes: FloatArray) -> Visible
 
 def explained(effect: Visible, by: Visible) -> float:
     """Return how much of `effect`'s typical-size norm the columns of `by` can reproduce: 0 nothing, 1 all of it."""
-    norm = float(np.linalg.norm(effect.weighted))
-    if norm == 0.0 or by.rank == 0:
-        return 0.0
-    return min(float(np.linalg.norm(by.basis.T @ effect.weighted)) / norm, 1.0)
+    return share_within(by.basis, effect.weighted)
 
 
 def overlap(first: Visible, second: Visible) -> float:

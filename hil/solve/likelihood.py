@@ -8,8 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.solve.identifiability import (
+    combinations_beside,
+    independent_columns,
+    orthonormal_of_independent,
+    project_out,
+    unit_columns,
+)
 from hil.solve.noise_grid import NoiseGrid, noise_grid, whiteners
-from hil.solve.rows import Block, independent_columns
+from hil.solve.rows import Block
 
 _STATED_DOF = 3.0  # how strongly stated standard errors hold the scale
 _TRUSTED_DOF = 12.0  # and where they are all there is to judge by
@@ -70,7 +77,7 @@ class Projection:
 
     def beside(self, white: FloatArray) -> FloatArray:
         """Return whitened columns (t, N, k) less their part in the base."""
-        return np.asarray(white - self.basis @ (np.swapaxes(self.basis, 1, 2) @ white))
+        return project_out(self.basis, white)
 
     def log_null(self, y: FloatArray, prior: ScalePrior) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return residuals (t, N, m), RSS (t, m) and the log marginal likelihood of the base alone (t, m)."""
@@ -118,7 +125,7 @@ def restricted_likelihood(
 
     The same as `Projection.log_null`, for one data set `y` (N,) and without what only candidates need.
     """
-    spans = [np.linalg.qr(base)[0] if base.shape[1] else base for base in bases]
+    spans = [orthonormal_of_independent(base) for base in bases]
     white = noise.whitening @ np.column_stack([*spans, y])
     out, start = [], 0
     target = white[:, :, -1]
@@ -167,7 +174,7 @@ class RichMeans:
     @classmethod
     def of(cls, block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> RichMeans:
         """Project the base out, alone and with each of the rich models."""
-        spans = [np.linalg.qr(base)[0] for base in _bases(block, rich)]
+        spans = [orthonormal_of_independent(base) for base in _bases(block, rich)]
         projections = [Projection.of(noise, span) for span in spans]
         white = noise.whitening @ block.y[:, None]
         residuals = [projection.beside(white)[:, :, 0] for projection in projections]
@@ -185,13 +192,11 @@ class RichMeans:
     def best_of_any(self, base: FloatArray) -> FloatArray:
         """Log probability of each noise point below the best, under whichever model suits it most, (t,)."""
         prior, further = ScalePrior.of(self.block), base[:, self.block.base.shape[1] :]
-        further = further / np.maximum(np.linalg.norm(further, axis=0), 1e-300)
+        further = unit_columns(further)
         white = self.whitening @ further
         out = []
         for k, (span, projection) in enumerate(zip(self.spans, self.projections, strict=True)):
-            _, singular, v = np.linalg.svd(further - span @ (span.T @ further), full_matrices=False)
-            seen = singular > _DEPENDENT
-            new = white @ (v[seen].T / singular[seen])  # orthonormal beside the span, however alike the columns are
+            new = white @ combinations_beside(span, further, _DEPENDENT)
             if k == 0 or len(span) - span.shape[1] - new.shape[2] >= _LEAST_FREEDOM:
                 log_null = projection.log_null_with(new, self.residuals[k], self.squares[k], prior)
                 out.append(log_null - log_null.max())

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
+from hil.solve.identifiability import independent_columns, orthonormal, project_out
 from hil.solve.temperatures import same_temperature
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
@@ -60,32 +61,6 @@ class Block:
         return replace(self, base=independent_columns(np.hstack([self.base, extra])))
 
 
-def independent_columns(columns: FloatArray, tolerance: float = 1e-8) -> FloatArray:
-    """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
-    return columns[:, independent(columns, tolerance)].astype(np.float64)
-
-
-def independent(columns: FloatArray, tolerance: float) -> list[int]:
-    """Return the places of the columns of (N, p) that are no combinations of earlier ones."""
-    if 0 < columns.shape[1] <= columns.shape[0]:
-        left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
-        if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
-            return list(range(columns.shape[1]))
-    kept: list[int] = []
-    basis = np.zeros(columns.shape)
-    for place, column in enumerate(columns.T):
-        directions = basis[:, : len(kept)]
-        remainder = column.astype(np.float64)
-        size = np.linalg.norm(column)
-        for _ in range(2):
-            remainder = remainder - directions @ (directions.T @ remainder)
-        norm = np.linalg.norm(remainder)
-        if size > 0 and norm > tolerance * size:
-            basis[:, len(kept)] = remainder / norm
-            kept.append(place)
-    return kept
-
-
 def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:
     """Split one sensor's collects into blocks.
 
@@ -121,8 +96,7 @@ def _is_excited(base: FloatArray, measured: FloatArray, column: int, channel: in
     own = [k for k in range(base.shape[2]) if k != column and _only_here(base, k, channel)]
     remainder = target
     if own:
-        absorbed = base[rows, channel][:, own]
-        remainder = target - absorbed @ np.linalg.lstsq(absorbed, target, rcond=None)[0]
+        remainder = project_out(orthonormal(base[rows, channel][:, own]), target)
     return bool(np.sqrt(np.mean(remainder**2)) > _UNEXCITED * largest)
 
 

@@ -19,6 +19,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -28,6 +29,12 @@ from hil.errors import InputError
 from hil.model.forms import bias_names
 
 REFERENCE_DEGC = 25.0
+
+ROOM_DEGC = 20.0
+"""Where a unit comes from before its first collect."""
+
+OUTSIDE = 1.0 / 3.0
+"""Odds of a cause outside the sensor element, which a bench is built to exclude."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +151,36 @@ class Effect(Described):
     needs_slopes: ClassVar[bool] = False  # … and a base without slopes by temperature
     in_models: ClassVar[bool] = True  # False for mistakes in a record: to be corrected there, not to be modelled
 
+    searched: ClassVar[bool] = True
+    """False where the search for what is missing comes upon it in another way than by its columns."""
+
+    known_as: ClassVar[str] = ""
+    """Id of the effect under whose name it is found, where both are one cause, at one and at several temperatures."""
+
+    may_follow_temperature: ClassVar[bool] = False
+    """Whether its values may follow temperature: then powers of it and a value at each setpoint are tried as well."""
+
+    plain_form: ClassVar[str] = "constant"
+    """What its values most probably are over temperature: "line" where its name means that a term follows it."""
+
+    came_from_degC: ClassVar[tuple[float, ...]] = ()
+    """Of what remembers temperature: where the unit may have come from before its first collect."""
+
+    odds: ClassVar[float] = 1.0
+    """How many times as probable as any other name it is before the data.
+
+    Terms of the standard gyro models (IEEE 813, 952) have 3 to 5: a rotor without mass unbalance is rarer than a triad
+    without sensitivity to acceleration.
+    """
+
+    incidental: ClassVar[bool] = False
+    """Whether it imitates others only by the order, the timing or the one heading of collects.
+
+    Where it is improbable it stays in the list of rivals, but does not withhold another name."""
+
+    kin: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Names of the same history in time, that only a further condition tells apart, with their weight against its 1."""
+
     @abstractmethod
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the partial derivatives of the rates by the parameters, shape (n, c, p).
@@ -151,6 +188,10 @@ class Effect(Described):
         `base` is needed by effects that act on the existing terms (scale factor, phase, tilt); `shape` gives a value
         for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
+
+    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """Return what of `kin`, and what else, has the history in time that it has at this shape."""
+        return self.kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""

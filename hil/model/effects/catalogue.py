@@ -127,6 +127,11 @@ def effect_by_id(identifier: str) -> Effect:
     raise InputError(f"no effect of the catalogue has the id {identifier}; `hil effects` lists them")
 
 
+def named(effect: Effect) -> Effect:
+    """Return the effect under whose name this one is found: itself, as a rule."""
+    return effect_by_id(effect.known_as) if effect.known_as else effect
+
+
 def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     """Say why this data cannot be asked about an effect; empty where it can."""
     if not effect.applies_to(conditions.sensor):

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
+from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
 from hil.model.equation import pickoff_rates
 
@@ -31,6 +31,7 @@ class EarthRateFrame(Effect):
     common_to_sensors = True
     signature = "Constant offsets: GSA by 2 W1 (17 deg/hr at 35 deg latitude), MUB by 2 W3, BB by 2 W2."
     confusable_with = ("earth",)
+    odds = OUTSIDE
     experiment = "Turn the heading by 180 deg: the horizontal components change sign."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -63,6 +64,7 @@ class Mislabelled(Effect):
         "An isolated run: 1 and 2 exchanged turns the sign of GS; 3 with another gives a huge MU; A-B turns by 90 deg."
     )
     confusable_with = ("jump", "MU_real", "MU_rr")
+    searched = False  # exchanged labels are looked for among the outliers
     experiment = "Look at the accelerometers of that run: G shows which way it stood."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:

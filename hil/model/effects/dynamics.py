@@ -34,6 +34,7 @@ class IndexSettling(Effect):
     needs = frozenset({"time_since_index_s"})
     signature = "Exponential at the beginning of every collect; collect 2, after 180 deg, differs from 1 and 3."
     confusable_with = ("MU_real", "drift", "convection")
+    incidental = True
     experiment = "Discard the head of each collect, and compare its first half with its second."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

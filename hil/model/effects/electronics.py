@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import (
+    OUTSIDE,
     REFERENCE_DEGC,
     Base,
     Effect,
@@ -82,6 +83,8 @@ class MagneticSensitivity(Effect):
         "Turns with the sensor, so it looks like GS and MU; parts from them only by the field's level component."
     )
     confusable_with = ("GS", "MU_real", "g_sensitivity", "earth")
+    odds = OUTSIDE
+    incidental = True
     experiment = "Change the heading; a Helmholtz coil; the chamber's heater off during collects."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:

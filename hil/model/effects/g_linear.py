@@ -34,6 +34,8 @@ class Bias(Effect):
     )
     signature = "The same in every position."
     confusable_with = ("bias_T", "turnon", "k2")
+    known_as = "bias_T"
+    may_follow_temperature = True
     experiment = "None needed: every set of collects gives it, unless all stand the same way up."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -51,6 +53,8 @@ class RotorSensitivity(_RotorEffect):
     parameters = (Parameter("GSA", "deg/hr/g", (20.0, 200.0)), Parameter("GSB", "deg/hr/g", (5.0, 100.0)))
     signature = "Collects 1 and 2 move oppositely, the bias stays."
     confusable_with = ("earth", "mag", "convection", "drift")
+    known_as = "GS_T"
+    may_follow_temperature = True
     experiment = "Collects 1 and 2 give it; another heading parts it from earth rate and magnetics."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -71,6 +75,8 @@ class AxialDrift(_RotorEffect):
     )
     signature = "Only the collect with the spin axis vertical moves; the contractor's bias is off by +MUB, -MUA."
     confusable_with = ("k2", "MU_rr", "tilt", "index", "earth", "convection", "settle", "mag")
+    may_follow_temperature = True
+    odds = 5.0
     experiment = "Collect 4, spin axis down: a linear MU changes sign, even terms do not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -104,6 +110,8 @@ class RotorSensitivityTemperature(_TemperatureDependent):
     )
     signature = "GSA and GSB change smoothly with temperature; MU follows only where tilt was not allowed for."
     confusable_with = ("phase", "scale", "convection", "mag")
+    plain_form = "line"
+    odds = 3.0
     experiment = "Report GSA and GSB of every run; modulus and angle tell gain from phase."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -126,6 +134,7 @@ class AxialDriftTemperature(_TemperatureDependent):
     )
     signature = "MU changes smoothly with temperature while bias and GS do not."
     confusable_with = ("tilt", "MU_rr", "convection", "vre")
+    searched = False  # a form of MU_real
     experiment = "Collect 4 at every temperature, each visited twice."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -185,6 +194,8 @@ class LinearSensitivity(Effect):
     parameters = (Parameter("G", "deg/hr/g", (10.0, 200.0), _MATRIX_TYPICAL),)
     signature = "Rates follow the direction of gravity in every orientation, of either sign."
     confusable_with = ("earth", "misalign", "mag")
+    may_follow_temperature = True
+    odds = 3.0
     experiment = (
         "Two headings, and orientations that turn the vertical axis: earth rate's vertical part is along gravity."
     )
@@ -213,6 +224,7 @@ class LinearSensitivityTemperature(LinearSensitivity):
     needs = frozenset({"temperature_degC"})
     signature = "The response to gravity changes with temperature while the bias does not."
     confusable_with = ("g_sensitivity", "scale", "bias_T")
+    searched = False  # a form of g_sensitivity
     experiment = "The same orientations at two temperatures at least, revisited."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:

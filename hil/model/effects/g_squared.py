@@ -23,6 +23,7 @@ class SquaredAcceleration(Effect):
     parameters = tuple(Parameter(name, "deg/hr/g^2", (0.1, 1.0), _OTHER) for name in ("kAA", "kSS", "kAS"))
     signature = "Matrix bias and MU move oppositely (+kAA, kSS - kAA) and the contractor's bias hardly at all."
     confusable_with = ("MU_real", "bias")
+    may_follow_temperature = True
     experiment = "Collect 4 gives the contrast kSS - kAA; the sum needs a centrifuge."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,7 +38,13 @@ class Drift(Effect):
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
     confusable_with = ("MU_real", "GS", "warmup", "bias_Tdot", "settle")
+    incidental = True
+    kin = MappingProxyType({"bias_T": 1.0})
     experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
+
+    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """Return its kin where it goes through all runs: within runs it has a history of its own."""
+        return self.kin if shape.get("through_runs") else {}
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the time from collect to collect, the middle of a run, and how far k goes: a run (0) or all runs (1).
@@ -72,6 +79,8 @@ class Ageing(Effect):
     parameters = (Parameter("a", "deg/hr/day", (0.3, 10.0), {"RLG": (0.001, 0.01), "MEMS": (1.0, 100.0)}),)
     signature = "A straight line against time, blind to temperature, position and order."
     confusable_with = ("rrw", "jump", "bias_T", "warmup", "supply")
+    odds = 1.0 / 1.5  # the published list of effects lacks it: it leads where nothing of that explains as much
+    kin = MappingProxyType({"bias_T": 1.0})
     experiment = "Return to the first temperature at the end of the night; a second night."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -91,7 +100,13 @@ class Jump(Effect):
     parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
     signature = "A step between two runs, at no particular temperature; two states if it comes back."
     confusable_with = ("ageing", "rrw", "swap", "hyst", "MU_rr")
+    kin = MappingProxyType({"bias_T": 1.0})
     experiment = "Changepoint inside the collects; many repeats at one temperature."
+
+    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
+        """Return its kin; after the first run, with what only the first run may show much of."""
+        of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
+        return {**self.kin, **of_a_first_run} if shape.get("from_run") == np.unique(conditions.run)[1] else self.kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the run from which the step holds (not the first), and for how many runs: to the end (0), or one."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, above_reference, channel_labels, required_base
+from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, above_reference, channel_labels, required_base
 
 MILLI = 1e-3
 PPM = 1e-6
@@ -100,6 +100,7 @@ class Misalignment(Effect):
     parameters = (Parameter("m", "mrad", (1.0, 5.0), {"RLG": (0.05, 1.0), "FOG": (0.05, 1.0), "MEMS": (1.0, 20.0)}),)
     signature = "Bias, GS and MU move by 0.01 to 0.06 deg/hr; no temperature, no order."
     confusable_with = ("earth", "scale", "g_sensitivity")
+    odds = OUTSIDE
     experiment = "Change the heading: G stays, W turns. A rate table settles it."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, required_base
+from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
 from hil.model.effects.geometry import local_frame, turned_about_index_axis
 from hil.model.equation import pickoff_rates
 
@@ -43,6 +43,7 @@ class Tilt(_IndexedRotorEffect):
     parameters = (Parameter("G2", "mg", (1.0, 20.0)), Parameter("G3", "mg", (5.0, 20.0)))
     signature = "MU follows GS by a constant factor: dMUB = GSA G3/G1, dMUA = GSB G3/G1."
     confusable_with = ("MU_real", "MU_T", "accel", "index")
+    odds = OUTSIDE
     experiment = "Use the measured G of every collect; shim the bench and repeat."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -63,6 +64,7 @@ class AccelerometerError(_IndexedRotorEffect):
     )
     signature = "As a tilt, with the accelerometer's own temperature dependence."
     confusable_with = ("tilt", "MU_real", "index")
+    odds = OUTSIDE
     experiment = "A spirit level or inclinometer beside it; |G| = 1 in every collect."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -80,6 +82,7 @@ class IndexPositionError(_IndexedRotorEffect):
     parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
     signature = "dMUB = (GSA + W1) d3 - (MUB + W3)(d1 - d2)/2; hundredths to tenths of a deg/hr per mrad."
     confusable_with = ("MU_rr", "tilt", "MU_real", "accel")
+    odds = OUTSIDE
     experiment = "Measure the angle or G in every collect; approach each position from both sides."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
@@ -115,6 +118,7 @@ class EarthRateError(Effect):
     common_to_sensors = True
     signature = "dGSA = -dW1, dMUB = -dW3, dBB = -dW2; BA, GSB and MUA are immune. No temperature, no order."
     confusable_with = ("frame", "scale", "misalign", "g_sensitivity", "GS")
+    odds = OUTSIDE
     experiment = "A second heading: gravity stays, earth rate turns. MUB shifts and MUA does not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

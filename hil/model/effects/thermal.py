@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.model.effects.base import (
+    ROOM_DEGC,
     Base,
     Effect,
     Parameter,
@@ -22,6 +24,8 @@ from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
+_COLD_DEGC = -80.0
+_UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
 
 
 class BiasTemperature(Effect):
@@ -51,6 +55,9 @@ class BiasTemperature(Effect):
         "All positions move together and smoothly with temperature, the same heating and cooling; MU and GS stay."
     )
     confusable_with = ("turnon", "ageing", "demod", "supply", "T_lag")
+    plain_form = "line"
+    odds = 3.0
+    kin = MappingProxyType({"demod": _UNUSUAL, "warmup": _UNUSUAL})
     experiment = "Revisit every temperature from both directions and on another day."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -71,6 +78,8 @@ class TemperatureRateBias(Effect):
     needs = frozenset({"dTdt_degC_per_min"})
     signature = "Opposite sign heating and cooling, dies away while soaking, largest in the first run after a setpoint."
     confusable_with = ("hyst", "bias_grad", "soak_insufficient", "T_lag", "drift")
+    incidental = True
+    kin = MappingProxyType({"bias_grad": 1.0})
     experiment = "Two ramp rates and a long soak; order 1-3-2, in which MU is immune to it."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -90,6 +99,8 @@ class GradientBias(Effect):
     needs = frozenset({"case_degC", "temperature_degC"})
     signature = "As the temperature-rate bias, with a constant part from self-heating; follows motor power too."
     confusable_with = ("bias_Tdot", "warmup", "soak_insufficient")
+    incidental = True
+    kin = MappingProxyType({"bias_Tdot": 1.0})
     experiment = "Step the motor or heater power at constant chamber temperature."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -114,6 +125,7 @@ class ThermometerLag(Effect):
         "A loop of width 2 slope x lag against temperature, open where the terms are steep; closes after the ramp."
     )
     confusable_with = ("bias_Tdot", "hyst", "soak_insufficient")
+    incidental = True
     experiment = "Loop area against ramp rate: a lag's grows with the rate, true hysteresis does not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -145,6 +157,8 @@ class Hysteresis(Effect):
     needs = frozenset({"temperature_degC"})
     signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")
+    came_from_degC = (ROOM_DEGC, _COLD_DEGC)
+    kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Return to the same temperature from above and from below, each after a full soak."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -166,6 +180,9 @@ class InsufficientSoak(Effect):
     needs = frozenset({"time_since_setpoint_s", "setpoint_degC|temperature_degC"})
     signature = "Follows sign and size of the temperature step; falls from run to run within a plateau."
     confusable_with = ("bias_Tdot", "bias_grad", "hyst", "T_lag")
+    came_from_degC = (ROOM_DEGC,)
+    incidental = True
+    kin = MappingProxyType({"bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Five or more runs in one soak, or soaks of 45 and 120 min."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -190,6 +207,8 @@ class WarmUp(Effect):
     common_to_sensors = True
     signature = "Tied to power-on, not to the chamber; the same sign always, both sensors if powered together."
     confusable_with = ("soak_insufficient", "drift", "ageing")
+    incidental = True
+    kin = MappingProxyType({"soak_insufficient": _UNUSUAL})
     experiment = "Switch power off and on at constant temperature."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -216,6 +235,7 @@ class GasConvection(Effect):
     needs = frozenset({"time_since_index_s"})
     signature = "Looks like GS and MU, but approaches its value slowly after each index and thins out with heat."
     confusable_with = ("MU_real", "GS", "MU_T", "GS_T", "mag")
+    incidental = True
     experiment = "Dwell ten minutes or more per position and look for a slow approach; change the self-heating."
 
     def applies_to(self, sensor: Sensor) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
-from hil.reconcile.search.fit import BlockNoise, estimate_noise
+from hil.reconcile.search.fit import estimate_noise
 from hil.reconcile.search.scan import RESOLVED
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block
@@ -51,7 +51,7 @@ def exchanges(campaign: Campaign, blocks: Sequence[Block], tables: Sequence[Nois
     pairs = _pairs(campaign)
     least = _LEAST_GAIN + float(np.log(max(len(pairs) / _PAIRS, 1.0)))
     noise = [estimate_noise(block, table) for block, table in zip(blocks, tables, strict=True)]
-    projectors = [_projector(block, n) for block, n in zip(blocks, noise, strict=True)]
+    projectors = [n.projector(block.base) for block, n in zip(blocks, noise, strict=True)]
     y = [block.y for block in blocks]
     known = [_known(block, campaign) for block in blocks]
     while len(found) < _MOST_EXCHANGES:
@@ -125,14 +125,6 @@ def _pairs(campaign: Campaign) -> list[tuple[int, int, int, int]]:
             labels = collects.conditions.position
             out += [(sensor, run, i, j) for i, j in combinations(rows, 2) if labels[i] != labels[j]]
     return out
-
-
-def _projector(block: Block, noise: BlockNoise) -> FloatArray:
-    """The matrix P with y'Py the weighted sum of squares that the base leaves."""
-    base = noise.whitening @ block.base
-    q, _ = np.linalg.qr(base)
-    maker = noise.whitening - q @ (q.T @ noise.whitening)
-    return np.asarray(maker.T @ maker)
 
 
 def _log_likelihood(blocks: Sequence[Block], projectors: Sequence[FloatArray], y: Sequence[FloatArray]) -> float:

@@ -96,17 +96,14 @@ def _reduced(block: Block, table: NoiseTable) -> BlockNoise:
 
 def studentised(block: Block, noise: BlockNoise) -> tuple[FloatArray, FloatArray]:
     """Return each row's externally studentised residual (N,), as a normal score, and its size in deg/hr."""
-    precision = noise.whitening.T @ noise.whitening
-    weighted = precision @ block.base
-    inner = np.linalg.pinv(block.base.T @ weighted)
-    projector = precision - weighted @ inner @ weighted.T
+    projector = noise.projector(block.base)
     diagonal = np.clip(np.diagonal(projector), 1e-12, None)
     gradient = projector @ block.y
     size = gradient / diagonal  # the row's departure from its prediction by all others
     squared = gradient**2 / diagonal
     freedom = len(block.y) - block.base.shape[1]
     rss = float(block.y @ gradient)
-    seen = diagonal > 1e-3 * np.diagonal(precision)
+    seen = diagonal > 1e-3 * np.sum(noise.whitening**2, axis=0)
     scale = np.maximum((rss - squared) / max(freedom - 1, 1), 1e-12)
     t = np.where(seen, gradient / np.sqrt(diagonal) / np.sqrt(scale), 0.0)
     normal = np.sign(t) * -ndtri(np.clip(stdtr(max(freedom - 1, 1), -np.abs(t)), 1e-300, 0.5))

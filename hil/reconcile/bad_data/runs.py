@@ -17,7 +17,8 @@ import numpy as np
 
 from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
 from hil.reconcile.search.candidates import Candidate
-from hil.solve.rows import Block, independent_columns
+from hil.solve.identifiability import independent_columns, kept_shares, orthonormal, project_out
+from hil.solve.rows import Block
 
 _LEAST_RUNS = 8
 _SHARE = 0.25
@@ -191,8 +192,7 @@ def _means(block: Block, conditions: Conditions, inverse: IntArray) -> FloatArra
     else:
         return None
     rich = (places[:, :, None] * steps[:, None, :]).reshape(len(block.y), -1)
-    columns = independent_columns(np.hstack([rich, block.base, conditions.w_deg_per_hr[block.rows]]), _SLIGHT)
-    return np.linalg.qr(columns)[0]
+    return orthonormal(independent_columns(np.hstack([rich, block.base, conditions.w_deg_per_hr[block.rows]]), _SLIGHT))
 
 
 def _by_most_runs(design: FloatArray, y: FloatArray, inverse: IntArray) -> FloatArray:
@@ -293,18 +293,15 @@ def _explained(
     out = np.zeros(len(bad), dtype=bool)
     if not bad.any():
         return out
-    alone = block.y - design @ (design.T @ block.y)
+    alone = project_out(design, block.y)
     for candidate in candidates:
         if candidate.tier != 1 or candidate.sensor != block.sensor:
             continue
         columns = block.select(candidate.columns)
-        beside = columns - design @ (design.T @ columns)
-        size = np.linalg.norm(beside, axis=0)
-        beside = beside[:, size > _SLIGHT * np.linalg.norm(columns, axis=0)]
-        if beside.shape[1] == 0:
+        columns = columns[:, kept_shares(design, columns) > _SLIGHT]
+        if columns.shape[1] == 0:
             continue
-        beside = beside / np.linalg.norm(beside, axis=0)
-        rest = alone - beside @ np.linalg.lstsq(beside, alone, rcond=1e-6)[0]
+        rest = project_out(orthonormal(project_out(design, columns), 1e-6), alone)
         for k in np.flatnonzero(bad).tolist():
             here = inverse == k
             out[k] |= bool(np.std(rest[here]) < _EXPLAINED * np.std(alone[here]))

@@ -89,9 +89,7 @@ def channels_touched(
     for b, block in enumerate(blocks):
         effect = fit.effect[b]
         if np.any(effect):
-            white = noise[b].whitening @ np.column_stack([effect, block.base])
-            basis, _ = np.linalg.qr(white[:, 1:])
-            score = float(np.linalg.norm(white[:, 0] - basis @ (basis.T @ white[:, 0])))
+            score = float(np.linalg.norm(noise[b].beside(block.base, effect)))
             size = float(np.sqrt(np.mean(effect**2)))
             channels = list(conditions[block.sensor].sensor.channels)
             where = {"sensor": block.sensor, "channel": channels[int(block.channel[0])]}

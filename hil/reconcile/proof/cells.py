@@ -19,6 +19,7 @@ from scipy.special import ndtr
 from hil.campaign import Conditions, FloatArray
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fit import BlockNoise
+from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.rows import Block
 
 _DRAWS = 1000
@@ -46,8 +47,9 @@ def disagreements(
     white = [
         (n.whitening @ block.base, n.whitening @ block.y, n.whitening) for block, n in zip(blocks, noise, strict=True)
     ]
-    residual = [_beside(base, y[:, None])[:, 0] for base, y, _ in white]
-    columns = [_beside(white[c.block][0], (white[c.block][2] @ c.rows)[:, None])[:, 0] for c in cells]
+    spans = [orthonormal(base) for base, _, _ in white]
+    residual = [project_out(span, y) for span, (_, y, _) in zip(spans, white, strict=True)]
+    columns = [project_out(spans[c.block], white[c.block][2] @ c.rows) for c in cells]
     kept = [
         float(np.linalg.norm(v)) / max(float(np.linalg.norm(white[c.block][2] @ c.rows)), 1e-12)
         for c, v in zip(cells, columns, strict=True)
@@ -149,13 +151,6 @@ def _less(column: FloatArray, directions: Sequence[FloatArray]) -> FloatArray:
     for direction in directions:
         column = column - direction * float(direction @ column)
     return column
-
-
-def _beside(base: FloatArray, columns: FloatArray) -> FloatArray:
-    if base.shape[1] == 0:
-        return columns
-    q, _ = np.linalg.qr(base)
-    return np.asarray(columns - q @ (q.T @ columns))
 
 
 def _cells(b: int, block: Block, conditions: Conditions) -> list[_Cell]:

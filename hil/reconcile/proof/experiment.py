@@ -21,6 +21,7 @@ from hil.reconcile.naming import Naming, Weighed
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.changes import Addition, additions
+from hil.solve.identifiability import orthonormal, project_out
 
 _EASY = 9.0
 _NEARLY = 0.8
@@ -132,8 +133,7 @@ def separation(
     mask = np.vstack([measured, np.ones((len(both) - len(before), truth.shape[1]), dtype=bool)])
     design = np.concatenate([sensor.form.columns(both), other], axis=2)[mask]
     target = truth[mask]
-    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    rest = target - (design / scale) @ np.linalg.lstsq(design / scale, target, rcond=1e-6)[0]
+    rest = project_out(orthonormal(design, 1e-6), target)
     return float(np.sum(rest**2)) / sigma**2, float(np.ptp(rest))
 
 

@@ -15,8 +15,15 @@ from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.fit import UNSEEN, Added, BlockNoise, Fit, chosen_units, refit
 from hil.reconcile.search.hypotheses import Hypothesis, Layout
 from hil.reconcile.search.problem import LEAST_FREEDOM
+from hil.solve.identifiability import (
+    combinations_beside,
+    independent_columns,
+    orthonormal,
+    project_out,
+    unit_columns,
+)
 from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
-from hil.solve.rows import Block, independent_columns
+from hil.solve.rows import Block
 
 _FLIPS = 2000
 _ENOUGH_FOLDS = 6
@@ -180,11 +187,9 @@ def _is_beyond(design: FloatArray, held: BoolArray) -> bool:
     """Whether a held-out row asks for something that the other rows say nothing about."""
     if not np.any(held) or design.shape[1] == 0:
         return False
-    scaled = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    _, singular, v = np.linalg.svd(scaled[~held], full_matrices=False)
-    span = v[singular > 1e-6 * singular.max(initial=0.0)]
-    rows = scaled[held]
-    rest = rows - (rows @ span.T) @ span
+    scaled = unit_columns(design)
+    rows = scaled[held].T
+    rest = project_out(orthonormal(scaled[~held].T, 1e-6, scale=1.0), rows)
     return bool(np.linalg.norm(rest) > 0.1 * np.linalg.norm(rows))
 
 
@@ -208,11 +213,9 @@ def _expected(
 
 def _seen_beside(base: FloatArray, columns: FloatArray, kept: BoolArray) -> FloatArray:
     """What of an effect the kept rows show beside the base, (N, k): the fit gives the rest to the base."""
-    span, _ = np.linalg.qr(base[kept])
     norm = np.linalg.norm(columns[kept], axis=0)
     scaled = columns / np.where(norm > 0.0, norm, 1.0)
-    _, singular, v = np.linalg.svd(scaled[kept] - span @ (span.T @ scaled[kept]), full_matrices=False)
-    return np.asarray(scaled @ v[singular > UNSEEN].T)
+    return np.asarray(scaled @ combinations_beside(orthonormal(base[kept]), scaled[kept], UNSEEN))
 
 
 def _select(keep: Sequence[BoolArray], blocks: Sequence[Block], few: Layout, many: Layout, steps: int) -> list[Added]:

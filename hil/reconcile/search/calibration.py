@@ -17,8 +17,9 @@ from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.forms import LinearForm
 from hil.reconcile.search.evidence import BlockEvidence
+from hil.solve.identifiability import independent_columns
 from hil.solve.likelihood import NoiseTable
-from hil.solve.rows import Block, independent_columns
+from hil.solve.rows import Block
 from hil.solve.temperatures import same_temperature
 
 ONE_SET = "one set"

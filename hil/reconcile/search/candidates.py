@@ -14,26 +14,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Base, Effect, Parameter
+from hil.model.effects.base import ROOM_DEGC, Base, Effect, Parameter
+from hil.model.effects.catalogue import named
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.history import joined
 from hil.model.forms import RATE
 from hil.solve.temperatures import same_temperature
 
-_TEMPERATURE_FORMS = frozenset({"MU_real", "GS", "g_sensitivity", "bias", "k2"})
-_ONE_NAME = {"MU_T": "MU_real", "GS": "GS_T", "g_sensitivity_T": "g_sensitivity", "bias": "bias_T"}
-"""Effects that are one physical cause seen at one or at several temperatures: they share a name, not a column."""
 _TITLES = {"bias": "Bias that follows temperature"}  # as every model has one that does not
-_REMEMBERS = frozenset({"hyst", "soak_insufficient"})
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
-_ROOM_DEGC = 20.0
 _SLOPE = "dTdt_degC_per_min"
-_COLD_DEGC = -80.0
-_HISTORIES = {"hyst": (_ROOM_DEGC, _COLD_DEGC)}
-"""Where a unit with hysteresis may have come from before the first collect: the room, or somewhere colder."""
-_SEARCHED_ELSEWHERE = frozenset({"swap", "MU_T", "g_sensitivity_T"})
-"""Exchanged labels are looked for among the outliers; the others are temperature forms of MU_real and g_sensitivity."""
 _NOT_DRIVERS = frozenset({"n_samples"})
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 _FEWEST_VALUES = 6
@@ -68,7 +59,7 @@ class Candidate:
     target: str = ""
     sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
-    before_degC: float = _ROOM_DEGC
+    before_degC: float = ROOM_DEGC
     searched: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -96,7 +87,7 @@ def catalogue_candidates(
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
     for effect in catalogue:
-        if effect.id in _SEARCHED_ELSEWHERE or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
+        if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         for shape in effect.shape_grid(conditions):
             yield from _of_shape(number, conditions, base_beside(effect, shape), effect, shape)
@@ -108,7 +99,7 @@ def _of_shape(
     """Yield the candidates of one effect at one shape: one per history it may have had, in every form."""
     tried: list[FloatArray] = []
     searched = tuple((item.name, shape[item.name]) for item in effect.shapes_for(conditions) if len(item.grid) > 1)
-    for before_degC in _HISTORIES.get(effect.id, (_ROOM_DEGC,)):
+    for before_degC in effect.came_from_degC or (ROOM_DEGC,):
         columns = effect_columns(effect, conditions, base, shape, before_degC)
         parameters = effect.parameters_for(conditions)
         high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
@@ -116,7 +107,7 @@ def _of_shape(
             continue
         tried.append(columns)
         plain = Candidate(
-            name=_ONE_NAME.get(effect.id, effect.id),
+            name=named(effect).id,
             tier=1,
             sensor=number,
             columns=columns,
@@ -131,19 +122,19 @@ def _of_shape(
         )
         if effect.id != "bias":
             yield plain
-        if effect.id in _TEMPERATURE_FORMS:
+        if effect.may_follow_temperature:
             yield from _over_temperature(plain, conditions)
 
 
 def effect_columns(
-    effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float], before_degC: float = _ROOM_DEGC
+    effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float], before_degC: float = ROOM_DEGC
 ) -> FloatArray:
     """Return an effect's columns, zero where it is not asked about, shape (n, c, p).
 
     What remembers temperature (hysteresis, the step before a plateau) is given the room that the unit came from: the
     first plateau was reached from somewhere too.
     """
-    if effect.id not in _REMEMBERS or not {"temperature_degC", "setpoint_degC"} & set(conditions.columns):
+    if not effect.came_from_degC or not {"temperature_degC", "setpoint_degC"} & set(conditions.columns):
         return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
     rows = joined(_before(conditions, before_degC), conditions)
     return np.nan_to_num(np.asarray(effect.columns(rows, None, shape), dtype=np.float64))[1:]

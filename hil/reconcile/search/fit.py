@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.campaign import BoolArray, FloatArray
 from hil.reconcile.search.hypotheses import Hypothesis, Unit
+from hil.solve.identifiability import orthonormal, project_out, smallest_fit
 from hil.solve.likelihood import NoiseTable, ScalePrior, restricted_likelihood
 from hil.solve.noise_grid import covariances
 from hil.solve.rows import Block
@@ -50,6 +51,15 @@ class BlockNoise:
     def take(self, keep: BoolArray) -> BlockNoise:
         """Return the noise of the rows where `keep` is true."""
         return BlockNoise.of(self.covariance[np.ix_(keep, keep)])
+
+    def beside(self, base: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return columns (N,) or (N, p), whitened, less their part in what the base (N, b) spans."""
+        return project_out(orthonormal(self.whitening @ base), self.whitening @ columns)
+
+    def projector(self, base: FloatArray) -> FloatArray:
+        """Return the matrix P (N, N) with y'Py the weighted sum of squares that the base (N, b) leaves."""
+        maker = self.beside(base, np.eye(len(base)))
+        return np.asarray(maker.T @ maker)
 
     @classmethod
     def of(cls, covariance: FloatArray) -> BlockNoise:
@@ -142,9 +152,7 @@ def _least_squares(
     solution is the one with the smallest sizes in units of what is typical. The covariance is of the added values.
     """
     base, added = design[:, :cut], design[:, cut:]
-    left, singular, _ = np.linalg.svd(_unit(base), full_matrices=False)
-    span = left[:, singular > 1e-7 * singular.max(initial=0.0)]
-    rest = added - span @ (span.T @ added)
+    rest = project_out(orthonormal(base), added)
     norm = np.linalg.norm(added, axis=0)
     rest[:, np.linalg.norm(rest, axis=0) < UNSEEN * norm] = 0.0
     scale = np.where(
@@ -157,12 +165,5 @@ def _least_squares(
     inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
     effect = (v.T * inverse) @ (u.T @ target) / scale
     covariance = (v.T * inverse**2) @ v / np.outer(scale, scale)
-    size = np.linalg.norm(base, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    basic = np.linalg.lstsq(base / size, target - added @ effect, rcond=1e-7)[0] / size if cut else np.zeros(0)
+    basic = smallest_fit(base, target - added @ effect, 1e-7) if cut else np.zeros(0)
     return np.concatenate([basic, effect]), covariance
-
-
-def _unit(columns: FloatArray) -> FloatArray:
-    norm = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns / np.where(norm > 0, norm, 1.0))

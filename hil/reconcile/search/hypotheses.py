@@ -14,10 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import named
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.evidence import _INVISIBLE, BlockEvidence, relevant_points
 from hil.reconcile.search.joint import JointColumns, JointEvidence
 from hil.reconcile.search.whitened import Whitened
+from hil.solve.identifiability import orthonormal, project_out, share_within, unit_columns
 from hil.solve.likelihood import NoiseTable
 from hil.solve.rows import Block
 
@@ -25,8 +28,6 @@ _ACTS = 0.03  # a parameter that moves a block less than this, beside the block 
 _SAME = 0.98
 _FEW = 2
 _PLAIN = 5.0  # a value that is one number is this many times as probable as one that follows temperature in some form
-_FOLLOWS = frozenset({"bias_T", "GS_T"})
-"""Names that mean following temperature: their plain form is the straight line."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,12 @@ class Hypothesis:
     def candidate(self) -> Candidate:
         """The candidate on the first sensor."""
         return self.units[0].candidate
+
+    @property
+    def effect(self) -> Effect | None:
+        """The effect of the catalogue that it is named after; None for a term of the second tier."""
+        own = self.candidate.effect
+        return None if own is None or self.tier != 1 else named(own)
 
 
 def hypotheses(candidates: Sequence[Candidate], blocks: Sequence[Block]) -> list[Hypothesis]:
@@ -228,7 +235,7 @@ def seen(found: Sequence[Hypothesis], blocks: Sequence[Block]) -> list[Hypothesi
 
     The prior is shared out again among what is left, so that neither takes part of it.
     """
-    bases = [_span(block.base) for block in blocks]
+    bases = [orthonormal(block.base) for block in blocks]
     spans = [[_unit_spans(unit, bases) for unit in h.units] for h in found]
     visible = [any(np.any([s.shape[1] for s in unit]) for unit in h) for h in spans]
     found = _irregular_apart(found, visible)
@@ -260,7 +267,7 @@ def _irregular_apart(found: Sequence[Hypothesis], visible: Sequence[bool]) -> li
         h.name
         for h, seen_ in zip(found, visible, strict=True)
         if seen_ and h.candidate.form == "constant" and h.candidate.effect is not None
-        if h.candidate.effect.id not in _FOLLOWS
+        if h.candidate.effect.plain_form == "constant"
     }
     out = []
     for hypothesis in found:
@@ -290,27 +297,17 @@ def share_prior(
 
 
 def _form_weight(hypothesis: Hypothesis) -> float:
-    plain = "line" if hypothesis.name in _FOLLOWS else "constant"
+    effect = hypothesis.effect
+    plain = "constant" if effect is None else effect.plain_form
     return _PLAIN if hypothesis.candidate.form == plain else 1.0
-
-
-def _span(columns: FloatArray) -> FloatArray:
-    if columns.shape[1] == 0:
-        return np.zeros((columns.shape[0], 0))
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
-    return np.asarray(left[:, singular > 1e-7])
 
 
 def _unit_spans(unit: Unit, bases: Sequence[FloatArray]) -> list[FloatArray]:
     """What is left of a unit beside the base in each of its blocks, as an orthonormal basis."""
-    out = []
-    for block, columns in zip(unit.blocks, unit.columns, strict=True):
-        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        rest = scaled - bases[block] @ (bases[block].T @ scaled)
-        left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-        out.append(left[:, singular > _INVISIBLE])
-    return out
+    return [
+        orthonormal(project_out(bases[block], unit_columns(columns)), _INVISIBLE, scale=1.0)
+        for block, columns in zip(unit.blocks, unit.columns, strict=True)
+    ]
 
 
 def _known(unit: Unit, part: Sequence[FloatArray], known: Mapping[int, Sequence[FloatArray]]) -> bool:
@@ -320,4 +317,4 @@ def _known(unit: Unit, part: Sequence[FloatArray], known: Mapping[int, Sequence[
         return True
     if unit.is_joint or own.shape[1] > 1:
         return False
-    return any(float(np.linalg.norm(span.T @ own[:, 0])) > _SAME for span in known.get(unit.blocks[0], []))
+    return any(share_within(span, own[:, 0]) > _SAME for span in known.get(unit.blocks[0], []))

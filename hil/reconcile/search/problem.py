@@ -23,7 +23,8 @@ from hil.model.forms import LinearForm, named_form
 from hil.reconcile.search.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.reconcile.search.fit import UNSEEN
-from hil.solve.rows import Block, independent_columns, is_repeated, sensor_blocks
+from hil.solve.identifiability import independent_columns, kept_shares, orthonormal, smallest_fit
+from hil.solve.rows import Block, is_repeated, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
 _RICH_ORDER = 5
@@ -207,25 +208,14 @@ def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArr
     if usable.sum() > 0.5 * len(weight):
         floor = np.median(stated[measured][usable])
         weight = 1.0 / np.hypot(np.where(usable, stated[measured], floor), 0.3 * floor)
-    design = columns[measured] * weight[:, None]
-    scale = np.linalg.norm(design, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    return np.asarray(np.linalg.lstsq(design / scale, rates[measured] * weight, rcond=1e-3)[0] / scale)
+    return smallest_fit(columns[measured] * weight[:, None], rates[measured] * weight, 1e-3)
 
 
 def _not_in(base: FloatArray, columns: FloatArray, rates: FloatArray) -> FloatArray:
     """Leave out columns (n, c, p) that the base can imitate: what they do is the base's to do."""
     measured = np.isfinite(rates)
-    left, singular, _ = np.linalg.svd(_unit_columns(base[measured]), full_matrices=False)
-    span = left[:, singular > 1e-6 * singular.max(initial=0.0)]
-    seen = _unit_columns(columns[measured])
-    rest = np.linalg.norm(seen - span @ (span.T @ seen), axis=0)
-    return np.asarray(columns[:, :, rest > UNSEEN])
-
-
-def _unit_columns(columns: FloatArray) -> FloatArray:
-    norm = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns / np.where(norm > 0, norm, 1.0))
+    kept = kept_shares(orthonormal(base[measured]), columns[measured])
+    return np.asarray(columns[:, :, kept > UNSEEN])
 
 
 def _misfit(columns: FloatArray, rates: FloatArray, values: FloatArray) -> float:

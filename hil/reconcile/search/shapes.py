@@ -18,6 +18,7 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fit import Added, BlockNoise
 from hil.reconcile.search.hypotheses import Hypothesis, units_of
 from hil.reconcile.search.problem import Problem
+from hil.solve.identifiability import orthonormal, project_out, unit_columns
 from hil.solve.rows import Block
 
 _BEYOND = 1.6  # by this factor a shape may lie outside its grid
@@ -79,9 +80,7 @@ def _explained(
         own = columns[b]
         if own is None:
             continue
-        white = noise[b].whitening @ np.column_stack([blocks[b].base, own, blocks[b].y])
-        q, _ = np.linalg.qr(white[:, :-1])
-        target = white[:, -1]
-        p = blocks[b].base.shape[1]
-        total += float(np.sum((q[:, p:].T @ target) ** 2))
+        white = noise[b].whitening
+        rest = project_out(orthonormal(white @ blocks[b].base), unit_columns(white @ own))
+        total += float(np.sum((orthonormal(rest, scale=1.0).T @ (white @ blocks[b].y)) ** 2))
     return total

@@ -23,6 +23,7 @@ from hil.model.effects.catalogue import (
     askable,
     effect_by_id,
     entries,
+    named,
     why_not,
 )
 from hil.model.effects.empirical import empirical
@@ -141,6 +142,27 @@ def test_every_entry_describes_itself(entry: Described) -> None:
     assert set(entry.confusable_with) <= known - {entry.id}
     assert all(parameter.unit for parameter in entry.parameters)
     assert all(0.0 <= low <= high for p in entry.parameters for low, high in [p.typical, *p.typical_other.values()])
+
+
+@pytest.mark.parametrize("effect", [*BASE_EFFECTS, *EFFECTS], ids=_named)
+def test_what_an_effect_says_of_others_is_about_effects_on_averages(effect: Effect) -> None:
+    """Its kin and the name it is known by are in the catalogue and not itself; odds and weights are positive."""
+    for identifier in (*effect.kin, *([effect.known_as] if effect.known_as else [])):
+        assert effect_by_id(identifier).id == identifier != effect.id
+    assert min(effect.odds, *effect.kin.values(), 1.0) > 0.0
+    assert named(named(effect)) is named(effect)
+    assert effect.plain_form in {"constant", "line"}
+
+
+def test_the_history_of_a_drift_and_of_a_jump_depends_on_when_they_act() -> None:
+    """A drift within runs has no kin; a step after the first run may be what only the first run shows."""
+    conditions = campaign(("1", "2", "3"))
+    runs = np.unique(conditions.run)
+    drift, jump = effect_by_id("drift"), effect_by_id("jump")
+    assert dict(drift.kin_for(conditions, {"through_runs": 0.0})) == {}
+    assert dict(drift.kin_for(conditions, {"through_runs": 1.0})) == {"bias_T": 1.0}
+    assert set(jump.kin_for(conditions, {"from_run": float(runs[1])})) == {"bias_T", "warmup", "soak_insufficient"}
+    assert set(jump.kin_for(conditions, {"from_run": float(runs[2])})) == {"bias_T"}
 
 
 @pytest.mark.parametrize("form", FORM_EFFECTS)

@@ -15,8 +15,9 @@ from hil.model.effects.followed import driver_columns, driver_reference, driver_
 from hil.reconcile.proof.held_out import by_run, in_blocks
 from hil.reconcile.search.evidence import BlockEvidence
 from hil.reconcile.search.scan import level, p_value
+from hil.solve.identifiability import independent_columns
 from hil.solve.likelihood import NoiseTable
-from hil.solve.rows import Block, independent_columns, sensor_blocks
+from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 

@@ -15,7 +15,10 @@ from hil.model.forms import mu_columns
 from hil.solve.identifiability import (
     by_level,
     classes,
+    combinations_beside,
     explained,
+    independent_columns,
+    kept_shares,
     orthonormal,
     overlap,
     overlap_over_shapes,
@@ -24,6 +27,8 @@ from hil.solve.identifiability import (
     project_out,
     required_noncentrality,
     run_covariance,
+    share_within,
+    smallest_fit,
     smallest_visible,
     visible,
     whitener,
@@ -81,6 +86,35 @@ def test_kept_is_one_beside_nothing_and_zero_inside_the_base() -> None:
     assert inside.rank == 0
     half = visible(effect, orthonormal(columns((1, 0, 0, 0, 0, 0))), np.ones(1))
     assert half.kept == pytest.approx(np.sqrt(0.5))
+
+
+def test_each_column_is_weighed_by_itself_and_a_vector_by_what_of_it_lies_in_a_span() -> None:
+    """A share is of a column's own norm; zero has none; both parts make up the whole."""
+    base = orthonormal(columns((1, 0, 0, 0, 0, 0)))
+    two = columns((3, 4, 0, 0, 0, 0), (0, 0, 0, 0, 0, 0))
+    assert kept_shares(base, two) == pytest.approx([0.8, 0.0])
+    assert share_within(base, two[:, 0]) == pytest.approx(0.6)
+    assert share_within(base, two[:, 1]) == 0.0
+    assert share_within(EMPTY, two) == 0.0
+
+
+def test_combinations_beside_a_base_are_orthonormal_there_and_leave_out_what_it_holds() -> None:
+    """Columns hardly different from each other still give two directions, one inside the base none."""
+    rng = np.random.default_rng(1)
+    base = orthonormal(rng.standard_normal((20, 3)))
+    one = rng.standard_normal(20)
+    three = np.column_stack([one, one + 1e-3 * rng.standard_normal(20), base[:, 0]])
+    beside = project_out(base, three @ combinations_beside(base, three, 1e-6))
+    assert beside.shape == (20, 2)
+    assert np.allclose(beside.T @ beside, np.eye(2), atol=1e-9)
+
+
+def test_a_fit_takes_the_smallest_values_of_what_the_rows_leave_open_whatever_the_units() -> None:
+    """Two like columns share a value by their size; values of independent ones are those that made the target."""
+    both = columns((1, 1, 1, 1, 1, 1), (1e6, 1e6, 1e6, 1e6, 1e6, 1e6), (0, 1, 2, 3, 4, 5))
+    values = smallest_fit(both, both[:, 0] + 2.0 * both[:, 2], 1e-6)
+    assert values == pytest.approx([0.5, 0.5e-6, 2.0])
+    assert np.allclose(independent_columns(both), both[:, [0, 2]])
 
 
 def test_numerical_dust_is_no_column() -> None:
