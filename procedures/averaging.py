@@ -41,8 +41,7 @@ class Average:
     """Means of c channels over one interval. Every array has shape (c,); units are those of the series and seconds.
 
     `slope_se` and `half_difference_se` follow from the same long-run variance as `se`. `inflation` is
-    `se / (sd / sqrt(n))`, 1 for white noise; `effective_n` the number of independent samples that would be worth as
-    much. NaN where fewer than 3 samples leave nothing to judge by.
+    `se / (sd / sqrt(n))`, 1 for white noise. NaN where fewer than 3 samples leave nothing to judge by.
     """
 
     n: int
@@ -59,12 +58,6 @@ class Average:
         """How much larger the standard error is than that of as many independent samples."""
         white = self.sd / np.sqrt(max(self.n, 1))
         result: FloatArray = np.divide(self.se, white, out=np.ones_like(self.se), where=white > 0.0)
-        return result
-
-    @property
-    def effective_n(self) -> FloatArray:
-        """The number of independent samples that would give the same standard error."""
-        result: FloatArray = self.n / np.square(self.inflation)
         return result
 
 

@@ -210,7 +210,6 @@ def _disk_low(settings: InterlockSettings) -> Callable[[Look], str | None]:
 @dataclass
 class _Suspicion:
     since_s: float
-    sightings: int
     reason: str
 
 
@@ -256,12 +255,11 @@ class Interlocks:
     def _sighted(self, interlock: Interlock, problem: str, time_s: float) -> None:
         suspicion = self._suspicions.get(interlock.name)
         if suspicion is None:
-            self._suspicions[interlock.name] = _Suspicion(time_s, 1, problem)
+            self._suspicions[interlock.name] = _Suspicion(time_s, problem)
             self._record(
                 "interlock-suspected", f"{interlock.name}: {problem} (ends the sweep after {interlock.grace_s:g} s)"
             )
             return
-        suspicion.sightings += 1
         suspicion.reason = problem
         lasted_s = time_s - suspicion.since_s
         if lasted_s >= interlock.grace_s:

@@ -4,6 +4,7 @@
 
 The nights have two temperatures and one self-calibration at each, with the full soak of 45 minutes, on the simulated
 bench with its chamber's own timer armed (`dead_man`), because no controller can stop a chamber that does not hear it.
+`--sweep` and `--bench` rehearse others, such as your own.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
-from hil.night.rehearse import Rehearsal, rehearse
+from benchmarks.reliability.rehearsal import Rehearsal, rehearse
+from hil.config import Bench, Sweep, load_bench, load_sweep, parse_bench, parse_sweep
 
 _SWEEP = """
 title: A rehearsal
@@ -49,6 +50,8 @@ def bench() -> Bench:
 def main() -> None:
     """Rehearse, print one JSON document, and end with 1 where a night was not survived."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sweep", help="another sweep: the name of a shipped one, or a file")
+    parser.add_argument("--bench", help="another simulated bench: the name of a shipped one, or a file")
     parser.add_argument("--nights", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--faults", type=int, nargs=2, default=(1, 5), metavar=("LEAST", "MOST"))
@@ -60,8 +63,8 @@ def main() -> None:
     found: list[Rehearsal] = []
     with tempfile.TemporaryDirectory(prefix="hil-rehearse-") as scratch:
         nights = rehearse(
-            sweep(),
-            bench(),
+            load_sweep(asked.sweep) if asked.sweep else sweep(),
+            load_bench(asked.bench) if asked.bench else bench(),
             nights=asked.nights,
             seed=asked.seed,
             folder=asked.keep or Path(scratch),

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.layout import FloatArray, FrameLayout, IntArray
-from drivers.frames.record import MOST_TUPLES, record_reader
 from drivers.frames.wire import Rows
-
-_BLOCK = 1024  # frames whose floats stay in the processor's cache until their tuples are made
 
 
 class FrameBatch:
@@ -45,19 +42,6 @@ class FrameBatch:
     def column(self, field: str) -> FloatArray:
         """Return a numeric field in its unit, shape (n,)."""
         return self.columns[field]
-
-    def records(self) -> list[tuple[float, ...]]:
-        """Return every frame's numeric fields in their units, as tuples of plain floats in the order of `columns`."""
-        reader = record_reader(self.layout) if len(self.rows) == len(self) < MOST_TUPLES else None
-        if reader is not None:
-            return reader(self.rows.tobytes())
-        if not self.columns:
-            return [()] * len(self)
-        found: list[tuple[float, ...]] = []
-        for start in range(0, len(self), _BLOCK):
-            block = (column[start : start + _BLOCK].tolist() for column in self.columns.values())
-            found.extend(zip(*block, strict=True))
-        return found
 
     def text(self, field: str) -> list[str]:
         """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""

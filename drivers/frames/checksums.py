@@ -102,12 +102,6 @@ class FrameChecksum:
             self.residue = residue_test(kind, self._start, self._end)
         self.matches: Callable[[bytes], bool] = self._matches if self.residue is None else self.residue.matches
 
-    def all_match(self, data: bytes, length: int) -> bool:
-        """Tell whether all frames of `length` bytes in `data` carry the right checksum."""
-        if self.residue is not None:
-            return self.residue.all_match(data, length)
-        return all(self._matches(data[at : at + length]) for at in range(0, len(data), length))
-
     def _matches(self, frame: bytes) -> bool:
         """Tell whether one whole frame carries the right checksum."""
         stored = int.from_bytes(frame[self._at : self._at + self._size], self._order)

@@ -8,13 +8,11 @@ too, so that they fold into the tables.
 
 from __future__ import annotations
 
-import struct
 import zlib
 from binascii import crc_hqx
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -27,8 +25,7 @@ _IEEE = 0x04C11DB7
 _CCITT = 0x1021
 REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
-_FEW = 96  # messages below which a compiled loop over them is faster than the tables
-_FEW_BYTEWISE = 8  # the same for a loop that is not compiled
+_FEW_BYTEWISE = 8  # messages below which a loop that is not compiled is faster than the tables
 
 Words = NDArray[np.uint64]
 
@@ -71,7 +68,8 @@ class Crc:
         self._padding = bytes(-length % kind.pad_to)
         compiled = _compiled_register(kind)
         self._register = compiled or _table_register(kind)
-        self._few = _FEW if compiled is not None else _FEW_BYTEWISE
+        # A compiled loop costs about as much for a message as a table does for a byte of all of them.
+        self._few = length if compiled is not None else _FEW_BYTEWISE
 
     @cached_property
     def _affine(self) -> tuple[NDArray[Any], Any]:
@@ -178,19 +176,6 @@ class Residue:
         """Tell it for one frame."""
         ready = frame.translate(REVERSED_BITS) if self.reverses else frame
         return self.register(ready[self.start : self.after], self.begin) == self.residue
-
-    def all_match(self, data: bytes, length: int) -> bool:
-        """Tell whether all frames of `length` bytes in `data` match."""
-        n = len(data) // length
-        ready = data.translate(REVERSED_BITS) if self.reverses else data
-        covered = _cut(self.start, self.after, length, n)(ready)
-        return list(map(self.register, covered, repeat(self.begin))).count(self.residue) == n
-
-
-@lru_cache(maxsize=128)
-def _cut(start: int, after: int, length: int, n: int) -> Callable[[bytes], tuple[bytes, ...]]:
-    """Return a compiled function that cuts [start, after) out of each of n frames of `length` bytes."""
-    return struct.Struct(f"{start}x{after - start}s{length - after}x" * n).unpack
 
 
 def residue_test(kind: CrcKind, start: int, end: int) -> Residue | None:

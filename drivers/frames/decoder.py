@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,12 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
-from drivers.frames.few import FewDecoded, FewFrames
 from drivers.frames.layout import FrameLayout
-from drivers.frames.record import Taking
 from drivers.frames.scan import Scanner
 from drivers.frames.scan_result import Scan, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
-_QUICK = 384  # frames below which those of the expected type are verified one by one
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 
@@ -55,13 +52,6 @@ class StreamDecoder:
         self._standing = Standing()
         self._flawless = True  # the last piece was; the next one probably is
         self._last_arrival_s = 0.0
-        self._families = plain
-        self._confirms = any(family.confirm for family in plain)
-        self._no_frames: dict[str, FrameBatch] = dict(zip(self._names, self._nothing, strict=True))
-        self._few: FewFrames | None = None  # the type of the last frame, for the quick path
-        self._few_frames: dict[int, FewFrames] = {}
-        self._takers: Mapping[int, Taking] = {}  # what can be taken in one go, where the next frame begins with a feed
-        self._quick_bytes = 0
 
     @property
     def pending(self) -> bytes:
@@ -70,28 +60,10 @@ class StreamDecoder:
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
         """Take bytes that arrived at `arrival_s` (perhaps none: time passes) and return the frames they complete."""
-        few, take = self._few, self._takers.get(len(data))
-        if few is not None and take is not None:
-            # The usual read of a slow stream: nothing here is done twice, or for nobody.
-            records = take(data, few.sequence)
-            if records is not None:
-                self._last_arrival_s = arrival_s
-                self._position = end = self._position + len(data)
-                decoded: FewDecoded = FewDecoded()
-                decoded.few = few
-                decoded.data = data
-                decoded.end = end
-                decoded.number = few.sequence.number
-                decoded.known = records
-                return decoded
         if not data:
             waited_s = arrival_s - self._last_arrival_s
             return self._decode(b"", give_up=waited_s >= self._description.partial_frame_wait_s)
         self._last_arrival_s = arrival_s
-        if few is not None and len(data) < self._quick_bytes:
-            waited_for = self._decode_few(data, few)
-            if waited_for is not None:
-                return waited_for
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
@@ -108,47 +80,9 @@ class StreamDecoder:
         self._rest = b""
         self._standing = Standing()
         self._delimited = None
-        self._few, self._takers = None, {}
         self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
-
-    def _decode_few(self, data: bytes, few: FewFrames) -> Decoded | None:
-        """Decode frames like the one before, in step with it and with their counter; None where they are not so."""
-        buffer = self._rest + data if self._rest else data
-        n, over = divmod(len(buffer), few.length)
-        whole, rest = (buffer[:-over], buffer[-over:]) if over else (buffer, b"")
-        if (over and not few.may_begin(rest)) or not few.good(whole, n):
-            return None
-        if not n:
-            self._rest, self._takers = buffer, {}
-            return Decoded(self._no_frames, StreamCounts())
-        if not few.sequence.advance(whole, n):
-            return None
-        self._rest, self._takers = rest, {} if rest else few.takers
-        self._position += len(whole)
-        decoded: FewDecoded = FewDecoded()
-        decoded.few, decoded.data, decoded.end, decoded.number = few, whole, self._position, few.sequence.number
-        decoded.known = None
-        if self._confirms:
-            self._scanner.newest[few.index] = (few.layout, whole[-few.length :])
-        return decoded
-
-    def _expect_more(self, scans: Sequence[tuple[int, Scan]]) -> None:
-        """Remember the type of the last frame, if the next ones can be taken on the quick path."""
-        self._few, self._takers = None, {}
-        if not self._standing.in_step or not scans or (self._delimiter and self._delimited is None):
-            return
-        newest = [(int(s[-1]), i, layout) for i, found in enumerate(scans[-1][1].found) for layout, _, s in found]
-        if newest:
-            _, index, layout = max(newest, key=lambda each: each[0])
-            if self._families[index].steady is not None and self._sequences[index].steady(layout):
-                known = self._few_frames.get(id(layout))
-                if known is None:
-                    known = FewFrames(layout, index, self._names[index], self._sequences[index], self._no_frames)
-                    self._few_frames[id(layout)] = known
-                self._few, self._quick_bytes = known, _QUICK * layout.length
-                self._takers = {} if self._rest else known.takers
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
@@ -177,7 +111,6 @@ class StreamDecoder:
         decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out)
         self._rest = buffer[at:]
         self._position += at
-        self._expect_more(scans)
         return decoded
 
     def _look_for_delimiter(self, buffer: bytes, at: int, end: int, give_up: bool) -> bool:
@@ -221,11 +154,16 @@ class StreamDecoder:
                 frames[name] = self._nothing[index]
                 continue
             taken_bytes += sum(rows.size for _, rows, _ in groups)
-            batch, missing, repeated = self._sequences[index].take(join(groups))
+            batch = join(groups)
+            keep, numbers, missing = self._sequences[index].take(len(batch), batch.told, batch.wire)
+            if len(numbers) < len(batch):
+                duplicate += len(batch) - len(numbers)
+                batch = batch.select(keep, numbers)
+            else:
+                batch.sequence = numbers
             frames[name] = batch
             ok += len(batch)
             lost += missing
-            duplicate += repeated
         counts = StreamCounts(
             ok=ok,
             bad_checksum=sum(scan.bad_checksum for _, scan in scans),

@@ -18,7 +18,6 @@ from hil.cli import (
     night,
     notify,
     plot,
-    rehearse,
     replay,
     report,
     reproduction,
@@ -46,7 +45,6 @@ for command in (
     *model.COMMANDS,
     *frames.COMMANDS,
     *device.COMMANDS,
-    *rehearse.COMMANDS,
     *replay.COMMANDS,
 ):
     app.command()(with_status(command))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import softmax
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import Effect
@@ -102,10 +103,9 @@ def weigh(scan: Scan, blocks: Sequence[Block], noise: Sequence[BlockNoise], limi
     others = [name for name in dict.fromkeys([*names[:12], *first_tier]) if name != names[0]]
     weighed = forgiving([strongest, *(_fitted(name, scan, blocks, noise) for name in others)], norm)
     logs = np.array([w.log_evidence + plausibility(w.excess) + np.log(w.odds) for w in weighed])
-    weights = np.exp(logs - logs.max())
-    weights = weights / weights.sum()
     ranked = sorted(
-        (replace(w, probability=float(p)) for w, p in zip(weighed, weights, strict=True)), key=lambda w: -w.probability
+        (replace(w, probability=float(p)) for w, p in zip(weighed, softmax(logs), strict=True)),
+        key=lambda w: -w.probability,
     )
     leader, kind = _lead(ranked, blocks, noise)
     leader = _more_plausible(leader, ranked, blocks, noise)

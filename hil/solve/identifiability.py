@@ -19,8 +19,9 @@ from functools import lru_cache
 import numpy as np
 from scipy import linalg, optimize, special
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import flattened
+from hil.solve.observability import linked_groups
 
 RANK_TOLERANCE = 1e-8
 """Directions weaker than this fraction of an effect's own norm are numerical noise, not columns."""
@@ -190,16 +191,11 @@ def overlap(first: Visible, second: Visible) -> float:
     return min(explained(first, second), explained(second, first))
 
 
-def overlap_over_shapes(first: Sequence[Visible], second: Sequence[Visible]) -> float:
-    """Overlap of two effects with shape parameters: the best match in the other's grid, averaged over one's own."""
-    table = np.array([[overlap(one, other) for other in second] for one in first])
-    if table.size == 0:
-        return 0.0
-    return float(min(table.max(axis=1).mean(), table.max(axis=0).mean()))
-
-
 def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
-    """Return `overlap_over_shapes` of all pairs at once, (k, k), one on the diagonal: a single matrix product."""
+    """Return the overlaps of all pairs of effects with shape parameters, (k, k), one on the diagonal.
+
+    The best match in the other's shapes, averaged over one's own; the smaller of both ways round.
+    """
     shapes = [one for several in effects for one in several]
     if not shapes:
         return np.zeros((len(effects), len(effects)))
@@ -227,36 +223,9 @@ def _membership(sizes: Sequence[int]) -> FloatArray:
     return np.equal.outer(np.arange(len(sizes)), np.repeat(np.arange(len(sizes)), sizes)).astype(np.float64)
 
 
-def principal_cosines(first: Visible, second: Visible) -> FloatArray:
-    """Return the cosines of the principal angles between what two effects span, largest first, (r,)."""
-    if first.rank == 0 or second.rank == 0:
-        return np.zeros(0)
-    return np.clip(np.linalg.svd(first.basis.T @ second.basis, compute_uv=False), 0.0, 1.0)
-
-
 def classes(overlaps: FloatArray, threshold: float = SAME_CLASS) -> tuple[tuple[int, ...], ...]:
     """Return the groups of indices that are linked by overlaps (k, k) above `threshold`, in order of first member."""
-    remaining = list(range(len(overlaps)))
-    groups: list[tuple[int, ...]] = []
-    while remaining:
-        group, frontier = {remaining[0]}, [remaining[0]]
-        while frontier:
-            member = frontier.pop()
-            linked = {other for other in remaining if overlaps[member, other] > threshold} - group
-            group |= linked
-            frontier.extend(linked)
-        groups.append(tuple(sorted(group)))
-        remaining = [index for index in remaining if index not in group]
-    return tuple(groups)
-
-
-def by_level(columns: FloatArray, level: IntArray) -> FloatArray:
-    """Give every level (temperature plateau, run) its own value: columns (n, c, p) become (n, c, p · levels).
-
-    The levels of one parameter stand together, in rising order of level.
-    """
-    of_level = (level[:, None] == np.unique(level)[None, :]).astype(np.float64)
-    return np.asarray((columns[..., None] * of_level[:, None, None, :]).reshape(*columns.shape[:2], -1))
+    return tuple(map(tuple, linked_groups(overlaps > threshold, np.ones(len(overlaps), np.bool_))))
 
 
 @lru_cache(maxsize=256)

@@ -60,7 +60,7 @@ def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, toleranc
     combinations: list[FloatArray] = []
     texts: list[str] = []
     sentences: list[str] = []
-    for group in _groups(np.abs(mixing) > LEAK**2, ~known):
+    for group in linked_groups(np.abs(mixing) > LEAK**2, ~known):
         members = [names[j] for j in group]
         unseen_count = round(float(np.trace(mixing[np.ix_(group, group)])))
         visible = _readable(_span(directions[seen][:, group], len(group) - unseen_count) * scale[group])
@@ -103,8 +103,8 @@ def _sentence(visible: Sequence[str], hidden: Sequence[str]) -> str:
     return f"{', '.join(visible)} {'are' if len(visible) > 1 else 'is'} seen, {', '.join(hidden)} {plural} not"
 
 
-def _groups(linked: NDArray[np.bool_], entangled: NDArray[np.bool_]) -> list[list[int]]:
-    """Gather entangled parameters into groups that are linked to one another."""
+def linked_groups(linked: NDArray[np.bool_], entangled: NDArray[np.bool_]) -> list[list[int]]:
+    """Gather the entangled of k things into groups that are linked (k, k) to one another, in order of first member."""
     left = {int(j) for j in np.flatnonzero(entangled)}
     groups = []
     while left:

@@ -38,33 +38,6 @@ def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
     return _stack(ba, bb, gsa, gsb, mua, mub)
 
 
-def matrix_covariance(G: ArrayLike) -> FloatArray:
-    """Return the covariance of the six parameters for white noise of 1 deg/hr in every rate; shape (..., 6, 6).
-
-    Raises `ValueError` where `G` is not (..., 3).
-    """
-    g1, g2, g3 = _parts(G)
-    square = g1**2 + g3**2
-    gs = (g1**2 + 3 * g3**2) / (2 * square**2)
-    mu = (3 * g1**2 + g3**2) / (2 * square**2)
-    bias = 0.5 + g2**2 * gs
-    bias_gs = -g3 / (2 * square)  # BA with GSA; BB with GSB has the other sign
-    bias_mu = -g1 / (2 * square)  # BA with MUB; BB with MUA has the other sign
-    cross_gs = -g2 * gs  # BA with GSB, BB with GSA
-    cross_mu = -g1 * g2 * g3 / square**2  # BA with MUA, BB with MUB
-    gs_mu = g1 * g3 / square**2  # GSA with MUB, GSB with MUA
-    zero = np.zeros_like(gs)
-    rows = [
-        [bias, zero, bias_gs, cross_gs, cross_mu, bias_mu],
-        [zero, bias, cross_gs, -bias_gs, -bias_mu, cross_mu],
-        [bias_gs, cross_gs, gs, zero, zero, gs_mu],
-        [cross_gs, -bias_gs, zero, gs, gs_mu, zero],
-        [cross_mu, -bias_mu, zero, gs_mu, mu, zero],
-        [bias_mu, cross_mu, gs_mu, zero, zero, mu],
-    ]
-    return np.stack([_stack(*row) for row in rows], axis=-2)
-
-
 def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
     """Solve for BA, BB, GSA, GSB as the contractor did, MU taken as zero: eqs. (A-13)-(A-16); shape (..., 4).
 
@@ -77,18 +50,6 @@ def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatAr
     ba = ra3 - gsa * g3 - gsb * g2 - w3  # (A-15)
     bb = rb3 - gsa * g2 + gsb * g3 - w2  # (A-16)
     return _stack(ba, bb, gsa, gsb)
-
-
-def contractor_covariance(G: ArrayLike, covariance: ArrayLike) -> FloatArray:
-    """Propagate the covariance of the rates through (A-13)-(A-16); shape (..., 4, 4).
-
-    `covariance` (..., 6, 6) is that of (RA1, RB1, RA2, RB2, RA3, RB3); for white noise it is sigma² times the identity.
-    """
-    gravity = np.asarray(G, dtype=np.float64)
-    unit_rates = np.eye(6).reshape(6, 3, 2)
-    # The four are linear in the rates: their response to one rate at a time is the Jacobian.
-    jacobian = np.swapaxes(contractor_solution(unit_rates, gravity[..., None, :], np.zeros(3)), -1, -2)
-    return np.asarray(jacobian @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(jacobian, -1, -2))
 
 
 def contractor_error(G: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray:

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 from scipy.stats import chi2, f
 
 from hil.campaign import FloatArray
@@ -224,8 +225,7 @@ def log_evidence(squares: FloatArray, degrees: int, white: FloatArray, ramp: Flo
 
 def posterior(evidence: FloatArray) -> FloatArray:
     """Return the probabilities (..., 5) of hypotheses that are equally likely beforehand."""
-    weight = np.exp(evidence - np.max(evidence, axis=-1, keepdims=True))
-    return np.asarray(weight / weight.sum(axis=-1, keepdims=True))
+    return np.asarray(softmax(evidence, axis=-1))
 
 
 def correlation_interval(correlation: float | None, degrees: int) -> Interval:

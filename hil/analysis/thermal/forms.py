@@ -140,7 +140,11 @@ def monotone(values: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _rising(values: FloatArray, weight: FloatArray) -> FloatArray:
-    """Isotonic regression as max over starts of min over ends of the mean between, batched."""
+    """Isotonic regression as max over starts of min over ends of the mean between, batched.
+
+    `scipy.optimize.isotonic_regression` takes one row at a time: a whole fit, with its thousand draws, takes four times
+    as long with it.
+    """
     count = values.shape[-1]
     cumulated = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values * weight, axis=-1)], axis=-1)
     total = np.concatenate([[0.0], np.cumsum(weight)])

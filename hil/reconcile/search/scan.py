@@ -110,7 +110,7 @@ def p_value(null: FloatArray, statistic: float) -> float:
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:
-    """Benjamini–Hochberg q-values, (k,) from (k,)."""
+    """Benjamini–Hochberg q-values, (k,) from (k,), as `scipy.stats` gives them, which takes 0.4 s to load."""
     order = np.argsort(p_values)
     scaled = p_values[order] * len(p_values) / np.arange(1, len(p_values) + 1)
     q = np.minimum.accumulate(scaled[::-1])[::-1]

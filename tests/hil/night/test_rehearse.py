@@ -13,11 +13,12 @@ from typing import Any
 import pytest
 import yaml
 
+from benchmarks.reliability.rehearsal import _begun, _Witness, _wrong_end, _wrong_records, rehearse
+from benchmarks.reliability.rehearse import bench, sweep
 from hil.config import load_bench, load_sweep
 from hil.config.faults import Fault
 from hil.errors import InputError
 from hil.night import start_night
-from hil.night.rehearse import _begun, _wrong_end, _wrong_records, rehearse
 from hil.records.status import night_status
 from procedures.stop import StopRequest
 
@@ -43,22 +44,21 @@ def test_nights_of_random_faults_are_survived() -> None:
 
 
 @pytest.mark.timeout(300)
-def test_the_command_says_what_was_and_what_was_not_survived(tmp_path: Path) -> None:
+def test_a_night_that_is_not_survived_is_called_so(tmp_path: Path) -> None:
     """A chamber that is deaf for ever and has no timer of its own cannot be made safe: that is said, status 1."""
     document = yaml.safe_load(load_bench("simulated").text)
     document["faults"] = [{"at": "T1/S1/restabilise", "device": "chamber", "kind": "silence"}]
     path = tmp_path / "bench.yaml"
     path.write_text(yaml.safe_dump(document))
     kept = tmp_path / "kept"
-    options = ("--faults", 0, "--seed", 7, "--keep", kept, "--json")
-    status, found = told("hil", "rehearse", "quick", "--bench", path, *options)
-    (night,) = found["nights"]
-    assert (status, found["schema"], found["simulated"], found["survived"]) == (1, "hil.rehearsal/1", True, 0)
-    assert night["wrong"] == ["the chamber is not in its safe state"]
-    assert night["reason"].startswith("chamber-lost")
-    assert "NOT SAFE" in night["reason"]
-    assert night["faults"] == document["faults"]
-    assert night_status(kept / "night-7" / "night")["state"] == "failed"
+    options = ("--nights", 1, "--faults", 0, 0, "--seed", 7, "--keep", kept)
+    status, found = told("benchmarks.reliability.rehearse", "--sweep", "quick", "--bench", path, *options)
+    assert (status, found["nights"], found["survived"], found["faults"]) == (1, 1, 0, 1)
+    assert found["wrong"] == {"the chamber is not in its safe state": 1}
+    assert found["reasons"] == {"chamber-lost": 1}
+    ended = night_status(kept / "night-7" / "night")
+    assert ended["state"] == "failed"
+    assert "NOT SAFE" in ended["reason"]
 
 
 @pytest.mark.timeout(300)
@@ -68,9 +68,9 @@ def test_a_killed_controller_is_carried_on(tmp_path: Path) -> None:
     document["faults"] = [{"at": "T1/S1/C2/collect", "device": "controller", "kind": "killed"}]
     path = tmp_path / "bench.yaml"
     path.write_text(yaml.safe_dump(document))
-    status, found = told("hil", "rehearse", "quick", "--bench", path, "--faults", "0", "--json")
-    (night,) = found["nights"]
-    assert (status, night["state"], night["carried_on"], night["survived"]) == (0, "complete", 1, True)
+    options = ("--sweep", "quick", "--bench", path, "--nights", 1, "--faults", 0, 0)
+    status, found = told("benchmarks.reliability.rehearse", *options)
+    assert (status, found["states"], found["killed_and_carried_on"], found["survived"]) == (0, {"complete": 1}, 1, 1)
 
 
 def test_a_real_bench_is_not_rehearsed(tmp_path: Path) -> None:
@@ -116,9 +116,6 @@ def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
 
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
     """The same night beside a truth that is ten standard errors away."""
-    from benchmarks.reliability.rehearse import bench, sweep
-    from hil.night.rehearse import _Witness
-
     witness = _Witness(tmp_path)
     start_night(tmp_path / "night", sweep(), bench(), progress=witness, opened=witness.look_at)
     wrong, verdicts = _wrong_records(tmp_path / "night", "complete")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import false_discovery_control
 
 from hil.campaign import Campaign
 from hil.model import load_model
@@ -15,6 +16,7 @@ from hil.reconcile.explanations import posed
 from hil.reconcile.outcome.page import _place, page
 from hil.reconcile.proof.cells import disagreements
 from hil.reconcile.search.fit import estimate_noise
+from hil.reconcile.search.scan import false_discovery
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
 DRAWS = 150
@@ -135,3 +137,9 @@ def test_a_scan_without_any_effect_finds_the_corner_and_nothing_in_noise() -> No
     assert abs(first.size_deg_per_hr - 9.0) < 3.0 * first.se_deg_per_hr
     assert first.q_value < 0.01
     assert not scanned(with_hidden(lambda r: np.zeros((len(r), 2)))[0])
+
+
+def test_false_discovery_rates_are_scipys() -> None:
+    """Ours spares every reconciliation the import."""
+    chances = np.random.default_rng(2).random(200) ** 3
+    np.testing.assert_allclose(false_discovery(chances), false_discovery_control(chances), rtol=1e-14)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.reliability.random_faults import draw_faults
+from benchmarks.reliability.rehearsal import with_faults
 from drivers.clock import VirtualClock
 from drivers.errors import TransportError
 from hil.bench import build_bench
@@ -15,8 +17,6 @@ from hil.config import Bench, load_bench, parse_bench, parse_sweep
 from hil.config.faults import CATALOGUE, Fault
 from hil.errors import InputError
 from hil.night import resume_night, start_night
-from hil.night.random_faults import draw_faults
-from hil.night.rehearse import with_faults
 from hil.records import open_readonly
 from hil.records.status import night_status
 from hil.records.verify import verify_night

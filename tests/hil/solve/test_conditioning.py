@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import contractor_covariance, matrix_covariance
 from hil.model.earth import Site
 from hil.solve import solve
+from tests.hil.closed_covariances import contractor_covariance, matrix_covariance
 
 NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]
 

@@ -9,18 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import (
-    contractor_covariance,
-    contractor_solution,
-    matrix_covariance,
-    matrix_solution,
-)
+from hil.analysis.published.closed_forms import contractor_solution, matrix_solution
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign
 from hil.solve.runs import judge, solution_document
 from procedures.verdict import Verdict
+from tests.hil.closed_covariances import contractor_covariance, matrix_covariance
 from tests.hil.solve.solved_campaigns import NAMES, ROTOR_YAML, SIGMA, SITE, TRUTH, only, rotor, rotor_row, values_of
 
 

@@ -26,13 +26,13 @@ from typing import Any
 import numpy as np
 import yaml
 
+from benchmarks.reliability.random_faults import draw_faults
 from hil.bench import LiveBench
 from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench
 from hil.config.faults import Fault
 from hil.errors import InputError
 from hil.files.strict import parse_yaml
-from hil.night.random_faults import draw_faults
-from hil.night.run import NightOutcome, resume_night, start_night
+from hil.night import NightOutcome, resume_night, start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
 from hil.records.reader import JOURNAL_NAME
