@@ -25,8 +25,8 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS
 from hil.reconcile.search.evidence import BlockEvidence
 from hil.reconcile.search.hypotheses import Evidence, Hypothesis, build_evidence, hypotheses
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.scan import _TAIL, _tail, false_discovery
-from hil.solve.likelihood import NoiseTable, _log_sum
+from hil.reconcile.search.scan import TAIL, false_discovery, tail_of
+from hil.solve.likelihood import NoiseTable, log_sum
 from hil.solve.rows import Block
 from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
@@ -109,7 +109,7 @@ class Screen:
         source = np.sort(np.arange(draws) % len(some))
         simulated = _without_effect(every, rates, source, np.random.default_rng(seed))
         posterior = screen._weighed(simulated)
-        null = np.sort(_log_sum(posterior))
+        null = np.sort(log_sum(posterior))
         return replace(screen, null=null, null_names=screen._by_name(posterior), null_source=source)
 
     @property
@@ -120,7 +120,7 @@ class Screen:
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
         """Screen units with this layout; raises `InputError` for a unit whose layout differs."""
         posterior = self._weighed(_rates(campaigns, self.blocks, self.conditions))
-        statistic = _log_sum(posterior)
+        statistic = log_sum(posterior)
         p_values = _p_values(self.null, statistic)
         q_values = false_discovery(p_values)
         by_name = self._by_name(posterior) + self._log_names()[:, None]
@@ -155,9 +155,9 @@ class Screen:
         each = (taken / sizes)[:, self.null_source]
         counts = np.array([rng.multinomial(len(campaigns), share) for share in each], dtype=np.float64)
         fleets = _mixed(self.null_names) @ counts.T
-        null = np.sort(_log_sum((fleets + prior[..., None]).reshape(-1, _FLEETS)))
+        null = np.sort(log_sum((fleets + prior[..., None]).reshape(-1, _FLEETS)))
         posterior = whole + prior
-        statistic = float(_log_sum(posterior.reshape(-1, 1))[0])
+        statistic = float(log_sum(posterior.reshape(-1, 1))[0])
         share = np.exp(posterior - statistic)
         leader = int(np.argmax(share.sum(axis=0)))
         fraction = _FRACTIONS[int(np.argmax(share[:, leader]))]
@@ -174,12 +174,12 @@ class Screen:
     def _by_name(self, posterior: FloatArray) -> FloatArray:
         """Log evidence for each name whatever its shape, against no effect, shape (names, units)."""
         members = [[i for i, h in enumerate(self.found) if h.name == name] for name in self.names]
-        return np.array([_log_sum(posterior[own]) for own in members]) - self._log_names()[:, None]
+        return np.array([log_sum(posterior[own]) for own in members]) - self._log_names()[:, None]
 
     def _log_names(self) -> FloatArray:
         """Log prior of each name, its shapes together, shape (names,)."""
         prior = np.array([h.log_prior for h in self.found])
-        return np.array([_log_sum(prior[[h.name == name for h in self.found]][:, None])[0] for name in self.names])
+        return np.array([log_sum(prior[[h.name == name for h in self.found]][:, None])[0] for name in self.names])
 
 
 def _rates(
@@ -242,9 +242,9 @@ def _p_values(null: FloatArray, statistic: FloatArray) -> FloatArray:
     The tail has no end, so that a few units among ten thousand can be found. It falls no faster than by e for each unit
     of log evidence, which is what evidence that is right about the noise does.
     """
-    start, mean_excess = _tail(null)
+    start, mean_excess = tail_of(null)
     counted = (1.0 + len(null) - np.searchsorted(null, statistic)) / (1.0 + len(null))
-    beyond = _TAIL * np.exp(-np.maximum(statistic - start, 0.0) / max(mean_excess, 1.0))
+    beyond = TAIL * np.exp(-np.maximum(statistic - start, 0.0) / max(mean_excess, 1.0))
     return np.asarray(np.where(statistic <= start, counted, beyond))
 
 
@@ -259,7 +259,7 @@ def _likely(every: BlockEvidence, y: FloatArray) -> NoiseTable:
     A unit of which something is missing looks noisier than it is: what the others are like is what it is judged by.
     """
     _, _, log_null = every.projection.log_null(y, every.prior)
-    probable = np.argsort(-np.exp(log_null - _log_sum(log_null)).mean(axis=1))[: _POINTS // 2]
+    probable = np.argsort(-np.exp(log_null - log_sum(log_null)).mean(axis=1))[: _POINTS // 2]
     by_prior = np.argsort(-every.noise.grid.log_prior)
     spread = by_prior[np.linspace(0, len(by_prior) - 1, min(_POINTS // 2, len(by_prior))).astype(np.int64)]
     return every.noise.take(np.unique(np.concatenate([probable, spread])))

@@ -119,7 +119,7 @@ def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) 
 
 
 def independent(columns: FloatArray, tolerance: float) -> list[int]:
-    """Return the places of the columns that are no combinations of earlier ones."""
+    """Return the places of the columns of (N, p) that are no combinations of earlier ones."""
     if 0 < columns.shape[1] <= columns.shape[0]:
         left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
         if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):

@@ -20,12 +20,12 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.whitened import Whitened
-from hil.solve.likelihood import NoiseTable, Projection, RichMeans, ScalePrior, _bases, _log_sum, restricted_likelihood
+from hil.solve.likelihood import NoiseTable, Projection, RichMeans, ScalePrior, bases_of, log_sum, restricted_likelihood
 from hil.solve.noise_grid import covariances
 from hil.solve.rows import Block
 
-_G = (8.0, 64.0, 512.0, 4096.0)
-_INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted
+ZELLNER_G = (8.0, 64.0, 512.0, 4096.0)
+INVISIBLE = 0.04  # directions of which less than this is left beside the base are not counted
 _DEPTH = 9.0  # noise points this much (in log probability) below the best are left out
 _MOST_POINTS = 36
 _OUT_OF_THE_QUESTION = 15.0
@@ -76,15 +76,17 @@ class BlockEvidence:
 
     def _log_factors(self, residual: FloatArray, rss: FloatArray, log_null: FloatArray) -> FloatArray:
         power = self.prior.a + 0.5 * self.projection.freedom
-        weight = np.exp(log_null - _log_sum(log_null))
+        weight = np.exp(log_null - log_sum(log_null))
         share = np.zeros((len(rss), self.white.count, rss.shape[1]))
         for group, inverse in zip(self.white.groups, self._inverse, strict=True):
             share[:, group.members] = _explained(group.scores(residual), inverse)
         share *= (0.5 / (self.prior.b + 0.5 * rss))[:, None, :]
         np.clip(share, 0.0, 1.0 - 1e-12, out=share)
         terms = [
-            -0.5 * self.rank[:, :, None] * np.log1p(g) - power * np.log1p(-share * (g / (1.0 + g))) - np.log(len(_G))
-            for g in _G
+            -0.5 * self.rank[:, :, None] * np.log1p(g)
+            - power * np.log1p(-share * (g / (1.0 + g)))
+            - np.log(len(ZELLNER_G))
+            for g in ZELLNER_G
         ]
         peak = np.max([term.max(axis=0) for term in terms], axis=0)
         total = sum(np.einsum("tm,tjm->jm", weight, np.exp(term - peak)) for term in terms)
@@ -98,7 +100,7 @@ class BlockEvidence:
         effect would not know its noise better.
         """
         _, rss, log_null = self.projection.log_null(y[:, None], self.prior)
-        weight = np.exp(log_null[:, 0] - _log_sum(log_null)[0])
+        weight = np.exp(log_null[:, 0] - log_sum(log_null)[0])
         chosen = rng.choice(len(weight), size=draws, p=weight / weight.sum())
         out = np.empty((len(self.block.y), draws))
         points = np.unique(chosen)
@@ -115,10 +117,10 @@ class BlockEvidence:
 def _pseudo_inverse(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Inverse (t, j, q, q) in the directions of which something is left, and how many these are, (t, j)."""
     if gram.shape[-1] == 1:
-        usable = gram > _INVISIBLE**2
+        usable = gram > INVISIBLE**2
         return np.where(usable, 1.0 / np.where(usable, gram, 1.0), 0.0), usable[:, :, 0, 0].astype(np.float64)
     values, vectors = np.linalg.eigh(gram)
-    usable = values > _INVISIBLE**2
+    usable = values > INVISIBLE**2
     weights = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
     inverse = (vectors * weights[:, :, None, :]) @ np.swapaxes(vectors, 2, 3)
     return inverse, usable.sum(axis=2).astype(np.float64)
@@ -157,5 +159,5 @@ def pruned(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> Noise
 
 def _best_of_any(block: Block, noise: NoiseTable, rich: Sequence[FloatArray]) -> FloatArray:
     """Log probability of each noise point below the best, under whichever model of the means suits it most, (t,)."""
-    found = restricted_likelihood(noise, _bases(block, rich), block.y, ScalePrior.of(block))
+    found = restricted_likelihood(noise, bases_of(block, rich), block.y, ScalePrior.of(block))
     return np.asarray(np.max([log_null - log_null.max() for log_null, _ in found], axis=0))

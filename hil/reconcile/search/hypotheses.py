@@ -17,7 +17,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import named
 from hil.reconcile.search.candidates import Candidate
-from hil.reconcile.search.evidence import _INVISIBLE, BlockEvidence, relevant_points
+from hil.reconcile.search.evidence import INVISIBLE, BlockEvidence, relevant_points
 from hil.reconcile.search.joint import JointColumns, JointEvidence
 from hil.reconcile.search.whitened import Whitened
 from hil.solve.identifiability import orthonormal, project_out, share_within, unit_columns
@@ -305,7 +305,7 @@ def _form_weight(hypothesis: Hypothesis) -> float:
 def _unit_spans(unit: Unit, bases: Sequence[FloatArray]) -> list[FloatArray]:
     """What is left of a unit beside the base in each of its blocks, as an orthonormal basis."""
     return [
-        orthonormal(project_out(bases[block], unit_columns(columns)), _INVISIBLE, scale=1.0)
+        orthonormal(project_out(bases[block], unit_columns(columns)), INVISIBLE, scale=1.0)
         for block, columns in zip(unit.blocks, unit.columns, strict=True)
     ]
 

@@ -13,9 +13,9 @@ from itertools import product
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import _G, _INVISIBLE, BlockEvidence, State
+from hil.reconcile.search.evidence import INVISIBLE, ZELLNER_G, BlockEvidence, State
 from hil.reconcile.search.whitened import Group
-from hil.solve.likelihood import _log_sum
+from hil.solve.likelihood import log_sum
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class JointEvidence:
         weight = np.sum([piece.log_weight for piece in chosen], axis=0)
         terms = weight + _joint_factors(chosen)
         own = [unit == j for j in range(len(combined))]
-        return np.array([_log_sum(terms[rows]) - _log_sum(weight[rows]) for rows in own])
+        return np.array([log_sum(terms[rows]) - log_sum(weight[rows]) for rows in own])
 
     def _piece(self, b: int, group: Group) -> _Piece:
         """What the block says of the units at each of its noise points."""
@@ -117,7 +117,7 @@ def _joint_factors(chosen: Sequence[_Piece]) -> FloatArray:
         whole = np.sum([p.mean(axis=1)[:, None] * c.before for p, c in pairs], axis=0) * normal**2
         score = np.sum([p[:, :, None] * np.swapaxes(c.score * normal[:, :, None], 1, 2) for p, c in pairs], axis=0)
         values, vectors = np.linalg.eigh(gram)
-        usable = values > _INVISIBLE**2 * np.maximum(whole.max(axis=1), 1e-300)[:, None, None]
+        usable = values > INVISIBLE**2 * np.maximum(whole.max(axis=1), 1e-300)[:, None, None]
         inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
         turned = inverse[..., None] * (np.swapaxes(vectors, 2, 3) @ score[..., None])
         fit = (vectors @ turned)[..., 0] * normal[:, None]
@@ -127,10 +127,10 @@ def _joint_factors(chosen: Sequence[_Piece]) -> FloatArray:
             np.maximum(c.offset - 0.5 * change, 1e-9 * c.offset) for c, change in zip(chosen, changes, strict=True)
         ]
     terms = []
-    for g in _G:
-        total = -0.5 * rank * np.log1p(g) - np.log(len(_G))
+    for g in ZELLNER_G:
+        total = -0.5 * rank * np.log1p(g) - np.log(len(ZELLNER_G))
         for c, change in zip(chosen, changes, strict=True):
             share = 0.5 * change / c.offset * (g / (1.0 + g))
             total = total - c.power * np.log1p(-np.clip(share, None, 1.0 - 1e-9))
         terms.append(total)
-    return np.where(rank > 0, _log_sum(np.array(terms)), 0.0)
+    return np.where(rank > 0, log_sum(np.array(terms)), 0.0)

@@ -14,10 +14,10 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.reconcile.search.hypotheses import Evidence, Hypothesis, build_evidence
-from hil.solve.likelihood import NoiseTable, _log_sum
+from hil.solve.likelihood import NoiseTable, log_sum
 from hil.solve.rows import Block
 
-_TAIL = 0.1
+TAIL = 0.1
 RESOLVED = 1e-6  # a few hundred draws say nothing about rarer chances
 
 
@@ -74,7 +74,7 @@ class Search:
         factors, units = evidence.log_factors([block.y[:, None] for block in self.blocks])
         prior = np.array([h.log_prior for h in self.hypotheses])
         posterior = factors[:, 0] + prior
-        statistic = float(_log_sum(posterior))
+        statistic = float(log_sum(posterior))
         shares: dict[str, float] = {}
         for hypothesis, value in zip(self.hypotheses, np.exp(posterior - statistic), strict=True):
             shares[hypothesis.name] = shares.get(hypothesis.name, 0.0) + float(value)
@@ -87,7 +87,7 @@ def null_statistics(scan: Scan, blocks: Sequence[Block], draws: int, rng: np.ran
     y = [table.simulate(block.y, draws, rng) for table, block in zip(scan.evidence.blocks, blocks, strict=True)]
     factors, _ = scan.evidence.log_factors(y)
     prior = np.array([h.log_prior for h in scan.hypotheses])
-    return np.sort(_log_sum(factors + prior[:, None]))
+    return np.sort(log_sum(factors + prior[:, None]))
 
 
 def level(null: FloatArray, alpha: float) -> float:
@@ -95,18 +95,18 @@ def level(null: FloatArray, alpha: float) -> float:
 
     The tail beyond the ninth decile is taken as exponential, so that a few hundred draws are enough.
     """
-    if alpha >= _TAIL:
+    if alpha >= TAIL:
         return float(np.quantile(null, 1.0 - alpha))
-    start, mean_excess = _tail(null)
-    return start + mean_excess * float(np.log(_TAIL / alpha))
+    start, mean_excess = tail_of(null)
+    return start + mean_excess * float(np.log(TAIL / alpha))
 
 
 def p_value(null: FloatArray, statistic: float) -> float:
     """Return how probable so large a statistic is without a missing effect, as `level` counts, (m,) draws, or 1e-6."""
-    start, mean_excess = _tail(null)
+    start, mean_excess = tail_of(null)
     if statistic <= start or mean_excess <= 0.0:
         return float((1 + np.sum(null >= statistic)) / (1 + len(null)))
-    return float(np.clip(_TAIL * np.exp(-(statistic - start) / mean_excess), RESOLVED, 1.0))
+    return float(np.clip(TAIL * np.exp(-(statistic - start) / mean_excess), RESOLVED, 1.0))
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:
@@ -119,8 +119,8 @@ def false_discovery(p_values: FloatArray) -> FloatArray:
     return out
 
 
-def _tail(null: FloatArray) -> tuple[float, float]:
-    """Where the tail begins, and how far its values lie beyond that on average."""
-    start = float(np.quantile(null, 1.0 - _TAIL))
+def tail_of(null: FloatArray) -> tuple[float, float]:
+    """Where the tail of values (n,) begins, and how far its values lie beyond that on average."""
+    start = float(np.quantile(null, 1.0 - TAIL))
     beyond = null[null > start] - start
     return start, float(np.mean(beyond)) if len(beyond) else 0.0

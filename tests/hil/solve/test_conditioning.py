@@ -7,7 +7,7 @@ import pytest
 
 from hil.model.earth import Site
 from hil.solve import solve
-from tests.hil.closed_covariances import contractor_covariance, matrix_covariance
+from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
 
 NAMES = ["BA", "BB", "GSA", "GSB", "MUA", "MUB"]
 

@@ -16,7 +16,7 @@ from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign
 from hil.solve.runs import judge, solution_document
 from procedures.verdict import Verdict
-from tests.hil.closed_covariances import contractor_covariance, matrix_covariance
+from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
 from tests.hil.solve.solved_campaigns import NAMES, ROTOR_YAML, SIGMA, SITE, TRUTH, only, rotor, rotor_row, values_of
 
 

@@ -8,7 +8,7 @@ import pytest
 from hil.analysis.published.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
 from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.solve import solve
-from tests.hil.closed_covariances import contractor_covariance, matrix_covariance
+from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
 
 SEEDS = range(4)
 
