@@ -105,7 +105,8 @@ def pickoff_rates(bias: ArrayLike, k: ArrayLike, f_g: ArrayLike, w_channels: Arr
     channel's own axis. Returns (…, c) deg/hr; leading dimensions broadcast. It is linear in bias and K together, and in
     f and w: changes of either give the change of the rates, slopes of B and K the slope.
 
-    K·f is written out, so that a row's result never depends on how many rows are asked for together.
+    K·f is written out, so that a row's result never depends on how many rows are asked for together, nor on how the
+    arrays lie in memory.
     """
     k, f_g = np.asarray(k, dtype=np.float64), np.asarray(f_g, dtype=np.float64)[..., None, :]
     pulled = k[..., 0] * f_g[..., 0] + k[..., 2] * f_g[..., 2] + k[..., 1] * f_g[..., 1]

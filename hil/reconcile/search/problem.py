@@ -194,8 +194,9 @@ def _added(correction: Base, given: Model | None, conditions: Conditions) -> Bas
         a if b is None else b if a is None else a + b
         for a, b in ((correction.bias_slope, own.bias_slope), (correction.k_slope, own.k_slope))
     ]
-    rates = correction.rates + own.rates - conditions.w_channels_deg_per_hr
-    return Base(correction.bias + own.bias, correction.k + own.k, rates, slopes[0], slopes[1])
+    bias, k = correction.bias + own.bias, correction.k + own.k
+    rates = pickoff_rates(bias, k, conditions.f_g, conditions.w_channels_deg_per_hr)
+    return Base(bias, k, rates, slopes[0], slopes[1])
 
 
 def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArray:
