@@ -3,10 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 .DELETE_ON_ERROR:
-.PHONY: demo test lint types floors bench reliability pictures clean help
+.PHONY: demo test test-rest test-all lint types floors bench reliability pictures clean help
 
 help:  ## what can be made
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil needs Python 3.11 or newer; try: make PYTHON=python3.11 demo")'
@@ -21,8 +21,13 @@ $(VENV)/dev.stamp: $(VENV)/run.stamp
 demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a report
 	$(BIN)/hil demo
 
-test: $(VENV)/dev.stamp  ## the tests
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4
+test: $(VENV)/dev.stamp  ## every behaviour once, in minutes
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m "not slow"
+
+test-rest: $(VENV)/dev.stamp  ## what `make test` leaves out: full matrices, statistics over many seeds
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m slow
+
+test-all: test test-rest  ## every test
 
 lint: $(VENV)/dev.stamp  ## format and lint
 	$(BIN)/ruff format --check .

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# Before anything imports numpy, as the command line does: each worker has one core, and more threads only wait in turn.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 settings.register_profile("hil", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("hil")
 

@@ -19,7 +19,7 @@ class Timer:
     deaf = False
 
     def __init__(self, clock: VirtualClock) -> None:
-        self._clock = clock
+        self.clock = clock
         self.armed_s: list[float] = []
 
     def arm_dead_man(self, seconds: float) -> bool:
@@ -28,7 +28,7 @@ class Timer:
         if self.deaf:
             raise DeviceTimeout("timer: no answer")
         if self.exists:
-            self.armed_s.append(self._clock.now())
+            self.armed_s.append(self.clock.now())
         return self.exists
 
 
@@ -40,7 +40,7 @@ def timer() -> Timer:
 
 def dead_man(timer: Timer, seconds: float | None = SECONDS) -> DeadMan:
     """What keeps it from running out."""
-    return DeadMan(timer, timer._clock, seconds)  # type: ignore[arg-type]
+    return DeadMan(timer, timer.clock, seconds)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("every_s", [5.0, 60.0, 899.0, 900.0, 901.0, 1700.0, 3000.0])
@@ -48,10 +48,10 @@ def test_it_never_runs_out_while_somebody_looks(timer: Timer, every_s: float) ->
     """Whatever the interval between two looks, as long as it is shorter than the time itself."""
     looked_after = dead_man(timer)
     looked_after.arm()
-    while timer._clock.now() < 12 * SECONDS:
-        timer._clock.sleep(every_s)
+    while timer.clock.now() < 12 * SECONDS:
+        timer.clock.sleep(every_s)
         looked_after.renew()
-        assert timer._clock.now() - timer.armed_s[-1] < SECONDS
+        assert timer.clock.now() - timer.armed_s[-1] < SECONDS
     gaps_s = [after - before for before, after in zip(timer.armed_s, timer.armed_s[1:], strict=False)]
     assert max(gaps_s) < max(SECONDS / 4.0, every_s) + every_s
 
@@ -61,7 +61,7 @@ def test_it_is_not_renewed_at_every_look(timer: Timer) -> None:
     looked_after = dead_man(timer)
     looked_after.arm()
     for _ in range(int(SECONDS)):
-        timer._clock.sleep(1.0)
+        timer.clock.sleep(1.0)
         looked_after.renew()
     assert timer.armed_s == pytest.approx([0.0, 900.0, 1800.0, 2700.0, 3600.0])
 
@@ -70,12 +70,12 @@ def test_a_renewal_that_failed_is_tried_again_at_the_next_look(timer: Timer) -> 
     """Three quarters of the time are left for it."""
     looked_after = dead_man(timer)
     looked_after.arm()
-    timer._clock.sleep(1000.0)
+    timer.clock.sleep(1000.0)
     timer.deaf = True
     with pytest.raises(DeviceTimeout):
         looked_after.renew()
     timer.deaf = False
-    timer._clock.sleep(5.0)
+    timer.clock.sleep(5.0)
     looked_after.renew()
     assert timer.armed_s == pytest.approx([0.0, 1005.0])
 
@@ -83,12 +83,12 @@ def test_a_renewal_that_failed_is_tried_again_at_the_next_look(timer: Timer) -> 
 def test_what_was_not_armed_or_rests_is_not_renewed(timer: Timer) -> None:
     """Somebody who only looks must not bring a timer to life, and the safe state lets it run out."""
     looked_after = dead_man(timer)
-    timer._clock.sleep(SECONDS)
+    timer.clock.sleep(SECONDS)
     looked_after.renew()
     assert timer.armed_s == []
     looked_after.arm()
     looked_after.rest()
-    timer._clock.sleep(SECONDS)
+    timer.clock.sleep(SECONDS)
     looked_after.renew()
     assert len(timer.armed_s) == 1
 

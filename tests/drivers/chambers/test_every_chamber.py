@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 from hypothesis import given, settings
@@ -22,6 +23,7 @@ from drivers.errors import (
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS
 from drivers.simulators.chambers.controller import ChamberFaultKind
 from tests.drivers.chambers.chamber_benches import HOLD, KINDS, LIMITS, ChamberBench
+from tests.drivers.pairs import every_pair
 
 every_chamber = pytest.mark.parametrize("name", KINDS)
 SAFE_STATES = [HOLD, SafeState("standby"), SafeState("off")]
@@ -128,9 +130,10 @@ def test_a_write_that_never_arrived_is_an_error_and_is_not_repeated(name: str) -
     assert bench.setpoints.count(60.0) == 1
 
 
-@every_chamber
-@pytest.mark.parametrize("delay_s", [0.5, 0.97, 1.9, 2.2, 3.0, 4.4])
-@pytest.mark.parametrize("which", ["", "read", "write"])
+@pytest.mark.parametrize(
+    ("name", "which", "delay_s"),
+    every_pair(list(product(KINDS, ["", "read", "write"], [0.5, 0.97, 1.9, 2.2, 3.0, 4.4]))),
+)
 def test_a_late_reply_never_answers_another_request(name: str, which: str, delay_s: float) -> None:
     """Wherever it lands, the setpoint is right, the reading is today's, and nothing was written twice."""
     bench = ChamberBench(name)
@@ -306,25 +309,24 @@ def test_the_safe_state_is_reached_from_every_mode(name: str, safe: SafeState, m
     assert bench.is_safe()
 
 
-@every_chamber
-@pytest.mark.parametrize("safe", SAFE_STATES)
+DISTURBANCES = [
+    Fault.DEAF,
+    Fault.SILENCE,
+    Fault.GARBAGE,
+    Fault.TRUNCATED,
+    Fault.CORRUPTED,
+    Fault.LATE,
+    Fault.REFUSED,
+    Fault.ALARM,
+    Fault.POWER_CYCLE,
+    Fault.SENSOR_BROKEN,
+    Fault.PLANT_DEAD,
+]
+
+
 @pytest.mark.parametrize(
-    "kind",
-    [
-        Fault.DEAF,
-        Fault.SILENCE,
-        Fault.GARBAGE,
-        Fault.TRUNCATED,
-        Fault.CORRUPTED,
-        Fault.LATE,
-        Fault.REFUSED,
-        Fault.ALARM,
-        Fault.POWER_CYCLE,
-        Fault.SENSOR_BROKEN,
-        Fault.PLANT_DEAD,
-    ],
+    ("name", "safe", "kind", "times"), every_pair(list(product(KINDS, SAFE_STATES, DISTURBANCES, [1, 4, 8])))
 )
-@pytest.mark.parametrize("times", [1, 4, 8])
 def test_the_safe_state_is_reached_through_disturbances(
     name: str, safe: SafeState, kind: ChamberFaultKind, times: int
 ) -> None:

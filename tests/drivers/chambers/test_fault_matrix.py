@@ -1,13 +1,15 @@
 """Every fault on every chamber driver in every operation: the right answer, or a named error, before a deadline.
 
 The rows come from the registry of drivers, the columns from the simulators' own list of faults and from the operations
-of a `Chamber`: a new driver, fault or operation is in the matrix, or these tests fail.
+of a `Chamber`: a new driver, fault or operation is in the matrix, or these tests fail. Each pair of driver, fault and
+operation is quick, the rest of the matrix slow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import product
 
 import pytest
 
@@ -16,6 +18,7 @@ from drivers.errors import CommandRefused, DeviceError, DeviceTimeout, ProtocolE
 from drivers.simulators.chambers.controller import OF_A_REPLY
 from drivers.simulators.chambers.controller import ChamberFaultKind as Fault
 from tests.drivers.chambers.chamber_benches import KINDS, LIMITS, ChamberBench
+from tests.drivers.pairs import every_pair
 
 _HELD, _NEXT = 60.0, 45.0
 
@@ -123,8 +126,10 @@ def test_the_matrix_is_complete() -> None:
     assert set(OPERATIONS) == methods - {"close"}
 
 
-@pytest.mark.parametrize("operation", OPERATIONS)
-@pytest.mark.parametrize(("name", "fault"), [(name, fault) for name in CHAMBER_DRIVERS for fault in _faults_of(name)])
+LASTS = [(name, fault, each) for name in CHAMBER_DRIVERS for fault in _faults_of(name) for each in OPERATIONS]
+
+
+@pytest.mark.parametrize(("name", "fault", "operation"), every_pair(LASTS))
 def test_a_fault_that_lasts(name: str, fault: Fault, operation: str) -> None:
     """It ends as the table says; and whatever it was, a chamber that hears is then in its safe state or stopped."""
     bench = _held(name)
@@ -137,9 +142,9 @@ def test_a_fault_that_lasts(name: str, fault: Fault, operation: str) -> None:
         assert bench.device.mode in ("STANDBY", "OFF")
 
 
-@pytest.mark.parametrize("operation", OPERATIONS)
-@pytest.mark.parametrize("fault", sorted(OF_A_REPLY))
-@pytest.mark.parametrize("name", CHAMBER_DRIVERS)
+@pytest.mark.parametrize(
+    ("name", "fault", "operation"), every_pair(list(product(CHAMBER_DRIVERS, sorted(OF_A_REPLY), OPERATIONS)))
+)
 def test_a_fault_of_one_reply_changes_nothing(name: str, fault: Fault, operation: str) -> None:
     """It is asked again; also a model that a damaged name hides, where nobody knows that the name was damaged."""
     bench = _held(name)

@@ -235,10 +235,18 @@ def same_however_it_is_cut(description: StreamDescription, stream: bytes, places
     return slow
 
 
-@settings(max_examples=150)
+@settings(max_examples=40)
 @given(weak_streams(), st.lists(st.integers(0, 10**6), max_size=12))
 def test_weak_frames_items_and_lines_have_one_meaning(stream: bytes, places: list[int]) -> None:
     """Frame by frame, many at once, in one piece, in several, byte by byte: the same frames, places and counts."""
+    same_however_it_is_cut(weak(), stream, places)
+
+
+@pytest.mark.slow
+@settings(max_examples=150)
+@given(weak_streams(), st.lists(st.integers(0, 10**6), max_size=12))
+def test_weak_frames_items_and_lines_have_one_meaning_in_many_streams(stream: bytes, places: list[int]) -> None:
+    """The same, looked for longer."""
     same_however_it_is_cut(weak(), stream, places)
 
 
@@ -267,10 +275,18 @@ def stim300_streams(draw: st.DrawFn) -> bytes:
     return b"".join(pieces)
 
 
-@settings(max_examples=80)
+@settings(max_examples=20)
 @given(stim300_streams(), st.lists(st.integers(0, 10**6), max_size=8))
 def test_optional_line_ends_have_one_meaning(stream: bytes, places: list[int]) -> None:
     """Whether the unit ends its datagrams with CR LF is found out the same way however the stream is cut."""
+    same_however_it_is_cut(shipped("stim300"), stream, places)
+
+
+@pytest.mark.slow
+@settings(max_examples=80)
+@given(stim300_streams(), st.lists(st.integers(0, 10**6), max_size=8))
+def test_optional_line_ends_have_one_meaning_in_many_streams(stream: bytes, places: list[int]) -> None:
+    """The same, looked for longer."""
     same_however_it_is_cut(shipped("stim300"), stream, places)
 
 

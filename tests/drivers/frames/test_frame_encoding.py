@@ -29,8 +29,14 @@ frames:
 """
 
 
-@pytest.mark.parametrize("order", ["little", "big"])
-@pytest.mark.parametrize("kind", BITS)
+# Quick is each width, by turns unsigned in one order and signed in the other.
+EVERY = [(kind, order) for kind in BITS for order in ("little", "big")]
+QUICK = {("u8", "little"), ("i16", "big"), ("u24", "little"), ("i32", "big"), ("u64", "little"), ("i64", "big")}
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"), [pytest.param(*each, marks=() if each in QUICK else pytest.mark.slow) for each in EVERY]
+)
 @given(data=st.data())
 def test_an_integer_of_every_width_and_order_comes_back(kind: str, order: str, data: st.DataObject) -> None:
     """The wire holds the integer as Python's own conversion has it."""

@@ -264,13 +264,8 @@ def cut(stream: bytes, places: list[int]) -> list[bytes]:
     return [stream[start:end] for start, end in pairwise(edges)]
 
 
-@settings(max_examples=100)
-@given(streams(), st.lists(st.integers(0, 10**6), max_size=12))
-def test_neither_the_cut_nor_the_speed_changes_what_is_decoded(
-    drawn: tuple[StreamDescription, bytes], places: list[int]
-) -> None:
+def same_at_every_cut_and_speed(description: StreamDescription, stream: bytes, places: list[int]) -> None:
     """Frame by frame, many at once, in one piece, in several, byte by byte: the same frames, places and counts."""
-    description, stream = drawn
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(decoder_module, "_FEW", SPEEDS["frame by frame"])
         slow = decode(description, [stream])
@@ -283,6 +278,25 @@ def test_neither_the_cut_nor_the_speed_changes_what_is_decoded(
     taken = sum(len(frame) for frames in slow.frames.values() for frame in frames)
     repeated = slow.counts.duplicate * max(frame.length for frame in description.frames.values())
     assert taken + slow.counts.skipped_bytes <= len(stream) <= taken + slow.counts.skipped_bytes + repeated
+
+
+@settings(max_examples=25)
+@given(streams(), st.lists(st.integers(0, 10**6), max_size=12))
+def test_neither_the_cut_nor_the_speed_changes_what_is_decoded(
+    drawn: tuple[StreamDescription, bytes], places: list[int]
+) -> None:
+    """Good frames, damaged ones, pieces, headers and noise."""
+    same_at_every_cut_and_speed(*drawn, places)
+
+
+@pytest.mark.slow
+@settings(max_examples=100)
+@given(streams(), st.lists(st.integers(0, 10**6), max_size=12))
+def test_neither_the_cut_nor_the_speed_changes_what_is_decoded_of_many_streams(
+    drawn: tuple[StreamDescription, bytes], places: list[int]
+) -> None:
+    """The same, looked for longer."""
+    same_at_every_cut_and_speed(*drawn, places)
 
 
 @settings(max_examples=150)

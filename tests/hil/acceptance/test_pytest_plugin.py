@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 
 from hil.bench import LiveBench
@@ -31,6 +32,7 @@ def test_a_simulated_bench_is_a_fixture(simulated_bench: LiveBench) -> None:
     assert simulated_bench.simulated
 
 
+@pytest.mark.slow  # as in the test below, on another chamber
 def test_the_acceptance_suite_passes_on_the_simulated_bench(tmp_path: Path) -> None:
     """All of it is marked hardware."""
     status, said = _pytest(tmp_path, "--pyargs", "hil.acceptance", "-m", "hardware")
@@ -67,6 +69,7 @@ def test_a_chamber_that_lies_fails_the_suite(tmp_path: Path) -> None:
     assert "PROTECT ON" in said
 
 
+@pytest.mark.slow
 def test_a_bench_that_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     """No traceback through the fixtures."""
     status, said = _pytest(tmp_path, "--pyargs", "hil.acceptance", "--hil-bench", "nowhere.yaml", "-x")

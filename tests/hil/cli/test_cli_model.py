@@ -38,6 +38,7 @@ def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, cont
     assert "SIMULATED" in (out / "reconciliation.html").read_text()
 
 
+@pytest.mark.slow
 def test_applied_twice_it_finds_nothing_more(hil: Any, contractors: Path, tmp_path: Path) -> None:
     """The improved model, compared with the same data, lacks nothing."""
     hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "first")

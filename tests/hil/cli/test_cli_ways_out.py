@@ -139,8 +139,8 @@ def terminate(at: Terminal) -> None:
     ("leave", "reason"),
     [
         (interrupt_twice, "stopped by SIGINT"),
-        (terminate, "stopped by SIGTERM"),
-        (Terminal.close, "stopped by SIGHUP"),
+        pytest.param(terminate, "stopped by SIGTERM", marks=pytest.mark.slow),
+        pytest.param(Terminal.close, "stopped by SIGHUP", marks=pytest.mark.slow),
     ],
 )
 def test_the_chamber_is_safe_on_every_way_out(

@@ -26,10 +26,10 @@ SWEEP: dict[str, Any] = {
     "temperatures": ["30 degC", "20 degC"],
     "self_calibrations_per_temperature": 1,
     "positions": [1, 2, 3],
-    "restabilisation": {"at_least": "45 min", "ceiling": "4 h"},
-    "collect": {"settle": "30 s", "duration": "90 min", "index_timeout": "20 h", "drift_limit": "10 deg/hr/min"},
+    "restabilisation": {"at_least": "15 min", "ceiling": "4 h", "unit_band": "5 degC", "unit_slope": "2 degC/min"},
+    "collect": {"settle": "10 s", "duration": "30 min", "index_timeout": "7 h", "drift_limit": "60 deg/hr/min"},
 }
-SPEED = 1800  # a collect takes 3 s: long enough to be seen by a page that is told once a second
+SPEED = 600  # a collect takes 3 s: long enough to be seen by a page that is told once a second
 TOKEN = "abcd-efgh-jkmn-pqrs"  # noqa: S105 - of a test
 
 

@@ -205,6 +205,7 @@ def test_without_a_goal_the_free_improvement_is_proposed(sweep: Any) -> None:
     assert [each.sequence for each in found.compared][:3] == ["1-2-3", "1-3-2", "1-3-2-3-1"]
 
 
+@pytest.mark.slow
 def test_a_goal_out_of_reach_is_said_to_be_missed_and_by_how_much(sweep: Any) -> None:
     """A unit whose MU scatters by 4 from run to run is not known to 0.5 by any sequence in the time."""
     goal = Goal({"MU": 0.5}, time_s=24 * 3600.0, scatter={"MU": 4.0}, sensors=(2,))

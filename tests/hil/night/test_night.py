@@ -179,6 +179,7 @@ start_night(sys.argv[1], parse_sweep(sys.argv[2], "short.yaml"), load_bench("sim
 """
 
 
+@pytest.mark.slow
 def test_a_night_whose_controller_was_killed_is_carried_on(finished: Path, tmp_path: Path) -> None:
     """After SIGKILL what was done stays, the cut-off attempt is redone, time has passed, and the rates are the same."""
     folder = tmp_path / "night"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import pytest
 import yaml
@@ -215,6 +215,7 @@ def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
     ]
 
 
+@pytest.mark.slow  # in real time, as the one above shows it with a process that only hangs
 def test_a_real_controller_that_hangs_is_replaced_within_the_stated_time(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:
@@ -362,11 +363,12 @@ def test_a_watchdog_that_died_is_replaced(
     """Nobody else would miss it before it is needed; once a minute, so that one that cannot start costs nothing."""
     monkeypatch.setattr(Started, "every", [])
     monkeypatch.setattr(subprocess, "Popen", Started)
-    clock, snapshot = VirtualClock(), cast("Snapshot", None)
+    clock, plan = VirtualClock(), make_plan(load_sweep("quick").procedure())
+    snapshot = Snapshot(plan.steps[0], 1, 0.0, 0.0, 1.0, clock.utc(), None, None)
     beside = WatchdogBeside(tmp_path, clock)
     beside.update(snapshot)
     assert Started.every == []
-    beside.sweep_began(make_plan(load_sweep("quick").procedure()), frozenset())
+    beside.sweep_began(plan, frozenset())
     clock.sleep(61.0)
     beside.update(snapshot)
     assert len(Started.every) == 1

@@ -24,7 +24,7 @@ SWEEP: dict[str, Any] = {
     "temperatures": ["23 degC"],
     "self_calibrations_per_temperature": 4,
     "positions": ["1", "2", "3", "4"],
-    "restabilisation": {"at_least": "10 s", "window": "10 s", "slope": "1 degC/min", "unit_slope": "1 degC/min"},
+    "restabilisation": {"at_least": "2 min", "window": "2 min", "slope": "1 degC/min", "unit_slope": "1 degC/min"},
     "collect": {"settle": "20 s", "duration": "8 s"},
 }
 

@@ -137,6 +137,7 @@ def test_the_same_effect_of_two_sensors_is_one_whatever_each_one_s_median() -> N
     assert list(result.effects[0].sensors) == [1, 2]
 
 
+@pytest.mark.slow
 def test_values_that_follow_temperature_are_found_not_calibrated_away() -> None:
     """Bias and GS on straight lines beside constants: both are named; the form per temperature is no verdict."""
 

@@ -57,6 +57,7 @@ def test_an_effect_beside_ageing_is_found_and_so_is_the_ageing() -> None:
     assert "ageing" in {others.id} | {rival.id for rival in others.confusable_with}
 
 
+@pytest.mark.slow
 def test_what_one_position_does_in_the_cold_is_empirical() -> None:
     """No effect of the catalogue acts in one position below freezing only: it is stated, not named."""
     result = found(lambda r: both((r.position == "3") & (r.temperature < 0.0), 7.0, -6.0))
@@ -64,7 +65,7 @@ def test_what_one_position_does_in_the_cold_is_empirical() -> None:
     assert "position=3" in result.effects[0].id
 
 
-@pytest.mark.parametrize("run", [6, 11])
+@pytest.mark.parametrize("run", [6, pytest.param(11, marks=pytest.mark.slow)])
 def test_what_one_run_does_is_no_law_of_the_unit(run: int) -> None:
     """One self-calibration off by 9 deg/hr in bias: run-to-run noise, a place, a state perhaps, but never a name."""
     result = found(lambda r: both(r.run == run, 9.0, -9.0))
@@ -79,6 +80,7 @@ def test_a_wrong_heading_at_one_heading_is_nobodys_to_find() -> None:
     assert found(wrong_heading).verdict == "none"
 
 
+@pytest.mark.slow
 def test_a_night_whose_temperature_rises_with_time_cannot_part_bias_T_from_ageing() -> None:
     """Ten degrees warmer with every run: whatever leads, the other is among its rivals and the verdict is ambiguous."""
     night = {"temperatures": tuple(np.arange(-30.0, 61.0, 6.0)), "runs_each": 1}

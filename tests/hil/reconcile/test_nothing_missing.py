@@ -48,6 +48,14 @@ def null_campaign(kind: str, seed: int) -> Campaign:
 KINDS = ("white", "runs correlated", "heavy tails", "random walk", "MU from run to run", "cold")
 
 
+@pytest.mark.parametrize("kind", ["white", "random walk", "MU from run to run"])
+def test_nothing_missing_is_never_named(kind: str) -> None:
+    """One campaign of noise of collects, of runs, and of runs in one position."""
+    campaign = null_campaign(kind, 0)
+    assert reconcile(campaign, "matrix-6-thermal", alpha=0.01, draws=DRAWS, prove=False).verdict != "named"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_missing_is_called_none_or_at_least_never_named(kind: str) -> None:
     """Three campaigns of each kind of noise at a level of 1 %: none is named, at most one is thought suspicious."""
@@ -77,6 +85,7 @@ def test_a_lost_third_of_the_collects_neither_hides_nor_invents() -> None:
         assert result.verdict == expected
 
 
+@pytest.mark.slow
 def test_exchanged_labels_are_found_and_mended() -> None:
     """Collects 1 and 2 of one run in each other's place: swap, that run, and no other effect."""
     campaign = hidden_campaign(4)
@@ -90,6 +99,7 @@ def test_exchanged_labels_are_found_and_mended() -> None:
     assert result.outliers == []
 
 
+@pytest.mark.slow
 def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
     """One rate off by 40 deg/hr: left out and reported with its row; the verdict stays none."""
     campaign = hidden_campaign(5)
@@ -184,6 +194,7 @@ def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
     assert {findings[i].leader for i in range(0, 60, 10)} == {"supply"}
 
 
+@pytest.mark.slow
 def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     """A fleet with nothing missing: p-values as they should be, nothing discovered, nothing shared."""
     units = fleet(150, 0.0, 1, seed=900)

@@ -48,12 +48,21 @@ def changed(
     return out
 
 
-@pytest.mark.parametrize(("factor", "kind"), [(-1.0, "sign"), (0.0, "dead"), (3.6, "factor"), (0.5, "factor")])
-@pytest.mark.parametrize("channel", [0, 1])
-def test_runs_that_were_written_wrongly_are_found_and_recognised(factor: float, kind: str, channel: int) -> None:
+WRONGS = {-1.0: "sign", 0.0: "dead", 3.6: "factor", 0.5: "factor"}
+# Quick: each change in one channel, by turns.
+CASES = [
+    pytest.param(factor, channel, marks=() if place % 2 == channel else pytest.mark.slow)
+    for place, factor in enumerate(WRONGS)
+    for channel in (0, 1)
+]
+
+
+@pytest.mark.parametrize(("factor", "channel"), CASES)
+def test_runs_that_were_written_wrongly_are_found_and_recognised(factor: float, channel: int) -> None:
     """Two runs of twelve, one channel: those and no other, with the factor."""
     rows = layout()
     bad = found(rows, changed(rows, measured(rows), factor, channel=channel))
+    kind = WRONGS[factor]
     assert [(b.run, b.channel, b.kind) for b in bad] == [(4, channel, kind), (9, channel, kind)]
     assert all(abs(b.factor - factor) < 0.15 for b in bad)
     assert all(b.usual < 2.0 and b.size > 10.0 * b.usual for b in bad)
@@ -140,9 +149,12 @@ def glitch(rows: Rows, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", [noise, no_noise_but_white, heavy, walk, reseating, power_cycle, jump, glitch])
-def test_noise_and_what_has_a_name_are_no_bad_runs(kind: Callable[[Rows, np.random.Generator], np.ndarray]) -> None:
-    """Twenty nights of each, of eight to twenty-four runs."""
-    for seed in range(20):
+@pytest.mark.parametrize("nights", [3, pytest.param(20, marks=pytest.mark.slow)])
+def test_noise_and_what_has_a_name_are_no_bad_runs(
+    kind: Callable[[Rows, np.random.Generator], np.ndarray], nights: int
+) -> None:
+    """So many nights of each, of eight to twenty-four runs."""
+    for seed in range(nights):
         rows = layout((25.0,), (8, 12, 24)[seed % 3], seed)
         assert found(rows, base_rates(rows) + kind(rows, np.random.default_rng(seed))) == []
 

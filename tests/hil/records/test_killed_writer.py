@@ -77,12 +77,13 @@ def kill(child: subprocess.Popen[bytes]) -> list[str]:
     return [line.decode().strip() for line in out.splitlines(keepends=True) if line.endswith(b"\n")]
 
 
-def test_what_was_committed_survives_kills_at_random_instants(long_night: Path) -> None:
+@pytest.mark.parametrize("kills", [2, pytest.param(6, marks=pytest.mark.slow)])
+def test_what_was_committed_survives_kills_at_random_instants(long_night: Path, kills: int) -> None:
     """Every step that was reported as done is there once, with its blocks intact; nothing else is claimed."""
     promised: list[str] = []
     seed = int.from_bytes(os.urandom(4))
     instants = random.Random(seed)
-    for _ in range(6):
+    for _ in range(kills):
         child = start(long_night)
         assert child.stdout is not None
         # So many whole steps, then somewhere in the next one.

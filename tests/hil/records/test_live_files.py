@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from datetime import UTC, datetime
 
 import numpy as np
@@ -118,12 +119,14 @@ def test_another_units_trace_is_begun_anew_and_its_reader_notices(tmp_path, cloc
 
 def test_a_disk_that_is_full_ends_the_showing_and_nothing_else(tmp_path, clock) -> None:
     """Onlookers see old data, and the night goes on."""
-    files = writer(tmp_path, clock)
-    files._path = tmp_path / "gone" / LIVE_NAME
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    files = writer(gone, clock)
+    shutil.rmtree(gone)  # as little can be written there as to a disk that is full
     files.update(seen(1.0))
     files.update(seen(2.0))
     files.close()
-    assert read_live(tmp_path) is None
+    assert read_live(gone) is None
 
 
 def test_no_trace_and_a_damaged_state_are_nothing_to_see(tmp_path) -> None:

@@ -41,14 +41,14 @@ class Shell(Silent):
     """Does `act()` once, at the first update for which `when` is true; then the next of the list."""
 
     def __init__(self, *acts: tuple[Callable[[Snapshot], bool], Callable[[], Any]]) -> None:
-        self._acts = list(acts)
+        self.acts = list(acts)
         self.answers: list[Any] = []
         self.failed: Exception | None = None
 
     def update(self, snapshot: Snapshot) -> None:
         """Act where it is time."""
-        if self._acts and self._acts[0][0](snapshot):
-            _, act = self._acts.pop(0)
+        if self.acts and self.acts[0][0](snapshot):
+            _, act = self.acts.pop(0)
             try:
                 self.answers.append(act())
             except Exception as error:  # an onlooker that raises is dropped; a test must hear of it
@@ -79,7 +79,7 @@ def run(folder: Path, *acts: Any, bench: str = "", sweep: Any = SHORT) -> tuple[
         chosen = parse_bench(chosen.text.replace("positioner: indexing", bench), chosen.source)
     outcome = start_night(folder, sweep, chosen, who="rk", progress=shell)
     assert shell.failed is None, shell.failed
-    assert not shell._acts
+    assert not shell.acts
     return outcome, shell
 
 

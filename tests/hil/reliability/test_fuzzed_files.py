@@ -59,7 +59,13 @@ _JUNK: tuple[Any, ...] = (
         b"\xff\x00",
     ),
 )
-_BENCHES = ("simulated", "espec-stim300-example", "voetsch-vectornav-example", "watlow-f4-kvh1750-example")
+_BENCHES = (
+    "simulated",
+    *(
+        pytest.param(f"{name}-example", marks=pytest.mark.slow)
+        for name in ("espec-stim300", "voetsch-vectornav", "watlow-f4-kvh1750")
+    ),
+)
 _EXAMPLES = int(os.environ.get("HIL_FUZZ_EXAMPLES", "12"))
 _FUZZED = settings(max_examples=_EXAMPLES, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -148,7 +154,7 @@ def test_a_changed_bench_file_is_understood_or_refused(tmp_path: Path, name: str
         safe_setpoints(out, limits.low, limits.high)
 
 
-@pytest.mark.parametrize("name", ["rd-gc-86-1", "quick"])
+@pytest.mark.parametrize("name", ["rd-gc-86-1", pytest.param("quick", marks=pytest.mark.slow)])
 @_FUZZED
 @given(data=st.data())
 def test_a_changed_sweep_file_is_understood_or_refused(tmp_path: Path, name: str, data: st.DataObject) -> None:

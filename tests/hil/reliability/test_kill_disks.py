@@ -53,6 +53,7 @@ print(outcome.state, outcome.reason)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [150_000, 250_000])
 def test_a_limit_of_the_file_size_ends_a_night_safely_and_it_can_be_carried_on(tmp_path: Path, limit: int) -> None:
     """Where nothing can be mounted: SQLite's log or a block meets the limit; without it the night becomes complete."""

@@ -1,7 +1,7 @@
 """A night that is killed at every place where it can be killed, at random instants, and by a power failure.
 
-The nights run in a process of their own (`benchmarks.reliability.kill`), which forks one for every kill; more of them
-run with `make reliability`.
+The nights run in a process of their own (`benchmarks.reliability.kill`), which forks one for every kill. A few kills
+and power failures are quick, all kill points and everything else slow; `make reliability` has most of all.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ _QUIET = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": 
 
 pytestmark = [
     pytest.mark.skipif(not traceable(), reason="this system does not let a process trace its child"),
-    pytest.mark.slow,
     pytest.mark.timeout(600),  # many nights in one test
 ]
 
@@ -37,6 +36,15 @@ def campaign(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(ended.stdout))
 
 
+def test_a_night_killed_now_and_then_is_carried_on_as_if_nothing_had_happened() -> None:
+    """SIGKILL before every fiftieth system call that changes a file, from the beginning of the night to its end."""
+    found = campaign("points", "--only-new", "--part", "1/50")
+    assert found["problems"] == []
+    assert found["kills"] + found["outlived"] >= found["operations"] // 50
+    assert found["resumed"] > 5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["1/3", "2/3", "3/3"])
 def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_had_happened(part: str) -> None:
     """SIGKILL before every system call that changes a file; each state of journal and files is carried on once."""
@@ -47,6 +55,7 @@ def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_
     assert found["resumed"] > 20
 
 
+@pytest.mark.slow
 def test_a_resume_that_is_killed_as_well_is_carried_on_too() -> None:
     """Killed twice, at places that the seed draws."""
     found = campaign("twice", "--take", "6", "--seed", "3")
@@ -54,6 +63,7 @@ def test_a_resume_that_is_killed_as_well_is_carried_on_too() -> None:
     assert found["kills"] + found["outlived"] == 6
 
 
+@pytest.mark.slow
 def test_a_night_killed_at_random_instants_is_carried_on() -> None:
     """By the wall clock, so in the middle of anything."""
     found = campaign("instants", "--take", "10", "--seed", "5")
@@ -61,39 +71,37 @@ def test_a_night_killed_at_random_instants_is_carried_on() -> None:
     assert found["kills"] == 10
 
 
-def test_a_power_failure_loses_nothing_that_was_reported() -> None:
+@pytest.mark.parametrize("take", ["3", pytest.param("15", marks=pytest.mark.slow)])
+def test_a_power_failure_loses_nothing_that_was_reported(take: str) -> None:
     """What was not synchronised is lost, torn or has its former name: what the log reported is there."""
-    found = campaign("power", "--take", "15", "--seed", "1")
+    found = campaign("power", "--take", take, "--seed", "1")
     assert found["problems"] == []
-    assert found["kills"] == 15
+    assert found["kills"] == int(take)
+
+
+DEFECTS = {
+    "no-fsync": (("power", "--take", "1"), "before its bytes were synchronised"),
+    "no-folder-fsync": (("power", "--take", "8", "--seed", "1"), "it was lost"),
+    "rename-before-fsync": (("power", "--take", "1"), "before its bytes were synchronised"),
+    "rename-after-commit": (("points", "--before", "rename"), "the block is missing"),
+    "double-commit": (("power", "--take", "1"), "is done 2 times"),
+    "not-synchronous": (("power", "--take", "5", "--seed", "1"), "damaged|malformed|lost|journal"),
+}
 
 
 @pytest.mark.parametrize(
-    ("mutation", "arguments", "words"),
-    [
-        ("no-fsync", ("power", "--take", "1"), "before its bytes were synchronised"),
-        ("no-folder-fsync", ("power", "--take", "8", "--seed", "1"), "it was lost"),
-        ("rename-before-fsync", ("power", "--take", "1"), "before its bytes were synchronised"),
-        ("rename-after-commit", ("points", "--before", "rename"), "the block is missing"),
-        ("double-commit", ("power", "--take", "1"), "is done 2 times"),
-        ("not-synchronous", ("power", "--take", "5", "--seed", "1"), "damaged|malformed|lost|journal"),
-    ],
+    "mutation", [pytest.param(name, marks=() if name == "double-commit" else pytest.mark.slow) for name in DEFECTS]
 )
-def test_a_defect_on_purpose_is_found(mutation: str, arguments: tuple[str, ...], words: str) -> None:
+def test_a_defect_on_purpose_is_found(mutation: str) -> None:
     """A removed fsync, a swapped rename, a double commit: the same campaign says that something was lost."""
+    arguments, words = DEFECTS[mutation]
     problems = campaign(*arguments, "--mutation", mutation)["problems"]
     assert any(word in problem for problem in problems for word in words.split("|")), problems
 
 
 def test_every_defect_is_tried() -> None:
     """No mutation without its test."""
-    tried = {
-        case[0]
-        for mark in test_a_defect_on_purpose_is_found.pytestmark  # type: ignore[attr-defined]
-        if mark.name == "parametrize"
-        for case in mark.args[1]
-    }
-    assert tried == set(MUTATIONS) - {"none"}
+    assert set(DEFECTS) == set(MUTATIONS) - {"none"}
 
 
 _DURABLE = [

@@ -34,12 +34,13 @@ def told(*arguments: object) -> tuple[int, dict[str, Any]]:
 
 
 @pytest.mark.timeout(300)
-def test_nights_of_random_faults_are_survived() -> None:
+@pytest.mark.parametrize("nights", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_nights_of_random_faults_are_survived(nights: int) -> None:
     """Complete, or incomplete for a true reason with a safe chamber; sound records; no wrong number called PASS."""
-    status, found = told("benchmarks.reliability.rehearse", "--nights", 5, "--seed", 40)
+    status, found = told("benchmarks.reliability.rehearse", "--nights", nights, "--seed", 40)
     assert found["wrong"] == {}
-    assert (status, found["nights"], found["survived"], found["safe_at_the_end"]) == (0, 5, 5, 5)
-    assert found["faults"] >= 5
+    assert (status, found["nights"], found["survived"], found["safe_at_the_end"]) == (0, nights, nights, nights)
+    assert found["faults"] >= nights
     assert found["self_calibrations"]["PASS"] > 0
 
 
@@ -61,6 +62,7 @@ def test_a_night_that_is_not_survived_is_called_so(tmp_path: Path) -> None:
     assert "NOT SAFE" in ended["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_killed_controller_is_carried_on(tmp_path: Path) -> None:
     """The night becomes complete; the fault that killed it does not come back."""
@@ -133,6 +135,7 @@ def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_a_long_night_needs_no_more_memory_than_a_short_one() -> None:
     """From its third tenth on memory stands still; the status of it is quick; what is kept is its collects."""
     _, found = told("benchmarks.reliability.long_night", "--hours", 5, "--rate", 100)

@@ -94,7 +94,7 @@ def test_every_parameter_is_drawn_against_temperature_with_its_unit(campaign: Pa
     [
         ["series", "--sensor", "2", "--collect", "2"],
         ["temperatures"],
-        ["allan", "--sensor", "2", "--channel", "RA"],
+        pytest.param(["allan", "--sensor", "2", "--channel", "RA"], marks=pytest.mark.slow),
     ],
 )
 def test_the_end_of_the_name_says_svg_or_png(night: Path, tmp_path: Path, arguments: list[str]) -> None:

@@ -125,7 +125,9 @@ def test_a_real_bench_cannot_be_simulated() -> None:
         pass
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [*(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGHUP)), signal.SIGINT]
+)
 def test_serving_says_where_in_one_json_line_and_ends_at_a_signal(number: signal.Signals, tmp_path: Path) -> None:
     """What `hil simulate` does: the terminals are gone when it has ended, and it ends well."""
     (tmp_path / "bench.yaml").write_text(_at(tmp_path / "imu", tmp_path / "chamber").text)

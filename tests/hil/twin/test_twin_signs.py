@@ -95,7 +95,7 @@ def test_a_sample_taken_during_a_move_shows(tmp_path: Path) -> None:
     with build_bench(bench) as live:
         collect(live, "1")
         live.devices.imu.read_block()
-        live.devices.positioner._imu.command_index(3)  # type: ignore[attr-defined]
+        live.devices.imu.command_index(3)  # type: ignore[attr-defined]
         live.devices.clock.sleep(2.5)
         fields = live.devices.imu.read_block().fields
     for number in (1, 2):

@@ -314,7 +314,9 @@ def parameters(text: str) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("apart_degC", [0.2, 0.3, 0.4, 0.5, 0.6, 0.8])
+@pytest.mark.parametrize(
+    "apart_degC", [*(pytest.param(each, marks=pytest.mark.slow) for each in (0.2, 0.3, 0.4, 0.6)), 0.5, 0.8]
+)
 def test_a_real_warming_record_is_linear_in_one_axis(reference_data: Path, apart_degC: float) -> None:
     """VN-310 warming by 3 °C: gy rises by 0.0041 deg/s per °C, and no quadratic is needed, however it is cut.
 
