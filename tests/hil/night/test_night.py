@@ -387,9 +387,9 @@ def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
     assert len(list(campaign_of_night(folder).sensors)) == 2
 
 
-def test_a_log_that_has_grown_is_rotated_and_bounded(tmp_path: Path, clock: VirtualClock) -> None:
+def test_a_log_that_has_grown_is_rotated_and_bounded(tmp_path: Path) -> None:
     """A service that flaps for months fills no disk; the newest lines are in log.jsonl."""
-    log = NightLog(tmp_path, clock, "rk", largest=200, kept=2)
+    log = NightLog(tmp_path, VirtualClock(), "rk", largest=200, kept=2)
     for number in range(20):
         log.say("a line", {"number": number})
     log.close()
