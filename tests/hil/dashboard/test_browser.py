@@ -206,6 +206,7 @@ def test_a_question_is_answered_and_a_night_paused_continued_and_aborted(
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")  # nothing hangs over the side
 
 
+@pytest.mark.slow
 def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_comes_back_is_found(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:

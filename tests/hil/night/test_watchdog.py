@@ -251,6 +251,7 @@ def test_the_stated_times_are_those_of_the_how_to() -> None:
         assert stated in page
 
 
+@pytest.mark.slow
 def test_a_controller_that_is_well_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
     """A second night on its ports is refused; a silence is reported where that was all; its end is its own."""
     controller = processes.controller(bench, "--no-watchdog")

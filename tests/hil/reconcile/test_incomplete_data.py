@@ -109,6 +109,7 @@ def test_large_drift_on_a_bench_that_is_not_punctual_stays_ambiguous() -> None:
     assert {"drift", "k2"} <= names(result)
 
 
+@pytest.mark.slow
 def test_a_time_constant_between_the_points_of_the_grid_leaves_nothing_behind() -> None:
     """A strong warm-up of 28 min (the grid has 20 and 40): one effect, its size and time constant right."""
     result = reconcile(
@@ -164,6 +165,7 @@ def test_a_scale_factor_beside_constants_has_the_size_that_it_has() -> None:
     assert abs(value - 1e6 * slope) < 3.0 * error
 
 
+@pytest.mark.slow
 def test_an_earth_rate_that_is_half_wrong_is_no_wrong_sign() -> None:
     """A sign is wrong or right: half of the change, however well it fits, is not `frame`."""
     headings = (30.0, 120.0, 210.0)
@@ -211,6 +213,7 @@ def test_a_first_run_that_is_off_may_be_a_warm_up_where_nothing_tells() -> None:
     assert {"warmup", "soak_insufficient"} <= names(result)
 
 
+@pytest.mark.slow
 def test_what_has_died_away_before_the_first_row_is_not_asked_about() -> None:
     """Power on a day before: no warm-up of any time constant can be made of the last digits."""
     rows = lay_out(np.random.default_rng(2))

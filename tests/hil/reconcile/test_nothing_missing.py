@@ -75,6 +75,7 @@ def test_eight_runs_are_enough_to_be_cautious() -> None:
     assert result.next_experiment is None
 
 
+@pytest.mark.slow
 def test_a_lost_third_of_the_collects_neither_hides_nor_invents() -> None:
     """30 % of the rates missing: the supply effect is still named, and without it there is none."""
     for hidden, expected in ((None, "none"), (lambda r: both(r.supply - 28.0, 12.0, -11.0), "named")):

@@ -123,6 +123,7 @@ def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
     assert [effect.id for effect in result.effects] == ["MU_real", "GS_T"]
 
 
+@pytest.mark.slow
 def test_values_that_jump_from_setpoint_to_setpoint_are_no_law_of_temperature() -> None:
     """A bias of its own at each of eight temperatures, up and down: whatever is said, not that it is called bias_T."""
     levels = np.array([-6.0, 5.0, -4.0, 6.0, -5.0, 7.0, -6.0, 5.0])
@@ -158,6 +159,7 @@ def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
     assert "another order" in result.next_experiment["why"]
 
 
+@pytest.mark.slow
 def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
     """From run 8 on, the second of its temperature's two."""
     result = reconcile(
