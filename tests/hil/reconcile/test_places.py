@@ -105,9 +105,9 @@ def test_where_nothing_is_missing_there_are_no_places() -> None:
 
 
 def test_runs_are_said_in_stretches() -> None:
-    """A reader is told runs 1 to 3, 7."""
+    """A reader is told runs 1–3, 7."""
     said = _place({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
-    assert said == "sensor 2, channel RA, runs 1 to 3, 7"
+    assert said == "sensor 2, channel RA, runs 1–3, 7"
 
 
 def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() -> None:
