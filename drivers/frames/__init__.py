@@ -1,5 +1,8 @@
 """Any IMU by description: the frame language, the decoder and the encoder.
 
+    >>> from drivers.frames.decoder import StreamDecoder
+    >>> from drivers.frames.description import load_description
+    >>> from drivers.frames.encoder import encode
     >>> description = load_description("configs/imus/mfs.yaml")
     >>> data = encode(description, "sample", {"rate_A1": [22.08, 22.09], "counter": [0, 1]})
     >>> decoded = StreamDecoder(description).feed(data, arrival_s=0.0)
@@ -10,22 +13,3 @@
 
 What is damaged, cut or unknown is counted and never handed out.
 """
-
-from drivers.frames.batch import FrameBatch
-from drivers.frames.decoded import Decoded
-from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import DescriptionError, StreamDescription, load_description, parse_description
-from drivers.frames.encoder import encode
-from drivers.frames.layout import FrameLayout
-
-__all__ = [
-    "Decoded",
-    "DescriptionError",
-    "FrameBatch",
-    "FrameLayout",
-    "StreamDecoder",
-    "StreamDescription",
-    "encode",
-    "load_description",
-    "parse_description",
-]

@@ -19,8 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.frames import Decoded, DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoded import Decoded
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import DescriptionError, StreamDescription, load_description
 from drivers.frames.fields import FieldDescription
 from drivers.frames.layout import FloatArray
 from hil.bench.decode_advice import CounterHabit, misfit

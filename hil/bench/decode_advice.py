@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.frames import DescriptionError, FrameBatch, StreamDecoder, StreamDescription, load_description
+from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
-from drivers.frames.description import CounterDescription
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import CounterDescription, DescriptionError, StreamDescription, load_description
 from hil.files.strict import config_folders
 
 _LOOK = 1 << 16  # bytes from the beginning of a file that are tried with other descriptions

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivers.frames import StreamDescription
 from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, CrcParameters, FletcherKind, NoChecksum, SumKind
-from drivers.frames.description import FrameDescription
+from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.fields import FieldDescription
 from drivers.frames.lengths import LengthDescription
 from drivers.frames.roles import Roles

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
-from hil.campaign import Campaign
 from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
-from hil.solve import RunSolution
+
+if TYPE_CHECKING:  # `hil --help` loads no arithmetic
+    from hil.campaign import Campaign
+    from hil.solve import RunSolution
 
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 

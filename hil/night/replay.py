@@ -22,8 +22,9 @@ import numpy as np
 
 from drivers.clock import VirtualClock
 from drivers.errors import TransportError
-from drivers.frames import StreamDecoder, StreamDescription
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import StreamDescription
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu

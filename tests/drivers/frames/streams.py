@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames import StreamDescription, load_description, parse_description
+from drivers.frames.description import StreamDescription, load_description, parse_description
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivers.frames import DescriptionError, load_description, parse_description
+from drivers.frames.description import DescriptionError, load_description, parse_description
 from drivers.frames.scale_factor import parse_factor
 from tests.drivers.frames.streams import KVH, MFS_FILE, STIM300, mfs
 

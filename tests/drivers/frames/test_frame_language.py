@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.frames import DescriptionError, StreamDecoder, encode, load_description, parse_description
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import DescriptionError, load_description, parse_description
+from drivers.frames.encoder import encode
 from tests.drivers.frames.streams import MFS_FILE
 from tests.drivers.frames.test_damaged_streams import WEAK
 

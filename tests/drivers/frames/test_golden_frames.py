@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.frames import StreamDecoder
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoder import StreamDecoder
 from tests.drivers.frames.streams import kvh, stim300
 
 

@@ -11,16 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.frames import (
-    FrameBatch,
-    FrameLayout,
-    StreamDecoder,
-    StreamDescription,
-    encode,
-    load_description,
-    parse_description,
-)
+from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import StreamDescription, load_description, parse_description
+from drivers.frames.encoder import encode
+from drivers.frames.layout import FrameLayout
 from tests.drivers.frames.streams import MFS_FILE
 
 IMUS = MFS_FILE.parent

@@ -14,8 +14,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from drivers.frames import Decoded, DescriptionError, StreamDecoder, parse_description
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoded import Decoded
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import DescriptionError, parse_description
 
 KESTREL = """
 schema: hil.frames/1

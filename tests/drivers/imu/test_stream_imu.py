@@ -9,7 +9,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError, WrongDevice
-from drivers.frames import encode
+from drivers.frames.encoder import encode
 from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.frames import StreamDecoder
 from drivers.frames.counts import StreamCounts
+from drivers.frames.decoder import StreamDecoder
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from tests.drivers.frames.streams import SteadyPhysics, mfs, stim300

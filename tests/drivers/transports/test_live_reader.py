@@ -13,8 +13,8 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceTimeout, TransportError
-from drivers.frames import encode
 from drivers.frames.counts import StreamCounts
+from drivers.frames.encoder import encode
 from drivers.imu.stream import StreamImu
 from drivers.simulators.serve import DeviceServer
 from drivers.simulators.unit import SimulatedImu

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.frames import load_description
 from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import load_description
 from hil.files.strict import find_config
 
 
