@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes, each of which would compile the project again
 .DELETE_ON_ERROR:
 .PHONY: demo test test-rest test-all lint types floors bench reliability pictures clean help
 

@@ -39,6 +39,7 @@ def test_the_acceptance_suite_passes_on_the_simulated_bench(tmp_path: Path) -> N
     assert (status, "8 passed" in said) == (0, True), said
 
 
+@pytest.mark.slow
 def test_a_bench_file_is_named_on_the_command_line_and_in_the_header(tmp_path: Path) -> None:
     """Another chamber, the same suite; a laboratory's own test beside it sees the same bench."""
     document = yaml.safe_load(load_bench("simulated").text)

@@ -190,6 +190,7 @@ def test_the_ramp_of_an_f4t_goes_over_its_own_port() -> None:
         assert device.setpoint_degC == pytest.approx(45.0)
 
 
+@pytest.mark.slow
 def test_both_ports_of_an_f4t_can_be_served() -> None:
     """To any client, as the controller has them."""
     bench = bench_with("watlow-f4t", ramp_port="sim://ramp", ramp="2 degC/min")

@@ -155,6 +155,7 @@ def test_the_chamber_is_safe_on_every_way_out(
     assert told(running.night)[-2:] == ["aborted", "safe-state"]
 
 
+@pytest.mark.slow
 def test_a_night_that_was_told_to_outlive_its_terminal_does(terminal: Callable[..., Terminal]) -> None:
     """As with nohup: the window closes, every write to it fails, and the night goes on until it is aborted."""
     running = terminal(ignoring=(signal.SIGHUP,))

@@ -167,6 +167,7 @@ def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable
     assert update_ms < 100.0
 
 
+@pytest.mark.slow
 def test_a_question_is_answered_and_a_night_paused_continued_and_aborted(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:
@@ -331,6 +332,7 @@ def during(step: Step, elapsed_s: float) -> Snapshot:
     return Snapshot(step, 1, elapsed_s, 10.0, 50.0, end, 19.9, 20.0, {1: 21.0, 2: 22.0}, **shows)
 
 
+@pytest.mark.slow
 def test_an_audit_finds_nothing_that_keeps_people_out(nights: Nights, open_page: Callable[..., Any]) -> None:
     """No violation of axe-core's rules, contrast included, in light and dark: a question, a dialog, a collect, many."""
     nights.begin("audited", operator=True)

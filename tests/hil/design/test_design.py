@@ -216,6 +216,7 @@ def test_a_goal_out_of_reach_is_said_to_be_missed_and_by_how_much(sweep: Any) ->
     assert found.best.total[2]["MUB"] > 4.0 / np.sqrt(found.best.repeats)
 
 
+@pytest.mark.slow
 def test_of_what_misses_a_goal_the_nearest_is_proposed(sweep: Any) -> None:
     """A thousand residuals are out of reach: the sequence with the most of them, not the shortest with none."""
     found = propose(sweep, load_bench("simulated"), Goal({}, residuals=1000, sensors=(2,)))
@@ -264,6 +265,7 @@ def test_the_recommended_sweep_is_what_the_command_proposes(sweep: Any, recommen
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
+@pytest.mark.slow
 def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsys: Any) -> None:
     """From the command line: proposal, file, plan; and a file that is there stays as it is."""
     from hil.cli.app import run

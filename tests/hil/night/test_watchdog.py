@@ -192,6 +192,7 @@ def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(
     wait_until(lambda: "brought the chamber to its safe state" in log.read_text())  # its last words
 
 
+@pytest.mark.slow
 def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:
@@ -272,6 +273,7 @@ def test_a_controller_that_is_well_needs_no_watchdog(bench: Bench, processes: Pr
     assert "watchdog" not in dict(events(processes.night))
 
 
+@pytest.mark.slow
 def test_a_bench_that_another_night_has_taken_over_is_left_alone(
     simulation: Simulation, bench: Bench, tmp_path: Path
 ) -> None:
@@ -289,7 +291,7 @@ def test_a_bench_that_another_night_has_taken_over_is_left_alone(
     assert not conditioning(simulation)
 
 
-@pytest.mark.parametrize("journal", ["garbage", "gone"])
+@pytest.mark.parametrize("journal", ["garbage", pytest.param("gone", marks=pytest.mark.slow)])
 def test_a_disk_that_took_the_journal_does_not_take_the_chamber(
     simulation: Simulation, bench: Bench, tmp_path: Path, journal: str
 ) -> None:
@@ -313,6 +315,7 @@ def test_a_disk_that_took_the_journal_does_not_take_the_chamber(
     assert not conditioning(simulation)
 
 
+@pytest.mark.slow
 def test_a_folder_that_became_read_only_does_not_take_the_chamber(
     simulation: Simulation, bench: Bench, tmp_path: Path
 ) -> None:

@@ -183,6 +183,7 @@ def without(campaign: Campaign, *columns: str) -> Reconciliation:
     return reconcile(unknown, "matrix-6-thermal", draws=DRAWS, prove=False)
 
 
+@pytest.mark.slow
 def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
     """Without slope and time since the setpoint, what stands off after each step may be any of four."""
     temperatures = (20.0, 60.0, 6.0, 49.0, -7.0, 38.0, -30.0, 55.0)

@@ -48,6 +48,7 @@ def test_two_effects_that_nearly_cancel_get_no_third_name() -> None:
     assert result.verdict != "none"
 
 
+@pytest.mark.slow
 def test_an_effect_beside_ageing_is_found_and_so_is_the_ageing() -> None:
     """Supply and ageing at once."""
     result = found(lambda r: both(r.supply - 28.0, 16.0, -15.0) + ageing(r, 40.0))

@@ -81,6 +81,7 @@ def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_th
     assert places == {("RA", "3"), ("RB", "3")}
 
 
+@pytest.mark.slow
 def test_the_fourth_collect_settles_it() -> None:
     """With Collect 4 in the data it is MU_real, with the right signs."""
     campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)

@@ -120,6 +120,7 @@ def test_a_wrong_stated_error_does_not_make_a_finding() -> None:
     assert reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).verdict == "none"
 
 
+@pytest.mark.slow
 def test_applying_the_improved_model_finds_nothing_more(tmp_path: Path) -> None:
     """model.yaml holds the named term with value, error and origin; as the model it leaves nothing to find."""
     campaign = hidden_campaign(7, lambda r: both(r.f[:, 2], -20.0, -14.0), thermal=False, mu=False, **FEW)
@@ -206,6 +207,7 @@ def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     assert screen.shared(units).p_value > 0.05
 
 
+@pytest.mark.slow
 def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
     """A supply effect in all of forty units, too small to be found in most of them: shared, by name."""
     units = fleet(40, 5.0, 1)

@@ -131,6 +131,7 @@ def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_be
     assert "With the labels put right and it in the model the gap" in page(result)
 
 
+@pytest.mark.slow
 def test_an_effect_that_mends_nothing_is_not_kept_for_the_labels_sake(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps are judged against the rates put right: what does not pay there is taken back; the labels' gap stays."""
     import hil.reconcile.workflow as workflow
@@ -144,6 +145,7 @@ def test_an_effect_that_mends_nothing_is_not_kept_for_the_labels_sake(monkeypatc
     assert any("did not shrink" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_exchanges_in_two_runs_are_both_found(right_labels: Reconciliation) -> None:
     """Positions 1 and 2 in run 6, 3 and 4 in run 11: both, by run, and both notes."""
     result = found(exchanged(hidden_campaign(4), (21, 22), (43, 44)))
@@ -195,6 +197,7 @@ def known_unit() -> Model:
     return Model(schema="hil.model/1", title="known", form="matrix-6", sensors={2: curves})
 
 
+@pytest.mark.slow
 def test_labels_are_put_right_beside_values_that_stand() -> None:
     """A model with values that follow temperature: what it knows of a collect belongs to the label, as does the gap."""
     campaign = hidden_campaign(4)

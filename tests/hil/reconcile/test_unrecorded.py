@@ -110,6 +110,7 @@ def test_two_wrong_signs_of_the_earth_rate_lead_over_an_error_of_fifty_times_the
     assert result.effects[0].probability > 0.5
 
 
+@pytest.mark.slow
 def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
     """MU and a GS that thins out with heat: convection is both at once, at twelve times its size, and is not named."""
 

@@ -33,6 +33,7 @@ def told(*arguments: object) -> tuple[int, dict[str, Any]]:
     return ended.returncode, dict(json.loads(ended.stdout))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("nights", [2, pytest.param(5, marks=pytest.mark.slow)])
 def test_nights_of_random_faults_are_survived(nights: int) -> None:

@@ -91,6 +91,7 @@ def test_a_report_opens_at_once_and_asks_the_network_for_nothing(page: Any, repo
     assert page.locator("#runs-sensor-2 tbody tr").count() == night_status(report.parent)["self_calibrations_done"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.slow), 390])
 def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: Path, width: int) -> None:
     """No violation of axe-core's rules, contrast included, on a desk and on a phone."""

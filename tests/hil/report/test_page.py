@@ -160,6 +160,7 @@ def test_the_report_s_own_sensor_comes_first(folder: Path) -> None:
     assert page.index(">Sensor 2</h2>") < page.index(">Sensor 1</h2>")
 
 
+@pytest.mark.slow
 def test_a_temperature_that_was_visited_twice_is_not_said_to_have_been_visited_once(folder: Path) -> None:
     """A second visit from the other direction is what tells temperature from elapsed time."""
     once = "Each temperature was visited once"

@@ -108,6 +108,7 @@ def test_the_end_of_the_name_says_svg_or_png(night: Path, tmp_path: Path, argume
     assert int.from_bytes(picture[16:20]) > 800  # its width
 
 
+@pytest.mark.slow
 def test_a_name_is_drawn_as_it_is(night: Path, campaign: Path, tmp_path: Path) -> None:
     """A dollar sign in a folder's name, or in a title, begins no formula."""
     odd = tmp_path / r"5$\foo$ _x^"
