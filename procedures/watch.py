@@ -31,7 +31,7 @@ from procedures.requests import Control, Desk, NoControl, PauseAsked
 from procedures.settings import Polling
 from procedures.sign_of_life import SignOfLife, Unwatched
 from procedures.stop import StopRequest
-from procedures.unchanged import Unchanged
+from procedures.stuck_rates import Unchanged
 
 _WALL_JUMP_S = 5.0
 _HOLD_CEILING_S = 3600.0

@@ -25,7 +25,7 @@ from hil.config.faults import Fault
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
-from hil.config.settings import to_settings
+from hil.config.sections import to_settings
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, NonNegativeInt
 
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.faults import FaultWindow
-from hil.config.settings import to_settings
+from hil.config.sections import to_settings
 from hil.files.strict import Section
 from hil.files.units import (
     Celsius,

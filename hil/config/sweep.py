@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, PrivateAttr
 
 from hil.config.bench import Bench
-from hil.config.settings import to_settings
+from hil.config.sections import to_settings
 from hil.errors import InputError
 from hil.files.strict import Section, find_config, near, parse_yaml, read_text, validated
 from hil.files.units import Celsius, CelsiusPerMinute

@@ -42,8 +42,8 @@ from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
 from hil.files.lock import FolderLock
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
+from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
-from hil.night.words import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations

@@ -13,7 +13,7 @@ from drivers.imu import SampleBlock, SensorChannels
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.runaway import rate_interlocks
 from procedures.settings import InterlockSettings
-from procedures.unchanged import Unchanged
+from procedures.stuck_rates import Unchanged
 
 READING = ChamberReading(20.0, 20.0, 80.0, -50.0, "CONSTANT")
 GOOD = Look(

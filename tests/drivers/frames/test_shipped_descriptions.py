@@ -127,6 +127,7 @@ def test_stim300_datagrams_have_their_values_with_and_without_line_ends(with_lin
         assert batch.bits("gyro_overload")[0] == bool(expected["gyro_status"] & 0x10)
 
 
+@pytest.mark.slow
 def test_a_stim300_that_begins_with_a_damaged_line_end_or_changes_its_mind_is_still_read(reference_data: Path) -> None:
     """The first frame tells whether lines end with CR LF; one that tells wrongly is corrected by the next."""
     capture = (reference_data / "captures" / "stim300-125hz.bin").read_bytes()

@@ -166,6 +166,7 @@ def test_a_unit_that_was_switched_off_is_placed_by_the_clock_and_loses_what_the_
     assert block.counts.lost == pytest.approx(600, abs=2)
 
 
+@pytest.mark.slow
 def test_a_unit_whose_oscillator_is_slow_or_fast_stays_on_the_clock() -> None:
     """At 100 ppm a night would be seconds off if the nominal rate were believed."""
     for rate_hz in (20.0 * (1 - 1e-4), 20.0 * (1 + 1e-4)):

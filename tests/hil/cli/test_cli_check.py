@@ -103,9 +103,11 @@ def test_what_cannot_be_meant_is_one_sentence(hil: Any, arguments: tuple[str, ..
 @pytest.mark.parametrize(
     ("changes", "subject", "message", "advice"),
     [
-        ({"unit": {"serial": "SIM-0002"}}, "unit", "SIM-0001", "correct model and serial"),
+        pytest.param(
+            {"unit": {"serial": "SIM-0002"}}, "unit", "SIM-0001", "correct model and serial", marks=pytest.mark.slow
+        ),
         ({"chamber": {"model": "SCP"}}, "chamber", "P300", "chamber.model"),
-        ({"imu": {"rate": "25 Hz"}}, "stream", "Hz", "imu"),
+        pytest.param({"imu": {"rate": "25 Hz"}}, "stream", "Hz", "imu", marks=pytest.mark.slow),
         ({"interlocks": {"unit_low": "40 degC"}}, "unit temperature", "°C", "interlocks"),
         (
             {"chamber": {"limits": {"low": "40 degC", "high": "75 degC"}}},
@@ -218,6 +220,7 @@ def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: An
     assert "chamber" not in found
 
 
+@pytest.mark.slow
 def test_a_device_server_that_is_off_is_a_finding(hil: Any, tmp_path: Path) -> None:
     """Status 3 and what to look at; the clock is the computer's."""
     with socket.socket() as free:

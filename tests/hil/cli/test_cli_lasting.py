@@ -49,6 +49,7 @@ def test_a_command_whose_terminal_is_closed_does_its_work(tmp_path: Path, closed
     assert verify_night(night)["complete"]
 
 
+@pytest.mark.slow
 def test_a_terminal_without_a_degree_sign_is_no_reason_to_fail() -> None:
     """What it cannot show becomes a question mark."""
     ended = subprocess.run(

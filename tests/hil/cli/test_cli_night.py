@@ -43,6 +43,7 @@ def test_plan_and_run_have_the_same_steps(hil: Any, short_sweep: Path, night: Pa
     assert plan["total_s"] == pytest.approx(last["starts_s"] + last["duration_s"])
 
 
+@pytest.mark.slow
 def test_progress_is_on_standard_error_only(hil_process: Any, hil: Any, short_sweep: Path, tmp_path: Path) -> None:
     """A run that nobody watches on a terminal leaves plain lines on standard error and nothing on standard output."""
     sweep = yaml.safe_load(short_sweep.read_text())

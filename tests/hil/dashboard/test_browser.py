@@ -135,6 +135,7 @@ def asked(nights: Nights, name: str) -> list[tuple[str, str, str, bool | None]]:
         return [(row.kind, row.who, row.why, row.accepted) for row in journal.requests()]
 
 
+@pytest.mark.slow
 def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable[..., Any]) -> None:
     """Countdown, temperatures and rates change; errors shrink during a collect; results appear; then it is complete."""
     nights.begin("watched", temperatures=["40 degC"])

@@ -214,6 +214,7 @@ def _snapshot(folder: Path, elapsed_s: float) -> Snapshot:
 _STEPS: dict[Path, Any] = {}
 
 
+@pytest.mark.slow
 def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_bounded_memory(
     night: Watched, tmp_path: Path
 ) -> None:

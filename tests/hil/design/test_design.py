@@ -197,6 +197,7 @@ def test_longer_collects_and_repeats_are_weighed_as_the_whole_budget_would(sweep
     np.testing.assert_allclose(list(best.total[2].values()), total, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_without_a_goal_the_free_improvement_is_proposed(sweep: Any) -> None:
     """No longer than the published sweep, and the drift is out of MU: 1-3-2."""
     found = propose(sweep, load_bench("simulated"), Goal({}, sensors=(2,)))

@@ -291,7 +291,8 @@ def test_a_bench_that_another_night_has_taken_over_is_left_alone(
     assert not conditioning(simulation)
 
 
-@pytest.mark.parametrize("journal", ["garbage", pytest.param("gone", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("journal", ["garbage", "gone"])
 def test_a_disk_that_took_the_journal_does_not_take_the_chamber(
     simulation: Simulation, bench: Bench, tmp_path: Path, journal: str
 ) -> None:

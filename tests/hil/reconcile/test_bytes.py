@@ -54,6 +54,7 @@ def names(result: Reconciliation) -> list[str]:
     return [effect.id for effect in result.effects]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)  # two nights through the bytes: ten seconds of work, more where a machine is shared
 def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_more(tmp_path: Path) -> None:
     """MU_real is found in bytes; the improved model makes other bytes: MU as found, and none that it lacks."""

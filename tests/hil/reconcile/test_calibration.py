@@ -75,6 +75,7 @@ def test_the_fourth_collect_names_it() -> None:
     assert (result.verdict, ids(result)) == ("named", ["MU_real"])
 
 
+@pytest.mark.slow
 def test_the_full_model_lacks_nothing_on_such_a_night() -> None:
     """matrix-6 has the right form: its values belong to the temperatures, nothing is missing, and that is said."""
     result = reconcile(published_night(("1", "2", "3")), "matrix-6", draws=DRAWS, prove=False)

@@ -71,6 +71,7 @@ def test_a_night_killed_at_random_instants_is_carried_on() -> None:
     assert found["kills"] == 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("take", ["3", pytest.param("15", marks=pytest.mark.slow)])
 def test_a_power_failure_loses_nothing_that_was_reported(take: str) -> None:
     """What was not synchronised is lost, torn or has its former name: what the log reported is there."""

@@ -122,6 +122,7 @@ def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None
     assert wide == []
 
 
+@pytest.mark.slow
 def test_the_pdf_is_printed_by_the_browser_of_this_machine(report: Path, tmp_path: Path) -> None:
     """A PDF of several pages beside the page; its pages are counted in the file."""
     out = tmp_path / "r.html"

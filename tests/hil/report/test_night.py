@@ -110,6 +110,7 @@ def test_headings_are_in_order_and_heads_of_tables_say_what_they_head(page: str)
     assert page.count("<svg ") == len(re.findall(r'<svg [^>]*role="img" aria-label="[^"]{20,}"', page))
 
 
+@pytest.mark.slow
 def test_an_interrupted_night_is_not_good_and_says_what_was_done_again(night: Path, tmp_path: Path) -> None:
     """Stopped by a person, carried on later: before, what is missing; after, who, what was discarded and why."""
     folder = tmp_path / "night"

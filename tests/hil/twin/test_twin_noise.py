@@ -90,6 +90,7 @@ def _night(devices: SimulatedBench, polls_s: list[float]) -> bytes:
     return sent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_same_bytes_come_however_often_the_unit_is_polled(terms: bool, tmp_path: Path) -> None:
     """Every second or so, every 30 s or once: moves, ramps, slow noise and a term that remembers change nothing."""

@@ -362,6 +362,7 @@ def test_published_cubics_that_blow_up_outside_their_range_are_refused_there(ref
     assert blown >= 2
 
 
+@pytest.mark.slow
 def test_the_command_prints_one_document_and_writes_its_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
