@@ -277,6 +277,7 @@ def stim300_streams(draw: st.DrawFn) -> bytes:
     return b"".join(pieces)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(stim300_streams(), st.lists(st.integers(0, 10**6), max_size=8))
 def test_optional_line_ends_have_one_meaning(stream: bytes, places: list[int]) -> None:

@@ -60,6 +60,7 @@ def test_a_bench_file_is_named_on_the_command_line_and_in_the_header(tmp_path: P
     assert (status, "9 passed" in said) == (0, True), said
 
 
+@pytest.mark.slow
 def test_a_chamber_that_lies_fails_the_suite(tmp_path: Path) -> None:
     """A panel that is locked does not take a setpoint: acceptance says no, and names what was refused."""
     document = yaml.safe_load(load_bench("simulated").text)

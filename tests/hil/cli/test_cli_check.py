@@ -203,6 +203,7 @@ def test_what_happens_to_a_chamber_that_is_left_alone_is_said(hil: Any, tmp_path
     assert "stops the chamber 90 min after" in armed["left alone"]["message"]
 
 
+@pytest.mark.slow
 def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: Any, tmp_path: Path) -> None:
     """The chamber's adapter is unplugged: status 2, a sentence with the key, and the unit was heard."""
     with served(load_bench("simulated")) as simulation:

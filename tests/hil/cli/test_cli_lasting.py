@@ -40,6 +40,7 @@ def test_what_a_file_says_steers_no_terminal() -> None:
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [pytest.param("2>&-", marks=pytest.mark.slow), "<&- >&- 2>&-"])
 def test_a_command_whose_terminal_is_closed_does_its_work(tmp_path: Path, closed: str) -> None:
     """A service without any output: the night is the same, and no file of it has the number of a terminal."""

@@ -255,6 +255,7 @@ def test_beyond_this_machine_the_page_shows_nothing_until_it_is_given_the_token(
         assert TOKEN not in page.url
 
 
+@pytest.mark.slow
 def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_less_than_100_ms(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:

@@ -188,6 +188,7 @@ def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaig
     return [campaign_of(rows, base_rates(rows) + n + (i % every == 0) * effect) for i, n in enumerate(noises)]
 
 
+@pytest.mark.slow
 def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
     """Sixty units, six with a supply effect: those six, by name, at a false discovery rate."""
     units = fleet(60, 14.0, 10)

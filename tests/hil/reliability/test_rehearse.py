@@ -45,6 +45,7 @@ def test_nights_of_random_faults_are_survived(nights: int) -> None:
     assert found["self_calibrations"]["PASS"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_night_that_is_not_survived_is_called_so(tmp_path: Path) -> None:
     """A chamber that is deaf for ever and has no timer of its own cannot be made safe: that is said, status 1."""

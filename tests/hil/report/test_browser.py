@@ -75,6 +75,7 @@ def page(browser: Any) -> Iterator[Any]:
     context.close()
 
 
+@pytest.mark.slow
 def test_a_report_opens_at_once_and_asks_the_network_for_nothing(page: Any, report: Path) -> None:
     """Also that of 24 runs: under 1 s and under 5 MB; one request, for the file itself; nothing in the console."""
     assert report.stat().st_size < 5e6

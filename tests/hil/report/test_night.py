@@ -202,6 +202,7 @@ def test_collects_that_lost_frames_are_counted(night: Path) -> None:
     assert "Trouble in 1 of them." in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["csv", pytest.param("parquet", marks=pytest.mark.slow)])
 def test_the_tables_beside_the_report_hold_the_full_numbers(
     night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
