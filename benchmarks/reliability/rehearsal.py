@@ -128,11 +128,11 @@ def _rehearsed(
         told = {"state": "failed", "reason": "the controller died again and again", "safe": False, "wrong": ["died"]}
     wrong, verdicts = list(told["wrong"]), dict[str, int]()
     if (night / JOURNAL_NAME).exists():
-        wrong += _wrong_end(told, _begun(night, faulty.faults))
-        found, verdicts = _wrong_records(night, told["state"])
+        wrong += wrong_end(told, begun(night, faulty.faults))
+        found, verdicts = wrong_records(night, told["state"])
         wrong += found
     else:
-        wrong += _wrong_end(told, faulty.faults)
+        wrong += wrong_end(told, faulty.faults)
     if not wrong:
         shutil.rmtree(where)
     return Rehearsal(
@@ -180,16 +180,16 @@ def _in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
 
 
 def _first(night: Path, sweep: Sweep, bench: Bench, seed: int) -> dict[str, Any]:
-    witness = _Witness(night.parent)
+    witness = Witness(night.parent)
     return witness.tell(start_night(night, sweep, bench, seed=seed, progress=witness, opened=witness.look_at))
 
 
 def _next(night: Path) -> dict[str, Any]:
-    witness = _Witness(night.parent)
+    witness = Witness(night.parent)
     return witness.tell(resume_night(night, progress=witness, opened=witness.look_at))
 
 
-class _Witness(Silent):
+class Witness(Silent):
     """Knows the truth: writes down what the unit really was, and looks at the chamber when all is over."""
 
     def __init__(self, folder: Path) -> None:
@@ -197,9 +197,11 @@ class _Witness(Silent):
         self._live: LiveBench | None = None
 
     def look_at(self, live: LiveBench) -> None:
+        """Keep the bench that is about to be used."""
         self._live = live
 
     def step_ended(self, step: Step, result: StepResult) -> None:
+        """Write down what each sensor's parameters really were during a collect."""
         del result
         if step.kind is not StepKind.COLLECT or self._live is None or self._live.simulators is None:
             return
@@ -237,7 +239,7 @@ class _Witness(Silent):
 # What is wrong
 
 
-def _begun(night: Path, faults: Sequence[Fault]) -> list[Fault]:
+def begun(night: Path, faults: Sequence[Fault]) -> list[Fault]:
     """Return the faults that had begun before the night ended: no other can be the reason."""
     with open_readonly(night) as journal:
         steps = {attempt.step_key for attempt in journal.attempts()}
@@ -245,7 +247,7 @@ def _begun(night: Path, faults: Sequence[Fault]) -> list[Fault]:
     return [fault for fault in faults if (fault.at in steps if fault.at_s is None else fault.at_s <= last_s)]
 
 
-def _wrong_end(told: Mapping[str, Any], faults: Sequence[Fault]) -> list[str]:
+def wrong_end(told: Mapping[str, Any], faults: Sequence[Fault]) -> list[str]:
     """Return what is wrong with how the night ended: a chamber that is not safe, a reason that nothing explains."""
     wrong = [] if told["safe"] else ["the chamber is not in its safe state"]
     if told["state"] == "complete":
@@ -257,7 +259,7 @@ def _wrong_end(told: Mapping[str, Any], faults: Sequence[Fault]) -> list[str]:
     return wrong
 
 
-def _wrong_records(night: Path, state: str) -> tuple[list[str], dict[str, int]]:
+def wrong_records(night: Path, state: str) -> tuple[list[str], dict[str, int]]:
     """Return what is wrong with the records, and how many self-calibrations have which verdict."""
     found = verify_night(night)
     wrong = [problem for problem in found["problems"] if not problem.startswith("missing: ")]

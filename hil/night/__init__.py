@@ -1,4 +1,4 @@
-"""One night carried out: begun, resumed, guarded, told of, rehearsed, replayed."""
+"""One night carried out: begun, resumed, guarded, told of, replayed."""
 
 from __future__ import annotations
 

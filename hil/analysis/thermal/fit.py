@@ -160,7 +160,7 @@ def fit_sensor(
     number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float | None, seed: int
 ) -> SensorFit:
     """Fit one sensor's parameters; see `fit_thermal`, also for where it raises `InputError`."""
-    layout, notes = _layout(number, collects, model_name, apart_degC)
+    layout, notes = layout_of(number, collects, model_name, apart_degC)
     runs = len(np.unique(layout.collects.conditions.run))
     free = [layout.station_basis()] * len(layout.form.names)
     spare = max(runs - len(layout.stations) - int(layout.hysteresis), 0)
@@ -236,10 +236,13 @@ def _choices(
     ]
 
 
-def _layout(
+def layout_of(
     number: int, collects: Collects, model_name: str | None, apart_degC: float | None
 ) -> tuple[Layout, list[str]]:
-    """Choose the form and the rows: temperatures at which not every parameter can be told are left out."""
+    """Choose the form and the rows: temperatures at which not every parameter can be told are left out.
+
+    Raises `InputError` where fewer than three temperatures are left, or a number cannot be.
+    """
     refuse_impossible(collects)
     conditions = collects.conditions
     temperature = conditions.columns.get("temperature_degC")

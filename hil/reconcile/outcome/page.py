@@ -46,7 +46,7 @@ def page(result: Reconciliation) -> str:
         map_svg=_svg(_map(rows)) if rows else "",
         gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
         rivals=[_candidates(effect) for effect in result.effects],
-        places=[_place(d.where) for d in result.disagreements],
+        places=[place_in_words(d.where) for d in result.disagreements],
         most_places=_MOST_PLACES,
         summary=summary(result),
         tables=[_by_temperature(effect) for effect in result.effects],
@@ -123,7 +123,7 @@ def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
     return rows
 
 
-def _place(where: Mapping[str, Any]) -> str:
+def place_in_words(where: Mapping[str, Any]) -> str:
     """Say a place in words."""
     parts = [f"sensor {where['sensor']}, channel {where['channel']}"]
     if "position" in where:

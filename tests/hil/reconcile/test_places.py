@@ -13,7 +13,7 @@ from hil.campaign import Campaign
 from hil.model import load_model
 from hil.reconcile import Disagreement, reconcile
 from hil.reconcile.explanations import posed
-from hil.reconcile.outcome.page import _place, page
+from hil.reconcile.outcome.page import page, place_in_words
 from hil.reconcile.proof.cells import disagreements
 from hil.reconcile.search.fit import estimate_noise
 from hil.reconcile.search.scan import false_discovery
@@ -106,7 +106,7 @@ def test_where_nothing_is_missing_there_are_no_places() -> None:
 
 def test_runs_are_said_in_stretches() -> None:
     """A reader is told runs 1–3, 7."""
-    said = _place({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
+    said = place_in_words({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
     assert said == "sensor 2, channel RA, runs 1–3, 7"
 
 

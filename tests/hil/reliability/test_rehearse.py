@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from benchmarks.reliability.rehearsal import _begun, _Witness, _wrong_end, _wrong_records, rehearse
+from benchmarks.reliability.rehearsal import Witness, begun, rehearse, wrong_end, wrong_records
 from benchmarks.reliability.rehearse import bench, sweep
 from hil.config import load_bench, load_sweep
 from hil.config.faults import Fault
@@ -101,9 +101,9 @@ def test_a_reason_is_true_only_where_a_fault_explains_it(
 ) -> None:
     """What ended a night must have been done to it."""
     fault = Fault.model_validate({"at": "1 s", "device": device, "kind": kind})
-    wrong = _wrong_end({"state": state, "reason": reason, "safe": True}, [fault])
+    wrong = wrong_end({"state": state, "reason": reason, "safe": True}, [fault])
     assert (wrong == []) == true
-    assert _wrong_end({"state": state, "reason": reason, "safe": False}, [fault]) != []
+    assert wrong_end({"state": state, "reason": reason, "safe": False}, [fault]) != []
 
 
 def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
@@ -115,25 +115,25 @@ def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
         Fault.model_validate({"at": at, "device": "chamber", "kind": "alarm"})
         for at in ("0 s", "1 h", "T1/S1/C1/collect")
     ]
-    assert _begun(tmp_path / "night", faults) == faults[:1]
+    assert begun(tmp_path / "night", faults) == faults[:1]
 
 
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
     """The same night beside a truth that is ten standard errors away."""
-    witness = _Witness(tmp_path)
+    witness = Witness(tmp_path)
     start_night(tmp_path / "night", sweep(), bench(), progress=witness, opened=witness.look_at)
-    wrong, verdicts = _wrong_records(tmp_path / "night", "complete")
+    wrong, verdicts = wrong_records(tmp_path / "night", "complete")
     assert wrong == []
     assert verdicts["PASS"] == 2
     lines = [json.loads(line) for line in (tmp_path / "truth.jsonl").read_text().splitlines()]
     for line in lines:
         line["parameters"]["BA"] += 20.0
     (tmp_path / "truth.jsonl").write_text("\n".join(map(json.dumps, lines)))
-    wrong, _ = _wrong_records(tmp_path / "night", "complete")
+    wrong, _ = wrong_records(tmp_path / "night", "complete")
     assert len(wrong) == 4
     assert all("is called PASS, but BA of sensor" in each for each in wrong)
     shutil.rmtree(tmp_path / "night" / "blocks")
-    assert any("missing" in each for each in _wrong_records(tmp_path / "night", "complete")[0])
+    assert any("missing" in each for each in wrong_records(tmp_path / "night", "complete")[0])
 
 
 @pytest.mark.timeout(300)

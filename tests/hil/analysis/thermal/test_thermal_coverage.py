@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from hil.analysis.thermal.estimate import estimate
-from hil.analysis.thermal.fit import _layout
+from hil.analysis.thermal.fit import layout_of
 from hil.analysis.thermal.noise import block_noise, rate_noise
 from hil.campaign import Collects
 from hil.solve.rows import sensor_blocks
@@ -42,7 +42,7 @@ def test_coefficients_are_covered_as_stated(
     }
     night = rotor_night(rng, curves, run_to_run={}, white=1e-9).sensors[2]
     night = replace(night, rates_se_deg_per_hr=np.full(night.rates_deg_per_hr.shape, WHITE))
-    layout, _ = _layout(2, night, None, 4.0)
+    layout, _ = layout_of(2, night, None, 4.0)
     rates = night.rates_deg_per_hr + _scatter(rng, draws, layout.columns, night.conditions.run, run_to_run)
     rates += WHITE * rng.standard_normal(rates.shape)
     free = layout.design([layout.station_basis()] * 6)
