@@ -13,13 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock import VirtualClock
 from hil.campaign.reader import read_campaign, read_series
 from hil.config import load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
 from hil.night import resume_night, start_night
-from hil.night.log import NightLog
 from hil.records import SqliteJournal
 from hil.records.blocks import SAMPLES, read_samples
 from hil.records.export import campaign_of_night, export_campaign
@@ -385,18 +383,3 @@ def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
     assert document["complete"], document["problems"]
     assert any(victim.name in note for note in document["notes"])
     assert len(list(campaign_of_night(folder).sensors)) == 2
-
-
-def test_a_log_that_has_grown_is_rotated_and_bounded(tmp_path: Path) -> None:
-    """A service that flaps for months fills no disk; the newest lines are in log.jsonl."""
-    log = NightLog(tmp_path, VirtualClock(), "rk", largest=200, kept=2)
-    for number in range(20):
-        log.say("a line", {"number": number})
-    log.close()
-    files = sorted(path.name for path in tmp_path.iterdir())
-    assert files == ["log.jsonl", "log.jsonl.1", "log.jsonl.2"]
-    lines = [
-        json.loads(line)["number"] for name in reversed(files) for line in (tmp_path / name).read_text().splitlines()
-    ]
-    assert lines == list(range(lines[0], 20))
-    assert all(path.stat().st_size < 400 for path in tmp_path.iterdir())

@@ -13,7 +13,7 @@ QUICK = ("hyst",)  # a history, which the columns only approximate
 SLOW = ("supply", "warmup", "k2", "bias_Tdot")
 
 
-@pytest.mark.slow  # quick in test_reconcile_honesty
+@pytest.mark.slow  # quick in test_nothing_missing
 @pytest.mark.parametrize("kind", ["plain", "heavy", "run_mu"])
 def test_a_night_with_nothing_hidden_gets_no_name(kind: str) -> None:
     """Run-to-run scatter of three kinds is no effect."""
