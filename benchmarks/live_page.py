@@ -50,20 +50,20 @@ def measured(folder: Path, hours: float) -> str:
         rows[:, 0] = np.arange(seconds)
         with (folder / TRACE_NAME).open("ab") as trace:
             trace.write(rows.tobytes())
-        files, watcher = LiveFiles(folder, SENSORS, every_s=0.5), Watcher(folder)
+        files, watcher = LiveFiles(folder, SENSORS, every_s=0.5, clock=clock), Watcher(folder)
         began_s = wall.now()
-        watcher._frame(watcher.look())
+        watcher.frame(watcher.look())
         opening_s = wall.now() - began_s
         took_s, sizes = [], []
         for second in range(UPDATES):
+            clock.sleep(1.0)  # so that what was traced is written out
             files.update(during(plan.steps[0], seconds + float(second)))
-            files._trace.flush()  # type: ignore[union-attr]
             journal.heartbeat(plan.steps[0], {"chamber_degC": 20.0})  # so that the journal is read anew each time
             began_s = wall.now()
-            sizes.append(len(watcher._frame(watcher.look())))
+            sizes.append(len(watcher.frame(watcher.look())))
             took_s.append(wall.now() - began_s)
         files.close()
-        everything = len(watcher._frame(watcher._whole()))
+        everything = len(watcher.frame(watcher.whole()))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     typical, slowest = 1000.0 * statistics.median(took_s), 1000.0 * max(took_s)
     return (

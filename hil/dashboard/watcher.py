@@ -85,10 +85,10 @@ class Watcher:
             wanted, self._everything_wanted = self._everything_wanted, False
             try:
                 changed = self.look()
-                self._hand_over(self._send, self._frame(changed), self._frame(self._whole()) if wanted else b"")
+                self._hand_over(self._send, self.frame(changed), self.frame(self.whole()) if wanted else b"")
             except Exception as error:  # no file can be opened any more, say: pages are told, and the next look may do
                 said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                self._hand_over(self._send_problem, self._frame({}, problem=said))
+                self._hand_over(self._send_problem, self.frame({}, problem=said))
             self._wake.wait(self._every_s)
             self._wake.clear()
 
@@ -152,10 +152,12 @@ class Watcher:
         """Return the nights in the order of their cards: those at work by name, so that none moves, then the newest."""
         return sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
 
-    def _whole(self) -> Mapping[str, Part]:
+    def whole(self) -> Mapping[str, Part]:
+        """Return by night everything that is known of it, for a page that knows nothing yet."""
         return {identity: self._broken.get(identity) or night.whole() for identity, night in self._nights.items()}
 
-    def _frame(self, nights: Mapping[str, Part], problem: str = "") -> bytes:
+    def frame(self, nights: Mapping[str, Part], problem: str = "") -> bytes:
+        """Return the server-sent event that tells a page of these nights, or of why they cannot be looked at."""
         document: dict[str, Any] = {
             "utc": SystemClock().utc().isoformat(timespec="milliseconds"),
             "folder": self._root.resolve().name,

@@ -14,6 +14,7 @@ from drivers.chambers.supervised import SupervisedChamber
 from drivers.chambers.wear import WriteWear, wear_of
 from drivers.clock import VirtualClock
 from drivers.errors import SensorFault, SetpointOutOfLimits
+from drivers.simulators.chambers.controller import ChamberFaultKind
 from tests.drivers.chambers.chamber_benches import ChamberBench
 
 
@@ -179,16 +180,10 @@ def test_one_glitch_is_asked_again() -> None:
     bench = ChamberBench("simserv")
     bench.chamber.prepare()
     bench.chamber.read()
-    bench.device._sensor_degC = 80.0
-    plain = bench.device._respond
-
-    def once(request: str, now_s: float) -> str | None:
-        reply: str | None = plain(request, now_s)
-        bench.device._sensor_degC = None
-        return reply
-
-    bench.device._respond = once
+    asked = bench.wire.sent.count(b"11004")
+    bench.fault(ChamberFaultKind.SENSOR_BROKEN, reading=80.0, ends_s=bench.clock.now() + 0.4)  # a read takes 0.6 s
     assert bench.chamber.read().temperature_degC == pytest.approx(22.0, abs=0.2)
+    assert bench.wire.sent.count(b"11004") == asked + 2  # the glitch, and what was asked again
 
 
 def test_every_chamber_tells_its_wear_through_what_is_around_it() -> None:

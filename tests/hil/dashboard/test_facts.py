@@ -11,6 +11,7 @@ import shutil
 import sqlite3
 import time
 import tracemalloc
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import pytest
 import yaml
 
-from drivers.clock import SystemClock
+from drivers.clock import SystemClock, VirtualClock
 from drivers.imu import SensorChannels
 from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
@@ -180,10 +181,10 @@ def test_a_controller_that_said_it_waits_for_a_device_is_given_that_time(
     beats.close()
 
 
-def fifteen_hours(folder: Path) -> LiveFiles:
+def fifteen_hours(folder: Path, clock: VirtualClock) -> LiveFiles:
     """Replace a night's trace by one of fifteen hours at one second, and return what writes on."""
     (folder / "live.trace").unlink(missing_ok=True)
-    files = LiveFiles(folder, SENSORS, every_s=0.5)
+    files = LiveFiles(folder, SENSORS, every_s=0.5, clock=clock)
     for second in range(15 * 3600):
         files.update(_snapshot(folder, float(second)))
     return files
@@ -223,17 +224,18 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     folder.mkdir()
     for name in (JOURNAL_NAME, "controller.lock"):
         (folder / name).write_bytes((night[0] / name).read_bytes())
-    files = fifteen_hours(folder)
+    clock = VirtualClock()
+    files = fifteen_hours(folder, clock)
     watcher = Watcher(folder)
-    watcher._frame(watcher.look())
+    watcher.frame(watcher.look())
     tracemalloc.start()
     slowest_s, kept = 0.0, 0
     for second in range(60):
+        clock.sleep(1.0)  # so that what was traced is written out
         files.update(_snapshot(folder, 15 * 3600.0 + second))
-        files._trace.flush()  # type: ignore[union-attr]
         os.utime(folder / JOURNAL_NAME, ns=(second, second))  # something was committed as well
         began_s = time.thread_time()  # whatever else this machine is doing
-        frame = watcher._frame(watcher.look())
+        frame = watcher.frame(watcher.look())
         slowest_s = max(slowest_s, time.thread_time() - began_s)
         assert len(frame) < 20_000
         kept = kept or tracemalloc.get_traced_memory()[0]
@@ -242,7 +244,7 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     files.close()
     assert slowest_s < 0.1
     assert grown < 500_000
-    assert len(watcher._frame(watcher._whole())) < 500_000
+    assert len(watcher.frame(watcher.whole())) < 500_000
 
 
 def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(night: Watched, tmp_path: Path) -> None:
@@ -260,7 +262,7 @@ def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(night: W
     assert watcher.look() == {}
     (tmp_path / "a" / JOURNAL_NAME).unlink()
     watcher.look()
-    assert set(json.loads(watcher._frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
+    assert set(json.loads(watcher.frame({})[6:])["shown"]) == {"bench-2/b", "damaged"}
 
 
 def test_of_many_nights_the_newest_are_shown_and_the_others_counted(night: Watched, tmp_path: Path) -> None:
@@ -273,13 +275,13 @@ def test_of_many_nights_the_newest_are_shown_and_the_others_counted(night: Watch
     watcher = Watcher(tmp_path)
     shown = set(watcher.look())
     assert shown == {f"night-{number:02d}" for number in range(3, MOST_NIGHTS + 3)}
-    assert json.loads(watcher._frame({})[6:])["not_shown"] == 3
+    assert json.loads(watcher.frame({})[6:])["not_shown"] == 3
     with FolderLock(tmp_path / "night-03").acquire():
         watcher.look()
         newest = tmp_path / "night-00" / JOURNAL_NAME
         os.utime(newest, ns=(0, 9000 * 10**9))
         watcher.look()
-        shown_now = json.loads(watcher._frame({})[6:])["shown"]
+        shown_now = json.loads(watcher.frame({})[6:])["shown"]
         assert shown_now[:2] == ["night-03", "night-00"]  # who works stands first, then the newest
         assert shown_now[2:] == sorted(shown_now[2:], reverse=True)
 
@@ -290,7 +292,7 @@ def test_a_folder_whose_name_is_no_text_hides_no_other_night(night: Watched, tmp
         shutil.copytree(night[0], tmp_path / name)
     watcher = Watcher(tmp_path)
     watcher.look()
-    shown = json.loads(watcher._frame({})[6:])["shown"]
+    shown = json.loads(watcher.frame({})[6:])["shown"]
     assert {each.encode().decode() for each in shown} == {"a", "b\\xff"}
     assert watcher.folder_of("b\\xff").is_dir()
 
@@ -303,7 +305,7 @@ def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(night: Watched, t
     live.write_text(json.dumps(document | {"pid": os.getpid()}))
     watcher = Watcher(tmp_path)
     with FolderLock(tmp_path / "a").acquire():
-        frame = watcher._frame(watcher.look())
+        frame = watcher.frame(watcher.look())
     assert b"NaN" not in frame
     assert b"Infinity" not in frame
 
@@ -318,23 +320,26 @@ def test_a_folder_that_has_gone_is_not_taken_for_one_without_nights(night: Watch
         watcher.look()
     (tmp_path / "elsewhere").rename(tmp_path / "nights")
     watcher.look()
-    assert json.loads(watcher._frame({})[6:])["shown"] == ["a"]
+    assert json.loads(watcher.frame({})[6:])["shown"] == ["a"]
 
 
 def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_it_can(
-    night: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    night: Watched, tmp_path: Path
 ) -> None:
     """No file can be opened any more, say: what the page shows is then old, and the watcher goes on trying."""
     shutil.copytree(night[0], tmp_path / "a")
     failing = [OSError(24, "Too many open files"), OSError(24, "Too many open files")]
 
-    def journals(watcher: Watcher) -> list[Path]:
-        if failing:
-            raise failing.pop()
-        return [tmp_path / "a" / JOURNAL_NAME]
+    class Failing(Watcher):
+        """Cannot look twice, then can."""
+
+        def look(self) -> Mapping[str, Any]:
+            if failing:
+                raise failing.pop()
+            return super().look()
 
     async def watched() -> list[dict[str, Any]]:
-        watcher = Watcher(tmp_path, every_s=0.01)
+        watcher = Failing(tmp_path, every_s=0.01)
         watcher.start()
         told: list[dict[str, Any]] = []
         async with watcher.page() as updates:
@@ -343,7 +348,6 @@ def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_
         await asyncio.to_thread(watcher.stop)
         return told
 
-    monkeypatch.setattr(Watcher, "_journals", journals)
     told = asyncio.run(watched())
     assert "Too many open files" in told[0]["problem"]
     assert told[-1]["problem"] == ""
@@ -361,28 +365,3 @@ def test_a_night_that_can_be_read_again_is_told_from_its_beginning(night: Watche
     assert watcher.look()["a"]["head"]["state"] == "unreadable"
     journal.write_bytes((night[0] / JOURNAL_NAME).read_bytes())
     assert whole <= set(watcher.look()["a"])
-
-
-def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_it_does(
-    night: Watched,
-) -> None:
-    """A phone that went to sleep costs the others nothing; what it missed comes in one piece."""
-
-    async def sleeping() -> list[bytes]:
-        watcher = Watcher(night[0])
-        async with watcher.page() as updates:
-            watcher._send(b"change", b"everything")
-            for _ in range(3):
-                watcher._send(b"change", b"")
-            assert updates.full()
-            watcher._everything_wanted = False  # as the thread leaves it when it has made everything
-            watcher._send(b"change", b"")
-            assert updates.empty()  # it is not worth keeping: everything will come
-            assert watcher._everything_wanted
-            watcher._send(b"change", b"")
-            assert updates.empty()
-            watcher._send(b"change", b"everything")
-            watcher._send(b"change", b"")
-            return [updates.get_nowait(), updates.get_nowait()]
-
-    assert asyncio.run(sleeping()) == [b"everything", b"change"]

@@ -18,6 +18,8 @@ from hil.reconcile.naming import Weighed, forgiving
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.search.calibration import ONE_SET, PER_TEMPERATURE
 from hil.reconcile.search.evidence import relevant_points
+from hil.reconcile.search.fit import Added, Fit
+from hil.reconcile.search.hypotheses import Hypothesis
 from hil.reconcile.search.scan import Search
 from tests.hil.reconcile.hidden_effects import (
     ROTOR,
@@ -239,7 +241,8 @@ def test_the_power_of_a_repeated_experiment_is_that_of_all_its_repeats() -> None
 
 def test_a_name_is_forgiven_the_misfit_of_an_idealised_column_and_no_more() -> None:
     """A name of the catalogue a few nats behind at a large size is level; a far one and one without a name are not."""
-    leader = Weighed("k2", 1, "", 0.5, 100.0, 1.0, 1.0, added=None, fit=None)  # type: ignore[arg-type]
+    added, fit = Added(Hypothesis("k2", 1, ()), ()), Fit(np.empty(0), np.empty((0, 0)), (), (), (), (), ())
+    leader = Weighed("k2", 1, "", 0.5, 100.0, 1.0, 1.0, added, fit)
     near, far = replace(leader, name="drift", log_evidence=80.0), replace(leader, name="jump", log_evidence=0.0)
     unnamed = replace(leader, name="B × supply_V", tier=2, log_evidence=80.0)
     large = {w.name: w.log_evidence for w in forgiving([leader, near, far, unnamed], 180.0)}
