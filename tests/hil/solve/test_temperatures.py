@@ -83,6 +83,12 @@ def test_scatter_at_a_setpoint_is_not_taken_for_setpoints() -> None:
     assert same_temperature(collects({"temperature_degC": own})).tolist() == np.repeat([0, 1, 2], 6).tolist()
 
 
+def test_a_thermometer_that_repeats_itself_to_the_digit_makes_no_setpoint_of_a_degree() -> None:
+    """No scatter at all is no evidence that the next degree is a setpoint, where setpoints are ten degrees apart."""
+    own = np.array([20.0, 20.0, 21.1, 30.0, 30.0, 31.1])
+    assert same_temperature(collects({"temperature_degC": own})).tolist() == [0, 0, 0, 1, 1, 1]
+
+
 @pytest.mark.parametrize("rows", [60, 24])
 def test_a_slow_ramp_is_cut_and_no_part_is_wider_than_one_temperature_may_be(rows: int) -> None:
     """Without any plateau, neighbours are of one temperature, the ends of the ramp are not, and no part is empty."""
