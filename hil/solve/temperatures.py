@@ -29,8 +29,9 @@ _TELL = ("setpoint_degC", "temperature_degC", "chamber_degC")
 def same_temperature(conditions: Conditions, apart_degC: float | None = None) -> IntArray:
     """Number the temperatures of n collects, coldest first, shape (n,); -1 where a collect's is unknown.
 
-    The setpoint tells, if there is one and the unit stayed by it (within `WIDEST_DEGC` of the mean at that setpoint);
-    else the unit's own thermometer, else the chamber's. Without any temperature all collects are of one. Given
+    The setpoint tells, if there is one and the unit followed it (setpoints explain most of what its thermometer showed,
+    or it stayed within `WIDEST_DEGC` of its mean at each); else the unit's own thermometer, else the chamber's.
+    Without any temperature all collects are of one. Given
     `apart_degC`, steps of more than that part two temperatures, and nothing else does.
     """
     level = _level(conditions, apart_degC)
@@ -83,7 +84,9 @@ def _level(conditions: Conditions, apart_degC: float | None = None) -> FloatArra
         return own
     number = _numbered(setpoint[here], apart_degC)
     centre = np.bincount(number, own[here]) / np.bincount(number)
-    return setpoint if np.all(np.abs(own[here] - centre[number]) < WIDEST_DEGC) else own
+    off = own[here] - centre[number]
+    explained = np.sum(off**2) < 0.5 * np.sum((own[here] - own[here].mean()) ** 2)
+    return setpoint if explained or np.all(np.abs(off) < WIDEST_DEGC) else own
 
 
 def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:

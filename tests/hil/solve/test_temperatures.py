@@ -105,6 +105,14 @@ def test_a_setpoint_that_the_unit_does_not_stay_by_tells_nothing() -> None:
     assert same_temperature(collects({"setpoint_degC": np.full(12, 25.0), "temperature_degC": own})).max() == 1
 
 
+def test_a_unit_that_lags_behind_its_setpoints_is_at_its_setpoints() -> None:
+    """Where soaks were too short, a first run is as near to the setpoint before: repeats all the same."""
+    setpoint = np.repeat([-10.0, 0.0, 10.0, 20.0], 3)
+    own = np.array([4.7, -3.2, -7.0, -5.2, -2.6, -1.2, 3.9, 7.0, 8.7, 13.7, 16.9, 18.6])
+    number = same_temperature(collects({"setpoint_degC": setpoint, "temperature_degC": own}))
+    assert number.tolist() == np.repeat(range(4), 3).tolist()
+
+
 def test_the_chamber_tells_where_nothing_else_does() -> None:
     """Its air is what is known."""
     assert same_temperature(collects({"chamber_degC": np.array([10.0, 40.0, 10.1])})).tolist() == [0, 1, 0]
