@@ -51,6 +51,7 @@ def test_any_chamber_can_be_simulated_in_process(driver: str) -> None:
         assert live.simulators.plant.commanded_degC == pytest.approx(45.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("driver", ["watlow-f4", "simserv"])
 def test_any_chamber_can_be_served_to_any_client(driver: str) -> None:
     """`hil simulate` on a terminal and on a TCP port, and the production driver as the client, in real time."""

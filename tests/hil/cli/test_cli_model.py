@@ -57,6 +57,7 @@ def test_for_people_it_is_a_screenful(hil: Any, contractors: Path, tmp_path: Pat
     assert len(ended.stdout.splitlines()) < 40
 
 
+@pytest.mark.slow
 def test_a_slipped_decimal_point_is_left_out_and_the_terminal_says_so(
     hil: Any, contractors: Path, tmp_path: Path
 ) -> None:

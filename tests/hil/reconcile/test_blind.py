@@ -21,6 +21,7 @@ def test_a_night_with_nothing_hidden_gets_no_name(kind: str) -> None:
     assert not confidently_wrong(document, ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> None:
     """Continuous time constants and a Preisach hysteresis, which the catalogue's columns only approximate."""

@@ -89,6 +89,7 @@ def test_a_column_whose_name_reads_as_an_operator_is_not_asked_about() -> None:
     assert result.verdict == "none"
 
 
+@pytest.mark.slow
 def test_runs_of_unknown_temperature_are_labelled_by_their_number() -> None:
     """No "nan °C" on the page; and what it holds is all it needs."""
     campaign = hidden_campaign(7)

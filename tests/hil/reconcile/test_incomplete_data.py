@@ -126,6 +126,7 @@ def test_a_time_constant_between_the_points_of_the_grid_leaves_nothing_behind() 
     assert values(result)["W_A"][0] * at_first == pytest.approx(120.0 * np.exp(-90.0 / 1680.0), rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_same_effect_of_two_sensors_is_one_whatever_each_one_s_median() -> None:
     """A reference that each sensor's rows give (the nominal voltage) does not part one effect into two."""
     first = hidden_campaign(7, lambda r: both(r.supply - 28.0, 14.0, -13.0)).sensors[2]

@@ -108,6 +108,7 @@ def test_what_was_committed_survives_kills_at_random_instants(long_night: Path, 
     assert promised, f"seed {seed}: nothing was ever written, so nothing was tested"
 
 
+@pytest.mark.slow
 def test_a_kill_between_blocks_and_commit_leaves_an_orphan_and_no_result(long_night: Path) -> None:
     """The blocks of a step whose commit never came are harmless, and the step is done again under another name."""
     killer = _WRITER.replace("import sys", "import os, signal, sys").replace(

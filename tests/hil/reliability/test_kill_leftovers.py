@@ -76,6 +76,7 @@ def test_folders_above_a_night_are_durable_before_it_is_made(tmp_path: Path) -> 
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_the_links_of_a_simulation_that_was_killed_are_replaced(tmp_path: Path) -> None:
     """After kill -9 of `hil simulate` its terminals' links lead nowhere; the next one puts its own in their place."""
     text = load_bench("simulated").text.replace("clock: virtual", "clock: system")

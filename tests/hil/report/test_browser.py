@@ -102,6 +102,7 @@ def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: P
     assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
 
 
+@pytest.mark.slow
 def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None:
     """A phone scrolls tables, not the page; on A4 every table and picture stands within the margins."""
     page.goto(report.as_uri())

@@ -139,6 +139,7 @@ def test_every_number_of_the_list_has_its_unit(folder: Path) -> None:
         assert head[head.index(name) + 1] == unit
 
 
+@pytest.mark.slow
 def test_the_report_s_own_sensor_comes_first(folder: Path) -> None:
     """The sensor beside which the contractor's solution stands is the published one: it is not to be scrolled for."""
     table = folder / "collects.csv"

@@ -125,6 +125,7 @@ def test_a_real_bench_cannot_be_simulated() -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [*(pytest.param(each, marks=pytest.mark.slow) for each in (signal.SIGTERM, signal.SIGHUP)), signal.SIGINT]
 )

@@ -65,6 +65,7 @@ def triad() -> SensorFit:
     return fit_thermal(triad_night(np.random.default_rng(13), BIASES)).sensors[1]
 
 
+@pytest.mark.slow
 def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -> None:
     """Applied as the autopilots do to a night that the fit never saw, what remains is its noise of 2 deg/hr."""
     px4, ardupilot = values(px4_parameters(triad)), values(ardupilot_parameters(triad))
@@ -222,6 +223,7 @@ def test_table_1s_steepest_segment_is_that_of_the_soaks_bound(reference: Path) -
     assert 1.5 * slopes["BB2_matrix"][1] * 0.19 * 2.0 == pytest.approx(1.05, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> None:
     """A confirmed bias has no remark; one that no form describes, and one that nothing confirms, have one each."""
     assert "confirm" not in px4_parameters(triad)
