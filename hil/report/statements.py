@@ -108,7 +108,7 @@ def summary(content: ReportContent) -> Iterator[str]:
             yield from _largest_mu(sensor)
     for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
         for sensor in content.sensors:
-            found = [run for e in sensor.solutions if content.judgement(e).verdict is verdict for run in e.runs]
+            found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
             if found:
                 yield f"{verdict}: sensor {sensor.number}, {numbered('run', found)}."
     if content.comparison is not None:
