@@ -16,7 +16,7 @@ from procedures.verdict import Judgement, Verdict
 FloatArray = NDArray[np.float64]
 
 _GAP = 1.5  # sample intervals; anything longer has lost at least one sample
-_FEW = 50  # samples: with fewer nothing is said about their noise
+_FEW = 30  # samples: with fewer nothing is said about their noise
 _WITHIN, _SIGMAS_WITHIN = 0.9, 1.6449  # nine tenths of a normal distribution lie within so many sigmas
 _SPIKE_SIGMAS = 12.0
 _REPEATS = 0.1  # of the samples
