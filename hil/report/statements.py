@@ -29,6 +29,11 @@ _THREE_COLLECTS = (
     ),
     "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
     (
+        "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, fit "
+        "these equations as well as what is right, and a fourth collect's too. What shows it: the rate during a known "
+        "rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report --against)."
+    ),
+    (
         "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
         "even g² term does not."
     ),

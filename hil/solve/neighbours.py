@@ -10,7 +10,7 @@ there is one. A unit that scatters more is judged more mildly; a single run has 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ FAR = 10.0
 """Times the usual scatter: beyond what a unit's own turn-ons and reseats do from time to time."""
 
 _NEAR = 4.0  # what a cause must bring a collect back to
+_REPEATED = 3  # collects at one position and temperature tell of each other
 _ENOUGH = 6  # departures of a kind that tell how large they usually are
 _MOST = 0.2  # of the collects: where more stand out, the scatter is not what stands out from it
 _SIGMA = 1.4826  # a normal distribution's sigma by its median departure
@@ -57,12 +58,19 @@ class _Departures:
         while True:
             score = self._scores(left_out)
             far = np.where(left_out | (score <= FAR), -np.inf, score)
-            worst = [place[int(np.argmax(far[place]))] for place in self._places() if np.any(far[place] > FAR)]
+            # What is expected of one collect rests on others: of those that do, only the worst is believed at a time.
+            alone = [place for place in self._places() if len(place) < _REPEATED]
+            turns = [place for place in self._places() if len(place) >= _REPEATED]
+            turns += [np.concatenate([p for p in alone if self._label[p[0]] == label]) for label in self._labels(alone)]
+            worst = [place[int(np.argmax(far[place]))] for place in turns if np.any(far[place] > FAR)]
             if not worst:
                 return left_out
             left_out[worst] = True
             if left_out.sum() > max(2, _MOST * len(left_out)):
                 return None
+
+    def _labels(self, places: Sequence[IntArray]) -> IntArray:
+        return np.unique([self._label[place[0]] for place in places]).astype(np.int64)
 
     def _places(self) -> Iterator[IntArray]:
         """Yield the indices of the collects at one position and temperature."""
@@ -79,7 +87,7 @@ class _Departures:
             kept = place[~left_out[place]]
             for i in place:
                 others = kept[kept != i]
-                if len(others) >= 2 and self._level[i] >= 0:
+                if len(others) >= _REPEATED - 1 and self._level[i] >= 0:
                     self._expected[i], repeated[i] = np.median(self._rates[others], axis=0), True
         for label in np.unique(self._label):
             self._between(np.flatnonzero((self._label == label) & (self._level >= 0)), repeated, left_out)

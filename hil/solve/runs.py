@@ -213,9 +213,9 @@ def _follow_contractor(sensor: int, run: int | None, form: LinearForm, collects:
 
 
 def stated_noise(collects: Collects) -> FloatArray | None:
-    """Return the rates' standard errors (n, c), or None where a measured rate has none: then all weigh alike."""
+    """Return the rates' standard errors (n, c), or None where a measured rate has none (0 is none): all weigh alike."""
     measured = ~np.isnan(collects.rates_deg_per_hr)
-    if np.any(np.isnan(collects.rates_se_deg_per_hr[measured])):
+    if not np.all(collects.rates_se_deg_per_hr[measured] > 0.0):
         return None
     return collects.rates_se_deg_per_hr
 
