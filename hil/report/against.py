@@ -115,7 +115,7 @@ def _slips(campaign: Campaign, earlier: Campaign, number: int) -> Iterator[str]:
     if len(pairs) < _LEAST_PLACES or list(earlier.sensors[number].conditions.sensor.channels) != names:
         return
     now, before = (np.array(rates) for rates in zip(*pairs, strict=True))  # (places, c)
-    away = np.sum((now - before) ** 2, axis=0)
+    away = len(now) * np.var(now - before, axis=0)  # what another bias does not explain
     for i, name in enumerate(names):
         size = float(np.sum(now[:, i] ** 2))
         gain = float(np.sum(now[:, i] * before[:, i])) / size if size > 0.0 else 1.0
