@@ -25,6 +25,7 @@ from hil.solve.temperatures import nearest, runs_by_temperature
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
 _LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or another gain must explain together
+_PLACES = {"latitude_deg": 0.2, "heading_deg": 3.0}  # beyond what two people write of one bench
 _MENDED = 0.05  # of the squares of what was different must be left
 _GAIN = 0.02
 
@@ -62,6 +63,7 @@ class Comparison:
     source: str  # who recorded the earlier one, and when
     differences: Sequence[Difference]
     remarks: Sequence[str]
+    doubts: Sequence[str] = ()  # those of the remarks that contradict this campaign
 
     @property
     def flagged(self) -> Sequence[Difference]:
@@ -102,10 +104,11 @@ def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit:
                 remarks.append(f"Sensor {sensor} at {_at(temperature)}: the earlier campaign has no such temperature.")
                 continue
             differences += _differences(sensor, temperature, solutions, match)
-    remarks += [f"Sensor {n}: {said}." for n in now if n in before for said in _slips(campaign, earlier, n)]
+    doubts = [f"Sensor {n}: {said}." for n in now if n in before for said in _slips(campaign, earlier, n)]
+    doubts += _sites(campaign.site, earlier.site)
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
-    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks)
+    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, [*doubts, *remarks], doubts)
 
 
 def _slips(campaign: Campaign, earlier: Campaign, number: int) -> Iterator[str]:
@@ -144,6 +147,14 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[FloatArray, F
             means = [rows.rates_deg_per_hr[chosen] for rows, chosen in ((now, here), (before, there))]
             if all(len(each) and np.isfinite(each).all() for each in means):
                 yield means[0].mean(axis=0), means[1].mean(axis=0)
+
+
+def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:
+    """Yield where the two campaigns say that they were taken at other places."""
+    for key, apart in _PLACES.items():
+        if key in now and key in before and abs(now[key] - before[key]) > apart:
+            what = key.removesuffix("_deg")
+            yield f"The {what} is {now[key]:g} deg now and was {before[key]:g}: was the bench moved, or is one wrong?"
 
 
 def _units(unit: str, earlier_unit: str) -> Iterator[str]:

@@ -63,6 +63,8 @@ def good(content: ReportContent) -> tuple[str, str]:
     counts = content.verdict_counts()
     worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
     whole = content.night is None or content.night.state == "complete"
+    if worst is None and whole and content.comparison is not None and content.comparison.doubts:
+        return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
     if worst is None and counts and whole:
         whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
         return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
