@@ -95,16 +95,19 @@ def sweep_of(case: Case) -> Sweep:
     return parse_sweep(text, "contradictions.yaml")
 
 
-class _Yes(Terminal):
+class Yes(Terminal):
     """An operator at the terminal who confirms whatever is asked."""
 
     def put(self, question: str, timeout_s: float) -> None:
+        """Show nothing."""
         del question, timeout_s
 
     def answer(self) -> bool | None:
+        """Say yes."""
         return True
 
     def settle(self, how: str) -> None:
+        """Hear nothing."""
         del how
 
 
@@ -129,7 +132,7 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
             blocks.append(imu.read_block())
         said.extend(f"{each.message} {each.advice}" for each in at_rest(live, join(blocks)) if not each.good)
 
-    outcome = start_night(folder, sweep_of(case), bench_of(case), seed=seed, terminal=_Yes(), opened=opened)
+    outcome = start_night(folder, sweep_of(case), bench_of(case), seed=seed, terminal=Yes(), opened=opened)
     stopped = bool(said)  # `hil run` begins no night over such a finding
     with open_readonly(folder) as journal:
         said += [f"{event.kind}: {event.message}" for event in journal.events()]
@@ -190,8 +193,8 @@ def cases() -> Iterator[Case]:
     yield from _rows()
 
 
-_HAND = ("  positioner: indexing ", "  positioner: operator ")
-_SIX_POSITIONS = (
+BY_HAND = (
+    ("  positioner: indexing ", "  positioner: operator "),
     (
         '      "4": {A: -3, B: +2, S: -1}  #',
         '      "5": {A: +3, B: +1, S: -2}\n      "6": {A: +3, B: -1, S: +2}\n      "4": {A: -3, B: +2, S: -1}  #',
@@ -212,7 +215,7 @@ def _by_hand() -> Iterator[Case]:
                 f"by hand, collect {place} of {positions}: laid wrong",
                 rf"position {label} was asked for, but the unit lies as in position",
                 faults=(f"{{at: T1/S1/C{place}/index, device: operator, kind: wrong_position, duration: 10 min}}",),
-                file=(_HAND, *_SIX_POSITIONS),
+                file=BY_HAND,
                 positions=positions,
             )
 

@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.reliability.contradictions import Case, cases, clean, told_of
+from benchmarks.reliability.contradictions import BY_HAND, Case, Yes, bench_of, cases, clean, sweep_of, told_of
+from hil.config import parse_sweep
+from hil.night import start_night
+from hil.records import open_readonly
+from hil.records.rows import Attempt
+from procedures.journal_protocol import Outcome
 from procedures.verdict import Verdict
 
 _CASES = {case.name: case for case in cases()}
@@ -19,6 +24,7 @@ _QUICK = (
     "rates in rad/s",
     "RA a copy of RB",
     "RA spikes in 0.1 % of the samples",
+    "rotor thermometer 20 °C too high",
 )
 
 
@@ -41,6 +47,35 @@ def test_a_night_that_contradicts_itself_is_no_pass(name: str, tmp_path: Path) -
 def test_every_contradiction_is_caught_and_named(name: str, tmp_path: Path) -> None:
     """Every case of the matrix."""
     check(_CASES[name], tmp_path)
+
+
+def by_hand(folder: Path, lasts: str, settle: str) -> tuple[str, list[Attempt], list[str]]:
+    """Return state, attempts at collect 3 and questions of a night in which the unit is laid wrong for it at first."""
+    fault = f"{{at: T1/S1/C3/index, device: operator, kind: wrong_position, duration: {lasts}}}"
+    case = Case("", "", faults=(fault,), file=BY_HAND)
+    sweep = parse_sweep(sweep_of(case).text.replace("settle: 60 s", f"settle: {settle}"), "sweep.yaml")
+    outcome = start_night(folder, sweep, bench_of(case), terminal=Yes())
+    with open_readonly(folder) as journal:
+        asked = [event.message for event in journal.events() if event.kind == "prompt"]
+        return outcome.state, [each for each in journal.attempts() if each.step_key == "T1/S1/C3/collect"], asked
+
+
+def test_an_operator_is_asked_again_with_the_reason_and_no_sample_is_taken_before(tmp_path: Path) -> None:
+    """Laid wrong once: the first attempt has no samples, the second is good, and so is the night."""
+    state, attempts, asked = by_hand(tmp_path / "n", "30 s", "60 s")
+    assert state == "complete"
+    assert [each.outcome for each in attempts] == [Outcome.FAILED, Outcome.DONE]
+    assert "sensors" not in attempts[0].data
+    assert attempts[1].data["verdict"] == "PASS"
+    assert len(asked) == 4
+    assert asked[3].startswith("Position 3 was asked for, but the unit lies as in position 5. Bring the unit to")
+
+
+def test_without_time_to_settle_the_collect_itself_is_contradicted(tmp_path: Path) -> None:
+    """Nothing is looked at before; the means over the collect are."""
+    _, attempts, _ = by_hand(tmp_path / "n", "10 min", "0 s")
+    assert attempts[-1].data["verdict"] == "FAIL"
+    assert "lies as in position 5" in attempts[-1].reason
 
 
 def test_nothing_is_said_of_a_night_with_nothing_wrong() -> None:
