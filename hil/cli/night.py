@@ -178,9 +178,9 @@ def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: 
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
     from hil.config.recorded import bench_of_record
     from hil.night import resume_night
-    from hil.records import open_readonly
+    from hil.records import reading
 
-    with open_readonly(folder) as journal:
+    with reading(folder) as journal:
         on = bench_of_record(journal.night.configuration)
     with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
         ended = resume_night(folder, progress=progress, terminal=TerminalQuestions(), speed=speed)

@@ -11,7 +11,6 @@ of the samples, the duration of the collect, and what the driver counted. Equal 
 from __future__ import annotations
 
 import math
-import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -33,7 +32,7 @@ from hil.campaign import Campaign, Collects
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
-from hil.records import JournalReader, open_readonly
+from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
 from hil.records.export import campaign_of_night
 from hil.records.reader import JOURNAL_NAME
@@ -56,16 +55,16 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
     folder = Path(folder)
     replay = _Replay(folder)
     simulated: bool | None = None
-    with open_readonly(folder) as journal:
-        try:
+    try:
+        with reading(folder, damaged_too=True) as journal:
+            replay.differences += journal.found
             simulated = journal.night.simulated
             replay.averages(journal)
-            replay.parameters()
-        except InputError as error:
-            replay.differences.append(str(error))
-        except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
-            # Whatever a damaged database makes of its rows: it cannot be believed any further.
-            replay.differences.append(f"{JOURNAL_NAME}: the journal is damaged and cannot be read ({error})")
+        replay.parameters()
+    except InputError as error:
+        if not (folder / JOURNAL_NAME).is_file():
+            raise
+        replay.differences += [] if replay.differences else [str(error)]  # damage, which has been named by then
     return {
         "schema": SCHEMA,
         "simulated": simulated,

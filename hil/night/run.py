@@ -141,15 +141,13 @@ def resume_night(
 
     Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
     samples are damaged is done again as a whole (hil.records.damage). Under a virtual clock
-    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one whose plan or
-    configuration was changed, one that another controller is working on, or one whose bench cannot be put together.
+    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
+    controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
+    written.
     """
     folder, who = Path(folder), who or _user()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
-        changed = reader.changed_plan()
-        if changed:
-            raise InputError(f"{folder}: {changed}; what it would do now nobody has checked, so begin a new night")
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn

@@ -4,11 +4,13 @@
     blocks/00012-T1_S2_C3_collect-1.raw.zst    the bytes as they arrived, Zstandard (the `zstd` program opens it)
 
 A block is written and made durable before the journal names it. A block that no journal row names is what a crash
-between the two leaves behind: harmless, and `hil verify` says so. Blocks are never changed.
+between the two leaves behind, of an attempt that never ended: harmless, and `hil verify` says so. Blocks are never
+changed, and no name is used twice.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import re
 from collections.abc import Mapping
@@ -22,7 +24,7 @@ from numpy.typing import NDArray
 
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
-from hil.errors import InputError
+from hil.errors import Damaged
 from hil.files.durable import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
@@ -31,7 +33,7 @@ SAMPLES_SCHEMA = "hil.samples/1"
 SAMPLES, RAW = "samples", "raw"
 
 
-class DamagedBlock(InputError):
+class DamagedBlock(Damaged):
     """A block is missing, shortened or changed. The message says which, and what is wrong with it."""
 
 
@@ -116,7 +118,7 @@ class BlockWriter:
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()
             self.disk.synchronise_folder(self._folder)
-        stem = f"{BLOCKS}/{step.index:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', step.key)}-{attempt}"
+        stem = f"{BLOCKS}/{stem_of(step.index, step.key, attempt)}"
         table = self._encode(step, attempt, samples)
         blocks = [self._store(SAMPLES, f"{stem}.parquet", table, len(samples))]
         if samples.raw and self._keep_raw:
@@ -124,6 +126,8 @@ class BlockWriter:
         return tuple(blocks)
 
     def _store(self, kind: str, path: str, data: bytes, rows: int, content: bytes = b"") -> Block:
+        if (self._folder / path).exists():  # of an attempt that the journal has lost: it may be all that is left of it
+            raise FileExistsError(errno.EEXIST, "this block was written before, and is not replaced", path)
         write_durably(self.disk, self._folder / path, data)
         return Block(kind, path, _sha256(data), len(data), rows, _sha256(content) if content else "")
 
@@ -148,6 +152,11 @@ class BlockWriter:
             pa.table(arrays, schema=pa.schema(fields, metadata=facts)), sink, compression="zstd", use_dictionary=False
         )
         return bytes(sink.getvalue())
+
+
+def stem_of(number: int, key: str, attempt: int) -> str:
+    """Return how the names of an attempt's blocks begin, by the step's index and key."""
+    return f"{number:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', key)}-{attempt}"
 
 
 def _labels(meaning: FieldMeaning) -> dict[str, str]:

@@ -5,7 +5,8 @@ to take that one collect again: the equations take the collects of a self-calibr
 So the whole self-calibration is done again, soak and all; the others stand. Lost raw bytes alone are no reason: the
 samples prove the average, and `hil verify` names what is lost.
 
-`lost_blocks` only looks whether the files are there, for those who ask often.
+`lost_blocks` only looks whether the files are there, for those who ask often; whoever states a number that rests on
+them reads them all.
 """
 
 from __future__ import annotations
@@ -55,6 +56,18 @@ def lost_blocks(folder: Path, rows: Iterable[BlockRow], done: Collection[tuple[s
         if size != row.block.size:
             lost.append(LostBlock(row, f"{size} bytes instead of {row.block.size}"))
     return lost
+
+
+def refuse_damaged_samples(journal: JournalReader) -> None:
+    """Raise `DamagedBlock` where the samples of a DONE collect are not as they were written."""
+    damaged = damaged_self_calibrations(journal)
+    if damaged:
+        number, what = next(iter(damaged.items()))
+        more = f" (and {len(damaged) - 1} more like it)" if len(damaged) > 1 else ""
+        raise DamagedBlock(
+            f"{journal.folder}: {what}: self-calibration {number} rests on it{more}; nothing is stated. hil resume does it "
+            f"again, hil repair {journal.folder} --out NEW leaves it out"
+        )
 
 
 def damaged_self_calibrations(journal: JournalReader) -> Mapping[int, str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import cached_property
@@ -19,10 +19,12 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import quote
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import schema as journal_schema
 from hil.records.blocks import Block
+from hil.records.ledger import breaks
 from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, result_digest, step_of
+from hil.records.witnesses import Witnesses, contradictions
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step
 
@@ -35,6 +37,7 @@ class JournalReader:
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
         self.folder = folder
+        self.found: Sequence[str] = ()  # what `reading` found damaged
         self._connection = connection
 
     def close(self) -> None:
@@ -63,7 +66,7 @@ class JournalReader:
             "SELECT title, who, began_utc, simulated, configuration, seed, versions FROM night"
         ).fetchone()
         if row is None:
-            raise InputError(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
+            raise Damaged(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
         title, who, began_utc, simulated, configuration, seed, versions = row
         with self._understood("the row that describes the night"):
             began = datetime.fromisoformat(began_utc)
@@ -84,13 +87,16 @@ class JournalReader:
         try:
             yield
         except (ValueError, TypeError, KeyError) as error:  # somebody has edited it
-            raise InputError(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
+            raise Damaged(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
 
     @cached_property
     def _withdrawn(self) -> str:
         """The column that says why a DONE result counts no more; journals of version 1 have none."""
-        version = int(self._connection.execute("PRAGMA user_version").fetchone()[0])
-        return "withdrawn" if version >= 2 else "NULL"
+        return "withdrawn" if self._version >= 2 else "NULL"
+
+    @property
+    def _version(self) -> int:
+        return int(self._connection.execute("PRAGMA user_version").fetchone()[0])
 
     def steps_by_key(self) -> Mapping[str, Step]:
         """Return the plan's steps by their key."""
@@ -198,49 +204,41 @@ class JournalReader:
             for number, pid, host, who, began_s, seen_s, seen_utc, ended in rows
         )
 
-    def damage(self) -> list[str]:
-        """Return what is wrong with the journal itself, in words: SQLite's own check, gaps, and digests.
+    def damage(self, witnesses: Witnesses | None = None) -> list[str]:
+        """Return in words what is not as it was written: SQLite's own check, the chain, what stands beside it.
 
-        A damaged file may also make this or any other read raise `sqlite3.DatabaseError`.
+        `witnesses` were asked before this journal was, where somebody may be writing. A journal of an earlier version
+        has no chain, only gaps and digests. A damaged file may also make any read raise `sqlite3.DatabaseError`.
         """
-        found = [
-            f"{JOURNAL_NAME}: {line}"
-            for (line,) in self._connection.execute("PRAGMA integrity_check(5)")
-            if line != "ok"
-        ]
-        if found:
-            return found
-        found += [
-            f"{JOURNAL_NAME}: a row of {table} refers to a row of {parent} that is missing"
-            for table, _, parent, _ in self._connection.execute("PRAGMA foreign_key_check")
-        ]
-        return found + self._deleted_rows() + self._changed_rows()
+        witnesses = witnesses or Witnesses.of(self.folder)
+        found = [line for (line,) in self._connection.execute("PRAGMA integrity_check(5)") if line != "ok"]
+        if not found:
+            tables = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master")}
+            chained = "ledger" in tables
+            if chained != (self._version >= 3) or (witnesses.head is not None and not chained):
+                found.append("what it says of its version and the tables that it has contradict each other")
+            elif chained:
+                found += breaks(self._connection, witnesses.head)
+            else:
+                found += [*self._deleted_rows(tables), *self._changed_rows()]
+            found += contradictions(self._connection, witnesses)
+        return [f"{JOURNAL_NAME}: {each}" for each in found]
 
-    def _deleted_rows(self) -> list[str]:
+    def _deleted_rows(self, tables: Collection[str]) -> Iterator[str]:
         given = dict(self._connection.execute("SELECT name, seq FROM sqlite_sequence"))
-        found = []
-        there = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         for table in journal_schema.COUNTED_TABLES:
-            if table not in there and table not in given:
-                continue  # a journal of an earlier version
-            count, last = self._connection.execute(f"SELECT count(*), max(id) FROM {table}").fetchone()  # noqa: S608
-            ever = max(given.get(table, 0), last or 0)
-            if count != ever:
-                found.append(f"{JOURNAL_NAME}: {ever - count} of {ever} rows of the table {table} were deleted")
-        return found
+            if table in tables or table in given:
+                count, last = self._connection.execute(f"SELECT count(*), max(id) FROM {table}").fetchone()  # noqa: S608
+                ever = max(given.get(table, 0), last or 0)
+                if count != ever:
+                    yield f"{ever - count} of {ever} rows of the table {table} were deleted"
 
-    def changed_plan(self) -> str:
-        """Return in words how the plan and the configuration differ from what the night began with; empty if not."""
+    def _changed_rows(self) -> Iterator[str]:
         total, digest = self._connection.execute("SELECT steps_total, digest FROM night").fetchone() or (0, "")
         if len(self.plan.steps) != total:
-            return f"{JOURNAL_NAME}: the plan has {len(self.plan.steps)} steps, {total} were planned"
-        if self.night.digest(self.plan) != digest:
-            return f"{JOURNAL_NAME}: the plan or the configuration was changed after the night had begun"
-        return ""
-
-    def _changed_rows(self) -> list[str]:
-        changed = self.changed_plan()
-        found = [changed] if changed else []
+            yield f"the plan has {len(self.plan.steps)} steps, {total} were planned"
+        elif self.night.digest(self.plan) != digest:
+            yield "the plan or the configuration was changed after the night had begun"
         blocks: dict[tuple[str, int], list[Block]] = {}
         for row in self.blocks():
             blocks.setdefault((row.step_key, row.attempt), []).append(row.block)
@@ -249,10 +247,15 @@ class JournalReader:
         )
         for key, attempt, outcome, reason, data, ended_s, recorded in ended:
             if result_digest(outcome, reason, data, ended_s, blocks.get((key, attempt), [])) != recorded:
-                found.append(
-                    f"{JOURNAL_NAME}: the record of {key}, attempt {attempt}, was changed after it was written"
-                )
-        return found
+                yield f"the record of {key}, attempt {attempt}, was changed after it was written"
+
+
+def refuse(folder: Path, damage: Sequence[str]) -> None:
+    """Raise `Damaged` with the first of what is damaged, and what to do; nothing where nothing is."""
+    if damage:
+        more = f" (and {len(damage) - 1} more: hil verify names them)" if len(damage) > 1 else ""
+        advice = f"nothing that rests on it is stated; hil repair {folder} --out NEW brings back what is proven"
+        raise Damaged(f"{folder}/{damage[0]}{more}; {advice}")
 
 
 def open_readonly(folder: Path) -> JournalReader:
@@ -279,14 +282,25 @@ def open_readonly(folder: Path) -> JournalReader:
 
 
 @contextmanager
-def reading(folder: Path) -> Iterator[JournalReader]:
-    """Open the journal of a night and see one instant of it; damage met on the way is an `InputError` too."""
+def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReader]:
+    """Open the journal of a night, see one instant of it, and prove that it is what was written.
+
+    Raises `Damaged` where it is not; with `damaged_too` only where it cannot be understood, for those who say what
+    stands in `journal.found` beside what they read.
+    """
+    witnesses = Witnesses.of(folder)
+    found: list[str] = []
     try:
         with open_readonly(folder) as journal, journal.snapshot():
+            found = list(journal.damage(witnesses))
+            if not damaged_too:
+                refuse(folder, found)
+            journal.found = found
             yield journal
-    except sqlite3.DatabaseError as error:
-        path = folder / JOURNAL_NAME
-        raise InputError(f"{path}: the journal is damaged ({error}); hil verify says how far") from None
+    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
+        if not found and not isinstance(error, sqlite3.DatabaseError):
+            raise
+        refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({error})"])
 
 
 def _mapping(text: str | None) -> Mapping[str, Any]:

@@ -1,7 +1,7 @@
 """The tables of a journal, and one upgrade function for every version that they have had.
 
 A journal is never rewritten: rows are added, and an attempt is closed once. Two kinds of key make a duplicate
-impossible (an attempt is one row; a step is DONE at most once); row numbers without reuse make a deletion visible.
+impossible (an attempt is one row; a step is DONE at most once); the ledger makes any change visible.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
+from hil.records.ledger import enter_everything
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
 
@@ -127,8 +128,16 @@ WHEN OLD.withdrawn IS NOT NULL OR OLD.outcome IS NOT 'DONE'
 BEGIN SELECT RAISE(ABORT, 'only a result that counts can be withdrawn'); END;
 """
 
+_VERSION_3 = """
+CREATE TABLE ledger (                -- one row per commit (hil.records.ledger)
+    n INTEGER PRIMARY KEY,
+    rows TEXT NOT NULL,              -- JSON: the SHA-256 of every row that it wrote
+    link TEXT NOT NULL               -- SHA-256 of the link before and of `rows`
+);
+"""
+
 COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats", "requests")
-"""Tables whose row numbers are never reused, so that a deleted row is a gap."""
+"""Tables whose row numbers are never reused: before there was a ledger, a gap showed that a row was deleted."""
 
 
 def _to_1(connection: sqlite3.Connection) -> None:
@@ -142,7 +151,14 @@ def _to_2(connection: sqlite3.Connection) -> None:
         connection.execute(statement)
 
 
-UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1, _to_2)
+def _to_3(connection: sqlite3.Connection) -> None:
+    """Add the ledger, and enter what is there."""
+    for statement in _statements(_VERSION_3):
+        connection.execute(statement)
+    enter_everything(connection)
+
+
+UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1, _to_2, _to_3)
 """UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
 
 VERSION = len(UPGRADES)
@@ -168,7 +184,7 @@ def check(connection: sqlite3.Connection, path: Path) -> int:
         application = connection.execute("PRAGMA application_id").fetchone()[0]
         version = _version(connection)
     except sqlite3.DatabaseError as error:
-        raise InputError(f"{path}: is not a journal, or is damaged ({error})") from None
+        raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but not a journal of hil")
     if version > VERSION:

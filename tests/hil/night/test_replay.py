@@ -24,6 +24,7 @@ from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
 from hil.records import open_readonly
 from hil.records.blocks import RAW, SAMPLES, Block, read_raw
+from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME
 
 SHORT = parse_sweep(
@@ -60,11 +61,12 @@ def first_block(folder: Path, kind: str) -> tuple[str, Block]:
 
 
 def tamper(folder: Path, statement: str, *values: object) -> None:
-    """Change the journal as somebody with a database program would, all protection switched off."""
-    with closing(sqlite3.connect(folder / JOURNAL_NAME)) as connection, connection:
+    """Change the journal, all protection switched off, and forge its chain: only the bytes contradict it."""
+    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as connection:
         connection.execute("DROP TRIGGER IF EXISTS an_ended_attempt_stays")
         connection.execute("DROP TRIGGER IF EXISTS a_block_stays")
-        connection.execute(statement, values)
+        with Ledger(connection, folder).transaction():
+            connection.execute(statement, values)
 
 
 def forge(folder: Path, block: Block, stored: bytes, rows: int, content: bytes = b"") -> None:
