@@ -108,7 +108,7 @@ def start_night(
     plan = make_plan(sweep.procedure())
     who = who or _user()
     with bench_lock(bench, target):
-        with _whole_or_nothing(target) as partial:
+        with whole_or_nothing(target) as partial:
             resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
             attendant = Attendant(terminal)
             live = build_bench(resolved, ask=attendant, speed=speed)
@@ -340,7 +340,7 @@ def _refuse_existing(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _whole_or_nothing(target: Path) -> Iterator[Path]:
+def whole_or_nothing(target: Path) -> Iterator[Path]:
     """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
     above = target.resolve().parent
     there = next(folder for folder in (above, *above.parents) if folder.exists())

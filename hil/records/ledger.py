@@ -77,7 +77,7 @@ def _head_text(number: int, link: str) -> bytes:
 
 
 def read_head(folder: Path) -> tuple[int, str] | None:
-    """Return number and link of the newest entry that is known to be durable; (0, "") where the file is damaged.
+    """Return number and link of the newest entry that is known to be durable; number 0 where the file is damaged.
 
     None where there is none, as beside a journal of an earlier version.
     """
@@ -92,8 +92,8 @@ def read_head(folder: Path) -> tuple[int, str] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, KeyError):
-        return 0, ""
-    return head if _head_text(*head) == text else (0, "")
+        return 0, "damaged"
+    return head if _head_text(*head) == text else (0, "damaged")
 
 
 def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:

@@ -297,7 +297,7 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
                 refuse(folder, found)
             journal.found = found
             yield journal
-    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError) as error:
+    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
         if not found and not isinstance(error, sqlite3.DatabaseError):
             raise
         refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({error})"])

@@ -24,7 +24,7 @@ from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
 from hil.records import open_readonly
 from hil.records.blocks import RAW, SAMPLES, Block, read_raw
-from hil.records.ledger import Ledger
+from hil.records.ledger import HEAD_NAME, Ledger
 from hil.records.reader import JOURNAL_NAME
 
 SHORT = parse_sweep(
@@ -219,6 +219,7 @@ def test_a_ruined_record_is_a_difference_in_words(night: Path, data: str) -> Non
     """Whatever stands in the journal: a sentence, never a traceback."""
     key, _ = first_block(night, SAMPLES)
     tamper(night, "UPDATE attempts SET data = ? WHERE step_key = ? AND outcome = 'DONE'", data, key)
+    (night / HEAD_NAME).write_text("")
     document = replay_night(night)
     assert not document["identical"]
     assert document["differences"]
