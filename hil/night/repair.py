@@ -84,10 +84,10 @@ def _take_proven_rows(folder: Path, new: sqlite3.Connection, witnesses: Witnesse
             if path.exists():  # a copy, for SQLite also writes where it only reads
                 shutil.copy(path, scratch)
         written: dict[str, str] = {}
-        with suppress(sqlite3.DatabaseError, Damaged), open_readonly(Path(scratch)) as old:
+        with suppress(*journal_schema.UNREADABLE, Damaged), open_readonly(Path(scratch)) as old:
             written, _ = chain(old._connection, witnesses.head)
             for table in TABLES:
-                with suppress(sqlite3.DatabaseError):  # a page that cannot be read: no more of this table
+                with suppress(*journal_schema.UNREADABLE):  # a page that cannot be read: no more of this table
                     for row in old._connection.execute(f"SELECT * FROM {table}"):  # noqa: S608
                         _take(new, table, row, written)
         night = new.execute("SELECT configuration FROM night").fetchone()

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, Self
 from urllib.parse import quote
 
@@ -30,6 +31,7 @@ from procedures.plan import Plan, Step
 
 JOURNAL_NAME = "journal.sqlite"
 _BUSY_S = 30.0
+_LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
 
 class JournalReader:
@@ -222,7 +224,7 @@ class JournalReader:
             else:
                 found += [*self._deleted_rows(tables), *self._changed_rows()]
             found += contradictions(self._connection, witnesses)
-        return [f"{JOURNAL_NAME}: {each}" for each in found]
+        return [f"{JOURNAL_NAME}: {shorten(each, _LONGEST)}" for each in found]
 
     def _deleted_rows(self, tables: Collection[str]) -> Iterator[str]:
         given = dict(self._connection.execute("SELECT name, seq FROM sqlite_sequence"))
@@ -298,9 +300,9 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
             journal.found = found
             yield journal
     except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
-        if not found and not isinstance(error, sqlite3.DatabaseError):
+        if not found and not isinstance(error, journal_schema.UNREADABLE):
             raise
-        refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({error})"])
+        refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({shorten(str(error), _LONGEST)})"])
 
 
 def _mapping(text: str | None) -> Mapping[str, Any]:

@@ -15,6 +15,9 @@ from hil.records.ledger import enter_everything
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
 
+UNREADABLE = (sqlite3.DatabaseError, UnicodeDecodeError)
+"""What SQLite and its binding make of a damaged file."""
+
 _VERSION_1 = """
 CREATE TABLE night (
     id INTEGER PRIMARY KEY CHECK (id = 1),
@@ -183,7 +186,7 @@ def check(connection: sqlite3.Connection, path: Path) -> int:
     try:
         application = connection.execute("PRAGMA application_id").fetchone()[0]
         version = _version(connection)
-    except sqlite3.DatabaseError as error:
+    except UNREADABLE as error:
         raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but not a journal of hil")
