@@ -123,7 +123,9 @@ def changed_rows(judge: Judge) -> Iterator[str]:
         try:
             with closing(sqlite3.connect(path, isolation_level=None)) as connection:
                 connection.execute("PRAGMA ignore_check_constraints = ON")
-                for (trigger,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+                for (trigger,) in connection.execute(
+                    "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+                ).fetchall():
                     connection.execute(f"DROP TRIGGER {trigger}")
                 for statement, *values in statements:
                     connection.execute(statement, values)
@@ -135,7 +137,9 @@ def changed_rows(judge: Judge) -> Iterator[str]:
 
     with closing(sqlite3.connect(path)) as connection:
         tables = {table: connection.execute(f"SELECT * FROM {table}") for table in (*TABLES, "ledger")}  # noqa: S608
-        rows = {table: ([column[0] for column in found.description], found.fetchall()) for table, found in tables.items()}
+        rows = {
+            table: ([column[0] for column in found.description], found.fetchall()) for table, found in tables.items()
+        }
     for table, (columns, there) in rows.items():
         put = f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})"  # noqa: S608
         for number, row in enumerate(there):
@@ -170,7 +174,9 @@ def main() -> None:
         if nights.begin(base) != 0:
             raise SystemExit("the night did not become complete")
         judge = Judge(base / nights.NIGHT)
-        work = changed_rows(judge) if asked.kind == "rows" else flipped_bytes(judge, asked.every, asked.seed, asked.only)
+        work = (
+            changed_rows(judge) if asked.kind == "rows" else flipped_bytes(judge, asked.every, asked.seed, asked.only)
+        )
         for name in work:
             print(name, dict(judge.seen), f"{time.monotonic() - began_s:.0f} s", file=sys.stderr)
     finally:

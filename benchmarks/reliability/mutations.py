@@ -67,10 +67,8 @@ def rename_after_commit() -> None:
 
 def double_commit() -> None:
     """Commit every result twice, with nothing in the tables against it."""
-    for name, tables in list(vars(journal_schema).items()):
-        if name.startswith("_VERSION_"):
-            without = tables.replace("CREATE UNIQUE INDEX a_step_is_done_once", "CREATE INDEX a_step_is_done_once")
-            setattr(journal_schema, name, without)
+    unique, plain = (f"CREATE {kind}INDEX a_step_is_done_once" for kind in ("UNIQUE ", ""))
+    journal_schema.UPGRADES = tuple(script.replace(unique, plain) for script in journal_schema.UPGRADES)  # type: ignore
     end = SqliteJournal.end
 
     def end_twice(self: SqliteJournal, step: Step, attempt: int, result: StepResult) -> None:

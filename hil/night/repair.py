@@ -115,7 +115,9 @@ def _take_from_the_log(new: sqlite3.Connection, witnesses: Witnesses, gone: Coun
     """Write how attempts ended of which the journal lost that; return them in words. They are not gone any more."""
     restored = []
     for (key, attempt), line in witnesses.ended.items():
-        known = new.execute("SELECT outcome FROM attempts WHERE step_key = ? AND attempt = ?", (key, attempt)).fetchone()
+        known = new.execute(
+            "SELECT outcome FROM attempts WHERE step_key = ? AND attempt = ?", (key, attempt)
+        ).fetchone()
         if not proven(line):
             continue
         for block in line["blocks"]:

@@ -40,7 +40,7 @@ from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
-from hil.files.lock import FolderLock
+from hil.files.lock import FolderLock, process_start
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
@@ -366,18 +366,8 @@ def _clear_away(above: Path, name: str) -> None:
     """Remove the unfinished folders of this name whose process died while it made them."""
     for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
         number = left.name.rpartition("-")[2]
-        if number.isdecimal() and not _alive(int(number)):
+        if number.isdecimal() and not process_start(int(number)):
             shutil.rmtree(left, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)  # signal 0 is none: it only asks
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # somebody else's, or no number of a process
-        return True
-    return True
 
 
 def _made(folder: Path) -> Path:

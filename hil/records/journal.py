@@ -33,7 +33,7 @@ from hil.files.lock import FolderLock
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
 from hil.records.ledger import Ledger
-from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly, refuse
+from hil.records.reader import JOURNAL_NAME, JournalReader, reading
 from hil.records.rows import Night, digest_of, step_row, to_json
 from hil.records.witnesses import ENDED
 from procedures.journal_protocol import StepResult
@@ -103,20 +103,9 @@ class SqliteJournal(JournalReader):
                 connection.executemany(
                     "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
                 )
-                connection.execute(
-                    "INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    (
-                        night.title,
-                        night.who,
-                        night.began_utc.isoformat(),
-                        int(night.simulated),
-                        night.seed,
-                        to_json(night.versions or {}),
-                        night.configuration,
-                        len(plan.steps),
-                        night.digest(plan),
-                    ),
-                )
+                facts = (night.title, night.who, night.began_utc.isoformat(), int(night.simulated), night.seed)
+                facts += (to_json(night.versions or {}), night.configuration, len(plan.steps), night.digest(plan))
+                connection.execute("INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)", facts)
         (folder / BLOCKS).mkdir(exist_ok=True)
         RealDisk().synchronise_folder(folder)
 
@@ -144,11 +133,11 @@ class SqliteJournal(JournalReader):
         if lock is None:
             lock = FolderLock(folder).acquire()
         try:
+            with reading(folder):
+                pass  # it is what was written
             connection = _connect(path)
             try:
-                version = journal_schema.check(connection, path)
-                refuse(folder, JournalReader(folder, connection).damage())
-                if version < journal_schema.VERSION:
+                if journal_schema.check(connection, path) < journal_schema.VERSION:
                     journal_schema.upgrade(connection)
                 journal = cls(
                     folder,
@@ -168,11 +157,6 @@ class SqliteJournal(JournalReader):
         if lock.taken_over_from is not None:
             journal.event("lock_taken_over", f"the lock of {lock.taken_over_from} was taken over: that process is gone")
         return journal
-
-    @staticmethod
-    def open_readonly(folder: Path) -> JournalReader:
-        """Open a night to read it, also while a controller writes; see `hil.records.reader.open_readonly`."""
-        return open_readonly(folder)
 
     @property
     def began_utc(self) -> datetime:
@@ -231,7 +215,8 @@ class SqliteJournal(JournalReader):
         data, ended_s = to_json(result.data), self.now_s()
         with self._transaction():
             going_on = "WHERE step_key = ? AND attempt = ? AND outcome IS NULL"
-            began = self._connection.execute(f"SELECT began_s FROM attempts {going_on}", (step.key, attempt)).fetchone()
+            begun = f"SELECT began_s FROM attempts {going_on}"  # noqa: S608
+            began = self._connection.execute(begun, (step.key, attempt)).fetchone()
             if began is None:
                 raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
             facts = {"step": step.key, "attempt": attempt, "began_s": began[0], "ended_s": ended_s}
@@ -249,13 +234,10 @@ class SqliteJournal(JournalReader):
 
     def _empty_write_ahead_log(self) -> None:
         """Leave nothing in it that damage could take; whoever reads at this moment is not waited for."""
-        self._connection.execute("PRAGMA busy_timeout = 0")
-        try:
+        with contextlib.suppress(sqlite3.OperationalError):  # committed it is; a full disk is met at the next commit
+            self._connection.execute("PRAGMA busy_timeout = 0")
             self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        except sqlite3.OperationalError:  # committed it is; a disk that is full says so at the next commit
-            return
-        finally:
-            self._connection.execute(f"PRAGMA busy_timeout = {_BUSY_S * 1000:.0f}")
+        self._connection.execute(f"PRAGMA busy_timeout = {_BUSY_S * 1000:.0f}")
 
     def event(self, kind: str, message: str, **evidence: Any) -> None:
         """Record something that happened: a retry, an alarm, a hold, a signal, a resumption."""

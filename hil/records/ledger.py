@@ -26,8 +26,7 @@ HEAD_NAME = "journal.head"
 TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Every table whose rows are chained. The first column of each is its row number."""
 
-_HEAD_SIZE = 128  # bytes, always, so that it is written in place, within one sector
-_READS = 5
+_HEAD_SIZE = 100  # bytes, always, so that it is written in place, within one sector
 
 
 class Ledger:
@@ -61,19 +60,14 @@ class Ledger:
             raise
         if durable:
             with contextlib.suppress(OSError):  # it is committed, whatever becomes of the second witness
-                self._write_head(number, link)
-
-    def _write_head(self, number: int, link: str) -> None:
-        file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            os.pwrite(file, _head_text(number, link), 0)
-            os.fdatasync(file)
-        finally:
-            os.close(file)
+                file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                with open(file, "wb", buffering=0) as head:
+                    head.write(_head_text(number, link))
+                    os.fdatasync(file)
 
 
 def _head_text(number: int, link: str) -> bytes:
-    return f"{json.dumps({'schema': 'hil.head/1', 'entry': number, 'link': link})}".ljust(_HEAD_SIZE - 1).encode() + b"\n"
+    return f"hil.head/1 {number} {link}".ljust(_HEAD_SIZE).encode()
 
 
 def read_head(folder: Path) -> tuple[int, str] | None:
@@ -81,19 +75,16 @@ def read_head(folder: Path) -> tuple[int, str] | None:
 
     None where there is none, as beside a journal of an earlier version.
     """
-    path, text = folder / HEAD_NAME, b""
+    path = folder / HEAD_NAME
     try:
-        for _ in range(_READS):  # until it was not just being written
-            before, text = text, path.read_bytes()
-            if before == text:
-                break
-        facts = json.loads(text)
-        head = int(facts["entry"]), str(facts["link"])
+        while (text := path.read_bytes()) != path.read_bytes():
+            pass  # it was just being written
+        _, number, link = text.decode().split()
+        return (int(number), link) if _head_text(int(number), link) == text else (0, "damaged")
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError):
         return 0, "damaged"
-    return head if _head_text(*head) == text else (0, "damaged")
 
 
 def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:
@@ -132,13 +123,11 @@ def chain(connection: sqlite3.Connection, head: tuple[int, str] | None) -> tuple
     n, link, at_head = 0, "", ""
     for number, text, recorded in connection.execute("SELECT n, rows, link FROM ledger ORDER BY n"):
         n, link = n + 1, _link(link, text)
-        try:
-            written.update(json.loads(text))
-        except (ValueError, TypeError):
-            link = ""
         if (number, link) != (n, recorded):
             found.append(f"entry {n} of its ledger is not as it was written, or missing")
             n, link = number, recorded
+        with contextlib.suppress(ValueError, TypeError):  # damaged, as was just found
+            written.update(json.loads(text))
         if head is not None and n == head[0]:
             at_head = link
     if head is None and n > 1:

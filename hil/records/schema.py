@@ -1,4 +1,4 @@
-"""The tables of a journal, and one upgrade function for every version that they have had.
+"""The tables of a journal, and one script for every version that they have had.
 
 A journal is never rewritten: rows are added, and an attempt is closed once. Two kinds of key make a duplicate
 impossible (an attempt is one row; a step is DONE at most once); the ledger makes any change visible.
@@ -7,7 +7,6 @@ impossible (an attempt is one row; a step is DONE at most once); the ledger make
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
 from pathlib import Path
 
 from hil.errors import Damaged, InputError
@@ -139,29 +138,7 @@ CREATE TABLE ledger (                -- one row per commit (hil.records.ledger)
 );
 """
 
-COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats", "requests")
-"""Tables whose row numbers are never reused: before there was a ledger, a gap showed that a row was deleted."""
-
-
-def _to_1(connection: sqlite3.Connection) -> None:
-    for statement in _statements(_VERSION_1):
-        connection.execute(statement)
-
-
-def _to_2(connection: sqlite3.Connection) -> None:
-    """Add requests, and results that count no more."""
-    for statement in _statements(_VERSION_2):
-        connection.execute(statement)
-
-
-def _to_3(connection: sqlite3.Connection) -> None:
-    """Add the ledger, and enter what is there."""
-    for statement in _statements(_VERSION_3):
-        connection.execute(statement)
-    enter_everything(connection)
-
-
-UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1, _to_2, _to_3)
+UPGRADES = (_VERSION_1, _VERSION_2, _VERSION_3)
 """UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
 
 VERSION = len(UPGRADES)
@@ -171,8 +148,10 @@ def upgrade(connection: sqlite3.Connection) -> None:
     """Bring a journal to the present version: all of it or, when anything fails, none of it."""
     connection.execute("BEGIN IMMEDIATE")
     try:
-        for version in range(_version(connection), VERSION):
-            UPGRADES[version](connection)
+        for script in UPGRADES[_version(connection) :]:
+            for statement in _statements(script):
+                connection.execute(statement)
+        enter_everything(connection)
         connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     except BaseException:

@@ -56,10 +56,11 @@ class _Facts:
         newest = controllers[-1] if controllers else None
         attempts = journal.attempts()
         done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
-        lost = lost_blocks(journal.folder, journal.blocks(), {(key, each.attempt) for key, each in done.items()})
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
-        return cls(journal, owner, journal.plan, attempts, done, newest, journal.found, lost, beat)
+        return cls(
+            journal, owner, journal.plan, attempts, done, newest, journal.found, lost_blocks(journal, read=False), beat
+        )
 
     @property
     def held_by_another(self) -> bool:

@@ -18,11 +18,11 @@ import numpy as np
 
 from hil.errors import InputError
 from hil.files.durable import PARTIAL
-from hil.records.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.reader import JOURNAL_NAME, JournalReader, reading
+from hil.records.blocks import BLOCKS, RAW, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.damage import lost_blocks
+from hil.records.reader import JOURNAL_NAME, reading
 from hil.records.rows import Attempt, BlockRow
 from hil.records.status import missing_in_words
-from procedures.plan import StepKind
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -50,7 +50,7 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
                 else:
                     problems += found
                 checked += 1
-            problems += _collects_without_samples(journal, rows)
+            problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
             complete = not missing
@@ -93,16 +93,6 @@ def _wrong_averages(row: BlockRow, samples: Samples, data: Mapping[str, Any]) ->
                     f"{row.block.path}: the samples of channel {channel} of sensor {sensor} average to {mean:.6f} "
                     f"deg/hr, but {recorded:.6f} deg/hr is recorded for {row.step_key}"
                 )
-
-
-def _collects_without_samples(journal: JournalReader, rows: Sequence[BlockRow]) -> list[str]:
-    sampled = {(row.step_key, row.attempt) for row in rows if row.block.kind == SAMPLES}
-    collects = {step.key for step in journal.plan.of_kind(StepKind.COLLECT)}
-    return [
-        f"{key}: the collect is recorded as done, but no samples are recorded with it"
-        for key, attempt in journal.done_attempts().items()
-        if key in collects and (key, attempt.attempt) not in sampled
-    ]
 
 
 def _orphans(folder: Path, rows: Sequence[BlockRow]) -> list[str]:

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hil.files.durable import PARTIAL
-from hil.records.blocks import BLOCKS, stem_of
+from hil.records.blocks import BLOCKS, SUFFIXES, stem_of
 from hil.records.ledger import read_head
 from hil.records.rows import digest_of
 from procedures.journal_protocol import Outcome
@@ -32,32 +33,20 @@ class Witnesses:
     """What was there at one instant."""
 
     head: tuple[int, str] | None
-    ended: Mapping[tuple[str, int], Mapping[str, Any]]  # by step key and attempt, what the log says of it
-    blocks: tuple[str, ...]  # names of whole block files
+    ended: Mapping[tuple[str, int], Mapping[str, Any]]  # by step key and attempt, the line of the log that says how
+    blocks: Sequence[str]  # names of whole block files
 
     @classmethod
     def of(cls, folder: Path) -> Witnesses:
         """Look at the folder of a night."""
-        head = read_head(folder)
-        ended = {(line["step"], line["attempt"]): line for line in _log_lines(folder)}
-        there = (folder / BLOCKS).iterdir() if (folder / BLOCKS).is_dir() else ()
-        return cls(head, ended, tuple(sorted(path.name for path in there if not path.name.startswith(PARTIAL))))
-
-
-def _log_lines(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of the log, rotated parts too, that say how an attempt ended; what is no such line is left out."""
-    for path in folder.glob(f"{LOG_NAME}*"):
-        try:
-            lines = [line for line in path.read_bytes().splitlines() if ENDED.encode() in line]
-        except OSError:
-            continue
-        for text in lines:
-            try:
-                line = json.loads(text)
-                if line["event"] == ENDED and isinstance(line["step"], str) and isinstance(line["attempt"], int):
-                    yield line
-            except (ValueError, TypeError, KeyError):  # cut off by a full disk, or damaged
-                continue
+        head, ended = read_head(folder), {}
+        for path in folder.glob(f"{LOG_NAME}*"):  # rotated parts too
+            for text in path.read_bytes().splitlines():
+                with suppress(ValueError, TypeError, KeyError):  # cut off by a full disk, or damaged
+                    if ENDED.encode() in text and (line := json.loads(text))["event"] == ENDED:
+                        ended[str(line["step"]), int(line["attempt"])] = line
+        blocks = [path.name for path in folder.glob(f"{BLOCKS}/*") if not path.name.startswith(PARTIAL)]
+        return cls(head, ended, sorted(blocks))
 
 
 def proven(line: Mapping[str, Any]) -> bool:
@@ -68,22 +57,19 @@ def proven(line: Mapping[str, Any]) -> bool:
 
 def contradictions(connection: sqlite3.Connection, witnesses: Witnesses) -> Iterator[str]:
     """Yield in words what log and blocks say was done, and the journal does not hold."""
-    outcomes = {
-        (key, attempt): (number, outcome)
-        for key, attempt, outcome, number in connection.execute(
-            "SELECT step_key, attempt, outcome, number FROM attempts LEFT JOIN steps ON key = step_key"
-        )
-    }
-    for (key, attempt), line in witnesses.ended.items():
-        done = line.get("outcome") == Outcome.DONE
-        if done and outcomes.get((key, attempt), (0, ""))[1] != Outcome.DONE and proven(line):
-            yield f"{LOG_NAME} says that {key}, attempt {attempt}, was done, and the journal does not hold it"
-    known = {Path(path).name for (path,) in connection.execute("SELECT path FROM blocks")}
-    begun = {
-        stem_of(number or 0, key, attempt)
-        for (key, attempt), (number, outcome) in outcomes.items()
+    steps = dict(connection.execute("SELECT key, number FROM steps"))
+    known = connection.execute("SELECT step_key, attempt, outcome FROM attempts")
+    outcomes = {(key, attempt): outcome for key, attempt, outcome in known}
+    for attempt, line in witnesses.ended.items():
+        if line.get("outcome") == Outcome.DONE and outcomes.get(attempt) != Outcome.DONE and proven(line):
+            yield f"{LOG_NAME} says that {attempt[0]}, attempt {attempt[1]}, was done, and the journal does not hold it"
+    named = {Path(path).name for (path,) in connection.execute("SELECT path FROM blocks")}
+    named |= {
+        f"{stem_of(steps.get(key, 0), key, attempt)}{suffix}"
+        for (key, attempt), outcome in outcomes.items()
+        for suffix in SUFFIXES.values()
         if outcome != Outcome.DONE
     }
     for name in witnesses.blocks:
-        if name not in known and name.removesuffix(".parquet").removesuffix(".raw.zst") not in begun:
+        if name not in named:
             yield f"{BLOCKS}/{name} was recorded, and the journal knows nothing of the attempt"

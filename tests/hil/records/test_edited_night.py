@@ -123,7 +123,7 @@ def test_lost_raw_bytes_are_said_and_cost_no_self_calibration(full_night: Path) 
     status = night_status(full_night)
     assert status["state"] == "complete"
     (problem,) = status["problems"]
-    assert f"{block.name}: 100 bytes instead of" in problem
+    assert f"{block.name}: has 100 bytes" in problem
     assert "hil replay needs them" in problem
     assert run(["status", str(full_night)]) == 4
     with open_readonly(full_night) as journal:

@@ -174,7 +174,7 @@ def test_a_head_of_another_night_is_no_head(night: Path) -> None:
     """Whatever is wrong with the second witness is said."""
     head = night / HEAD_NAME
     good = head.read_text()
-    for bad in (good.replace('"entry": ', '"entry": 1'), good[:-2] + "x\n", "", good.replace("a", "b")):
+    for bad in (good.replace("/1 ", "/1 1"), good[:-1], good[:-1] + "x", "", good.replace("a", "b"), "hil.head/1 7 x"):
         head.write_text(bad)
         assert HEAD_NAME in night_status(night)["problems"][0]
     head.unlink()

@@ -18,8 +18,8 @@ from hil.errors import InputError
 from hil.night import NightOutcome, resume_night, start_night
 from hil.records import SqliteJournal, open_readonly
 from hil.records.journal import JOURNAL_NAME
-from hil.records.requests import request, standing_prompt, wait_for_answer
 from hil.records.ledger import HEAD_NAME
+from hil.records.requests import request, standing_prompt, wait_for_answer
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome

@@ -79,13 +79,15 @@ def test_a_deleted_or_shortened_block_is_found(full_night: Path) -> None:
 
 
 @pytest.mark.parametrize("which", ["min", "max"])
-@pytest.mark.parametrize("table", (*TABLES, "ledger"))
+@pytest.mark.parametrize("table", [*TABLES, "ledger"])
 def test_a_deleted_journal_row_is_found(full_night: Path, table: str, which: str) -> None:
     """Any row of any table, the last one included."""
     tamper(full_night, f"DELETE FROM {table} WHERE rowid = (SELECT {which}(rowid) FROM {table})")  # noqa: S608
     result = verify_night(full_night)
     assert not result["complete"]
-    words = "ledger|newest were lost" if table == "ledger" else f"row .* of the table {table} was deleted|night is missing"
+    words = (
+        "ledger|newest were lost" if table == "ledger" else f"row .* of the table {table} was deleted|night is missing"
+    )
     assert any(re.search(words, problem) for problem in result["problems"]), result["problems"]
 
 
@@ -105,7 +107,10 @@ def test_a_deleted_journal_row_is_found(full_night: Path, table: str, which: str
         ("UPDATE controllers SET seen_s = seen_s + 1", "row 1 of the table controllers"),
         ("UPDATE ledger SET link = upper(link) WHERE n = 7", "entry 7 of its ledger"),
         ("UPDATE ledger SET rows = '{' WHERE n = 7", "entry 7 of its ledger"),
-        ("INSERT INTO events (controller, at_s, kind, message, evidence) VALUES (1, 0, 'x', 'y', '{}')", "row 2 of the"),
+        (
+            "INSERT INTO events (controller, at_s, kind, message, evidence) VALUES (1, 0, 'x', 'y', '{}')",
+            "row 2 of the",
+        ),
         ("DELETE FROM night", "the row that describes the night is missing"),
     ],
 )
