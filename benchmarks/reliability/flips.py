@@ -1,8 +1,8 @@
-"""Change one byte, or one row, of a complete night, and ask everything that states a number: same, or named?
+"""Change one byte, or one row, of a complete night, and ask everything that states a number whether it was named.
 
-    python -m benchmarks.reliability.flips bytes             # every byte of every file, one bit of it, drawn by the seed
-    python -m benchmarks.reliability.flips bytes --every 50 --seed 3
-    python -m benchmarks.reliability.flips rows              # every cell edited, every row deleted, exchanged, doubled
+    python -m benchmarks.reliability.flips bytes     # every byte of every file, one bit of it, drawn by the seed
+    python -m benchmarks.reliability.flips bytes --every 50 --only "journal.*" --seed 3
+    python -m benchmarks.reliability.flips rows      # every cell edited, every row deleted, exchanged, doubled
 
 Status, report, solve and verify are asked through the functions that the commands call, in one process. Each must give
 what it gave of the sound night, to the digit, or name a break in a sentence; anything else is a problem. It prints one

@@ -38,38 +38,35 @@ from procedures.plan import make_plan
 def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
     """Write what is proven of the night in `folder` into the new folder `out`; return the document hil.repair/1.
 
-    Raises `InputError` where the folder holds no night, somebody is at work there, or `out` exists; `Damaged` where not
-    even the plan is proven.
+    Raises `InputError` where the folder holds no night, somebody is at work there, or `out` is not new; `Damaged` where
+    not even the plan is proven.
     """
     owner = living_owner(folder)
     if owner is not None or not (folder / JOURNAL_NAME).is_file():
         raise InputError(f"{folder}: {f'{owner} is at work here' if owner else f'holds no night (no {JOURNAL_NAME})'}")
-    if out.exists():
-        raise InputError(f"{out}: it exists; name a new folder")
     witnesses = Witnesses.of(folder)
     with whole_or_nothing(out) as partial:
         with closing(sqlite3.connect(partial / JOURNAL_NAME, isolation_level=None)) as new:
             journal_schema.upgrade(new)
             new.execute("BEGIN")
-            gone = _take_proven_rows(folder, new, witnesses)
+            gone = _take_proven_rows(folder, new)
             restored = _take_from_the_log(new, witnesses, gone)
             enter_everything(new)
             new.execute("COMMIT")
         lost = [f"{count} rows of the table {table}" for table, count in gone.items() if count > 0]
+        (partial / BLOCKS).mkdir()
         with open_readonly(partial) as night:
-            (partial / BLOCKS).mkdir()
             for row in night.blocks():
                 try:
-                    data = checked_bytes(folder, row.block)
-                    write_durably(RealDisk(), partial / row.block.path, data)
+                    write_durably(RealDisk(), partial / row.block.path, checked_bytes(folder, row.block))
                 except DamagedBlock as damage:
                     lost.append(str(damage))
-            broken, done = damaged_self_calibrations(night), night.completed()
+            broken = damaged_self_calibrations(night)
+            useless = [key for key in night.completed() if night.steps_by_key()[key].self_calibration in broken]
             last_s = max((each.ended_s or each.began_s for each in night.attempts()), default=0.0)
-            clock = VirtualClock(night.night.utc(last_s))
+            clock = VirtualClock(night.night.utc(last_s))  # the campaign goes on from there
         with SqliteJournal.open(partial, clock=clock, who=who) as journal:
-            of = {key: step.self_calibration for key, step in journal.steps_by_key().items()}
-            journal.withdraw([key for key in done if of[key] in broken], "its samples were lost")
+            journal.withdraw(useless, "its samples were lost")
             said = f"brought back from {folder}; lost: {'; '.join(lost) or 'nothing'}"
             journal.event("repaired", said, lost=lost, restored=restored)
             journal.finish("incomplete: brought back from a damaged folder")
@@ -77,23 +74,30 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
     return {"schema": "hil.repair/1", "folder": str(out), **steps, "restored": restored, "lost": lost}
 
 
-def _take_proven_rows(folder: Path, new: sqlite3.Connection, witnesses: Witnesses) -> Counter[str]:
+def _take_proven_rows(folder: Path, new: sqlite3.Connection) -> Counter[str]:
     """Copy what the ledger proves; return how many rows of each table are gone. Raises `Damaged` without a plan."""
+    written: dict[str, str] = {}
+
+    def take(table: str, row: tuple[Any, ...]) -> None:
+        key = f"{table}/{row[0]}"
+        if written.get(key) == row_digest(row):
+            new.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", row)  # noqa: S608
+            del written[key]
+
     with tempfile.TemporaryDirectory(prefix="hil-") as scratch:
         for path in (folder / JOURNAL_NAME, folder / f"{JOURNAL_NAME}-wal"):
             if path.exists():  # a copy, for SQLite also writes where it only reads
                 shutil.copy(path, scratch)
-        written: dict[str, str] = {}
         with suppress(*journal_schema.UNREADABLE, Damaged), open_readonly(Path(scratch)) as old:
-            written, _ = chain(old._connection, witnesses.head)
+            written |= chain(old._connection, None)[0]
             for table in TABLES:
                 with suppress(*journal_schema.UNREADABLE):  # a page that cannot be read: no more of this table
                     for row in old._connection.execute(f"SELECT * FROM {table}"):  # noqa: S608
-                        _take(new, table, row, written)
+                        take(table, row)
         night = new.execute("SELECT configuration FROM night").fetchone()
         if night is not None and any(key.startswith("steps/") for key in written):
             for step in make_plan(configuration_of(night[0], Path(scratch))[1].procedure()).steps:
-                _take(new, "steps", step_row(step), written)
+                take("steps", step_row(step))
     gone = Counter(key.partition("/")[0] for key in written)
     if night is None or gone["steps"]:
         raise Damaged(
@@ -103,35 +107,24 @@ def _take_proven_rows(folder: Path, new: sqlite3.Connection, witnesses: Witnesse
     return gone
 
 
-def _take(new: sqlite3.Connection, table: str, row: tuple[Any, ...], written: dict[str, str]) -> None:
-    """Copy a row that is as it was last written."""
-    key = f"{table}/{row[0]}"
-    if written.get(key) == row_digest(row):
-        new.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", row)  # noqa: S608
-        del written[key]
-
-
 def _take_from_the_log(new: sqlite3.Connection, witnesses: Witnesses, gone: Counter[str]) -> list[str]:
     """Write how attempts ended of which the journal lost that; return them in words. They are not gone any more."""
     restored = []
     for (key, attempt), line in witnesses.ended.items():
-        known = new.execute(
-            "SELECT outcome FROM attempts WHERE step_key = ? AND attempt = ?", (key, attempt)
-        ).fetchone()
         if not proven(line):
             continue
         for block in line["blocks"]:
             row = (key, attempt, *block.values())
             there = new.execute("INSERT OR IGNORE INTO blocks VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?)", row)
             gone["blocks"] -= there.rowcount
+        known = new.execute(
+            "SELECT outcome FROM attempts WHERE step_key = ? AND attempt = ?", (key, attempt)
+        ).fetchone()
         if known is None or known[0] is None:
-            times = (line["began_s"], line["ended_s"])
-            how = (line["outcome"], line["reason"], to_json(line["data"]), line["digest"])
-            new.execute(
-                "INSERT OR REPLACE INTO attempts VALUES (NULL, ?, ?, (SELECT coalesce(max(id), 1) FROM controllers), "
-                "?, ?, ?, ?, ?, ?, NULL)",
-                (key, attempt, *times, *how),
-            )
+            by = new.execute("SELECT coalesce(max(id), 1) FROM controllers").fetchone()
+            ended = (line["began_s"], line["ended_s"], line["outcome"], line["reason"], to_json(line["data"]))
+            row = (key, attempt, *by, *ended, line["digest"])
+            new.execute("INSERT OR REPLACE INTO attempts VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, NULL)", row)
             gone["attempts"] -= known is None
             restored.append(f"{key}, attempt {attempt}: {line['outcome']}")
     return restored

@@ -64,6 +64,7 @@ SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
 
+_LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
@@ -234,7 +235,7 @@ def _carry_out(
             polling=polling,
             progress=Audience(
                 [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
-                lost=lambda error: _onlooker_lost(journal, error),
+                lost=lambda error: journal.event("onlooker-lost", f"{_LOST}: {type(error).__name__}: {error}"),
             ),
             powered_on=_powered_on(live),
             control=journal,
@@ -242,7 +243,8 @@ def _carry_out(
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        with _signals(stop):
+        in_main = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be heard
+        with stop.on_signals() if in_main else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
@@ -259,10 +261,6 @@ def _carry_out(
         shown.close()
         heartbeat.close()
         log.close()
-
-
-def _onlooker_lost(journal: SqliteJournal, error: Exception) -> None:
-    journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
 
 def _polling(live: LiveBench) -> Polling:
@@ -319,16 +317,6 @@ def versions() -> dict[str, str]:
     """Return the versions of what a result may depend on."""
     libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
-
-
-@contextlib.contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    """Turn signals into a stop request where that is possible: in the main thread."""
-    if threading.current_thread() is threading.main_thread():
-        with stop.on_signals():
-            yield
-    else:
-        yield
 
 
 def _refuse_existing(folder: Path) -> None:

@@ -103,9 +103,9 @@ class SqliteJournal(JournalReader):
                 connection.executemany(
                     "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
                 )
-                facts = (night.title, night.who, night.began_utc.isoformat(), int(night.simulated), night.seed)
-                facts += (to_json(night.versions or {}), night.configuration, len(plan.steps), night.digest(plan))
-                connection.execute("INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)", facts)
+                began = (night.title, night.who, night.began_utc.isoformat(), int(night.simulated), night.seed)
+                by = (to_json(night.versions or {}), night.configuration, len(plan.steps), night.digest(plan))
+                connection.execute("INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)", (*began, *by))
         (folder / BLOCKS).mkdir(exist_ok=True)
         RealDisk().synchronise_folder(folder)
 

@@ -109,11 +109,11 @@ class JournalReader:
         One that was DONE and withdrawn later is FAILED here, with the reason why it counts no more.
         """
         rows = self._connection.execute(
-            "SELECT step_key, attempt, controller, began_s, ended_s, CASE WHEN withdrawn IS NULL THEN outcome ELSE 'FAILED' "
-            "END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
+            "SELECT step_key, attempt, controller, began_s, ended_s, CASE WHEN withdrawn IS NULL THEN outcome "
+            "ELSE 'FAILED' END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
         )
         return tuple(
-            Attempt(*row, Outcome(outcome) if outcome else None, reason, _mapping(data))
+            Attempt(*(*row, Outcome(outcome) if outcome else None, reason, _mapping(data)))
             for *row, outcome, reason, data in rows
         )
 
@@ -138,7 +138,7 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, kind, message, evidence FROM events WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(Event(*row, _mapping(evidence)) for *row, evidence in rows)
+        return tuple(Event(*(*row, _mapping(evidence))) for *row, evidence in rows)
 
     def requests(self) -> tuple[RequestRow, ...]:
         """Return what was asked of the controllers of this night, in order, with what they answered."""
@@ -147,7 +147,7 @@ class JournalReader:
             "FROM requests ORDER BY id"
         )
         return tuple(
-            RequestRow(*row, datetime.fromisoformat(utc), at_s, _maybe(yes), answer)
+            RequestRow(*(*row, datetime.fromisoformat(utc), at_s, None if yes is None else bool(yes), answer))
             for *row, utc, at_s, yes, answer in rows
         )
 
@@ -169,7 +169,7 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(Heartbeat(*row, _mapping(readings)) for *row, readings in rows)
+        return tuple(Heartbeat(*(*row, _mapping(readings))) for *row, readings in rows)
 
     def last_heartbeat(self) -> Heartbeat | None:
         """Return the newest sign of life, or None before the first."""
@@ -181,7 +181,7 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, pid, host, who, began_s, seen_s, seen_utc, ended FROM controllers ORDER BY id"
         )
-        return tuple(Controller(*row, datetime.fromisoformat(seen_utc), ended) for *row, seen_utc, ended in rows)
+        return tuple(Controller(*(*row, datetime.fromisoformat(seen_utc), ended)) for *row, seen_utc, ended in rows)
 
     def damage(self, witnesses: Witnesses | None = None) -> list[str]:
         """Return in words what is not as it was written: SQLite's own check, the chain, what stands beside it.
@@ -211,7 +211,7 @@ class JournalReader:
             "SELECT step_key, attempt, digest, outcome, reason, data, ended_s FROM attempts WHERE outcome IS NOT NULL"
         )
         for key, attempt, recorded, *facts in self._connection.execute(ended):
-            if result_digest(*facts, blocks.get((key, attempt), [])) != recorded:
+            if result_digest(*(*facts, blocks.get((key, attempt), []))) != recorded:
                 yield f"the record of {key}, attempt {attempt}, was changed after it was written"
 
 
@@ -281,7 +281,3 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
 
 def _mapping(text: str | None) -> Mapping[str, Any]:
     return dict(json.loads(text)) if text else {}
-
-
-def _maybe(flag: int | None) -> bool | None:
-    return None if flag is None else bool(flag)

@@ -95,13 +95,10 @@ def _wrong_averages(row: BlockRow, samples: Samples, data: Mapping[str, Any]) ->
                 )
 
 
-def _orphans(folder: Path, rows: Sequence[BlockRow]) -> list[str]:
+def _orphans(folder: Path, rows: Sequence[BlockRow]) -> Iterator[str]:
     known = {row.block.path for row in rows}
-    found = sorted(path.name for path in (folder / BLOCKS).iterdir()) if (folder / BLOCKS).is_dir() else []
-    notes = []
-    for name in found:
+    for name in sorted(path.name for path in folder.glob(f"{BLOCKS}/*")):
         if name.startswith(PARTIAL):
-            notes.append(f"{BLOCKS}/{name}: an unfinished block, left behind by a crash; harmless")
+            yield f"{BLOCKS}/{name}: an unfinished block, left behind by a crash; harmless"
         elif f"{BLOCKS}/{name}" not in known:
-            notes.append(f"{BLOCKS}/{name}: no journal row names this block (a crash came before); harmless")
-    return notes
+            yield f"{BLOCKS}/{name}: no journal row names this block (a crash came before); harmless"

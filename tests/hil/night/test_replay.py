@@ -190,7 +190,7 @@ def test_a_changed_sample_with_forged_hashes_is_found(night: Path) -> None:
 
 
 def test_an_average_changed_in_its_last_digit_is_found(night: Path) -> None:
-    """The average, and the parameters that it goes into."""
+    """One average of one channel."""
 
     def change(data: dict[str, Any]) -> None:
         data["sensors"]["2"]["rates"]["RA"]["mean_deg_per_hr"] += 1e-9
@@ -199,8 +199,7 @@ def test_an_average_changed_in_its_last_digit_is_found(night: Path) -> None:
     document = replay_night(night)
     assert not document["identical"]
     assert document["differences"][0].startswith(f"{key}: sensors 2 rates RA mean_deg_per_hr: ")
-    assert any(each.startswith("solution of run 1, sensor 2: parameters ") for each in document["differences"])
-    assert not any("run 2" in each or "sensor 1" in each for each in document["differences"])
+    assert len(document["differences"]) == 1
 
 
 def test_a_changed_temperature_is_found(night: Path) -> None:

@@ -15,6 +15,7 @@ from drivers.clock import VirtualClock
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.errors import Damaged, InputError
+from hil.files.lock import FolderLock
 from hil.night import resume_night, start_night
 from hil.night.log import NightLog
 from hil.night.repair import repair_night
@@ -163,11 +164,17 @@ def test_without_a_proven_plan_nothing_is_made(night: Path, tmp_path: Path) -> N
     (night / JOURNAL_NAME).write_bytes(b"rubbish")
     with pytest.raises(Damaged, match="not proven"):
         repair_night(night, tmp_path / "new")
-    with pytest.raises(InputError, match="exists"):
-        repair_night(night, tmp_path)
+    with pytest.raises(InputError, match="at work here"), FolderLock(night).acquire():
+        repair_night(night, tmp_path / "new")
     with pytest.raises(InputError, match="holds no night"):
         repair_night(tmp_path, tmp_path / "new")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["night"]
+
+
+def test_a_folder_that_holds_something_is_left_alone(night: Path) -> None:
+    """What is repaired gets a folder of its own."""
+    with pytest.raises(InputError, match="cannot be made"):
+        repair_night(night, night)
 
 
 def test_a_head_of_another_night_is_no_head(night: Path) -> None:
