@@ -27,18 +27,21 @@ from pathlib import Path
 from typing import Any
 
 import hil.records.export
+import hil.records.reader
 from benchmarks.reliability import nights
 from hil.campaign import Campaign
 from hil.errors import InputError
+from hil.records.blocks import SAMPLES
 from hil.records.export import campaign_of_night
 from hil.records.ledger import TABLES
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME, reading
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from hil.report.night import night_content
 from hil.solve import solve_campaign
 from hil.solve.runs import solution_document
 
+_WITHOUT = {"breaks": hil.records.reader, "refuse_damaged_samples": hil.records.export}
 SAME, NAMED = "same", "named"
 
 
@@ -71,9 +74,16 @@ class Judge:
         self.seen: Counter[str] = Counter()
         self.problems: list[str] = []
 
-    def look(self, what: str) -> bool:
-        """Ask every path; tell whether at least one has named a break."""
+        with reading(folder) as journal:
+            done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
+            rows = [row for row in journal.blocks() if (row.step_key, row.attempt) in done]
+        self.rests_on = {row.block.path for row in rows if row.block.kind == SAMPLES}
+
+    def look(self, what: str, path: str = "") -> bool:
+        """Ask every path; tell whether at least one has named a break. `path` is the block that was changed, if any."""
         verdicts = {name: self._verdict(name) for name in PATHS}
+        if path in self.rests_on and verdicts["solve and export"] == SAME:
+            self.problems.append(f"{what}: SILENT: numbers that rest on it are stated")
         for name, verdict in verdicts.items():
             if verdict not in (SAME, NAMED):
                 self.problems.append(f"{what}: {name}: {verdict}")
@@ -108,7 +118,7 @@ def flipped_bytes(judge: Judge, every: int, seed: int, only: str = "*") -> Itera
         for at in range(draw.randrange(every), len(good), every):
             bit = 1 << draw.randrange(8)
             path.write_bytes(good[:at] + bytes([good[at] ^ bit]) + good[at + 1 :])
-            judge.look(f"{name}, byte {at} ^ {bit}")
+            judge.look(f"{name}, byte {at} ^ {bit}", name)
         path.write_bytes(good)
         yield name
 
@@ -165,8 +175,11 @@ def main() -> None:
     parser.add_argument("kind", choices=("bytes", "rows"))
     parser.add_argument("--every", type=int, default=1, help="only one byte in so many")
     parser.add_argument("--only", default="*", help="only files of such a name")
+    parser.add_argument("--without", choices=sorted(_WITHOUT), help="break the program on purpose: leave this out")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
+    if asked.without:
+        setattr(_WITHOUT[asked.without], asked.without, lambda *_: [])
     began_s = time.monotonic()
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # noqa: S108 - a folder in memory
     base = Path(tempfile.mkdtemp(prefix="hil-flips-", dir=memory))

@@ -329,7 +329,10 @@ def _refuse_existing(folder: Path) -> None:
 
 @contextlib.contextmanager
 def whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
+    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
+
+    Raises `InputError` where it cannot be made.
+    """
     above = target.resolve().parent
     there = next(folder for folder in (above, *above.parents) if folder.exists())
     if not there.is_dir():
