@@ -76,13 +76,16 @@ def killed(new_night: Path, plan: Plan, clock: VirtualClock, do: Do, tmp_path: P
     return folder
 
 
-def test_a_bit_flipped_in_the_write_ahead_log_is_damage_wherever_it_is(killed: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("places", [25, pytest.param(2500, marks=pytest.mark.slow)])
+def test_a_bit_flipped_in_the_write_ahead_log_is_damage_wherever_it_is(
+    killed: Path, tmp_path: Path, places: int
+) -> None:
     """SQLite takes what follows for the end of its log; the head, the log and the blocks know that there was more."""
     wal = killed / f"{JOURNAL_NAME}-wal"
     good = wal.read_bytes()
     assert len(good) < 40 * 4120, "it holds more than one step"
-    for at in range(0, len(good), len(good) // 25):
-        wal.write_bytes(good[:at] + bytes([good[at] ^ 0x10]) + good[at + 1 :])
+    for at in range(0, len(good), len(good) // places):
+        wal.write_bytes(good[:at] + bytes([good[at] ^ 1 << at % 8]) + good[at + 1 :])
         folder = Path(shutil.copytree(killed, tmp_path / "flipped"))
         status = night_status(folder)
         assert (status["steps_done"] == 7) != bool(status["problems"]), at
