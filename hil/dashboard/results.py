@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import JournalReader
 from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
@@ -21,6 +21,7 @@ class ResultsSoFar:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self.damage = ""  # which records are not what was written, so that no parameters are shown
         self._solved: tuple[int, ...] = ()
         self._solutions: dict[int, list[dict[str, Any]]] = {}
 
@@ -47,8 +48,12 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
+        self.damage = ""
         try:
             solutions = solve_campaign(campaign_of_night(self._folder))
+        except Damaged as damage:
+            self.damage = f"ERROR: {damage}"
+            return {}
         except InputError:
             return {}  # too little for a campaign, or a night that a later version recorded
         rows: dict[int, list[dict[str, Any]]] = {}

@@ -24,7 +24,7 @@ from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
-from hil.records.damage import LostBlock, lost_blocks
+from hil.records.damage import refuse_damaged_samples
 from hil.records.reader import JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
@@ -80,7 +80,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
     """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
 
     Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
-    `DamagedBlock` where samples are not what was written.
+    `Damaged` where the journal or samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
     with reading(folder) as journal:
@@ -107,12 +107,6 @@ def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
     return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
 
 
-def _lost(journal: JournalReader) -> list[LostBlock]:
-    """Return the blocks of samples that are not there: nobody can show that their averages are right."""
-    done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
-    return [each for each in lost_blocks(journal.folder, journal.blocks(), done) if each.samples]
-
-
 def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
     """Return a night as a campaign in memory, and the block of samples of each of its collects that has one.
 
@@ -132,6 +126,7 @@ def _make_way(target: Path) -> None:
 
 
 def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:
+    refuse_damaged_samples(journal)
     collects = _collects(journal)
     if not collects:
         raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
@@ -162,7 +157,6 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         },
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
-        warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
         verdicts=_verdicts(journal),
         pose=bench.pose,
     )
