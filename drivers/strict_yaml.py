@@ -15,7 +15,12 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from drivers.errors import InputError
+from drivers.given_file import TEXT_MB, limit_bytes
+
 _MERGE = "tag:yaml.org,2002:merge"
+_BYTES_PER_VALUE = 20  # of a text as long as is read
+_LARGEST_WHOLE = 2**64
 _LONGEST = 60  # characters of a value that are shown
 _OWN_KEY = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*): ")
 _KINDS = {
@@ -39,16 +44,36 @@ _BOUNDS = {
 }
 
 
-class NotYaml(ValueError):
-    """Text that is not YAML. The message says why; `place` is `, line 3, column 5`, or empty where it is not known."""
-
-    def __init__(self, message: str, place: str = "") -> None:
-        super().__init__(message)
-        self.place = place
-
-
 class _StrictLoader(yaml.SafeLoader):
-    """The first of two values of one key would be lost in silence."""
+    """The first of two values of one key would be lost in silence, and an alias may stand for any number of values."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._most = limit_bytes(TEXT_MB) // _BYTES_PER_VALUE
+        self._values = 0
+        self._sizes: dict[yaml.Node, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        before, is_alias = self._values, self.check_event(yaml.AliasEvent)
+        node = super().compose_node(parent, index)
+        if node is not None:
+            # An alias of what it stands in, which has no size yet, has no end.
+            self._values += self._sizes.get(node, self._most + 1) if is_alias else 1
+            self._sizes.setdefault(node, self._values - before)
+            if self._values > self._most:
+                problem = f"more than {self._most} values, with each alias (*name) counted as all that it stands for"
+                raise yaml.composer.ComposerError(None, None, problem, node.start_mark)
+        return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            value = super().construct_object(node, deep)
+            if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
+                raise ValueError
+        except ValueError as error:  # such as the 99th of a month, or more digits than are converted
+            problem = f"{_shown(node.value)} is no number or date that can be (as text it needs quotes)"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from error
+        return value
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[object] = set()
@@ -62,18 +87,27 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse_yaml(text: str) -> object:
-    """Return what a YAML text holds; raise `NotYaml` where it is none."""
+def parse_value(text: str, source: str) -> Any:
+    """Return what a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
     try:
         return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
-        raise NotYaml(str(error.problem or error.context), place) from error
+        raise InputError(f"{source}{place}: not valid YAML: {error.problem or error.context}") from error
     except yaml.YAMLError as error:
-        raise NotYaml(" ".join(str(error).split())) from error
+        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
-        raise NotYaml("lists or mappings are nested too deeply") from error
+        raise InputError(f"{source}: not valid YAML: lists or mappings are nested too deeply") from error
+
+
+def parse_yaml(text: str, source: str) -> dict[str, Any]:
+    """Return the mapping that a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
+    document = parse_value(text, source)
+    if not isinstance(document, dict):
+        found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
+        raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
+    return document
 
 
 def first_mistake(error: ValidationError, document: object) -> str:

@@ -1,10 +1,5 @@
-"""Bad input, in one sentence that says what is wrong, where, and what to do."""
+"""What people did, rather than a device: bad input and usage. The class stands with the ground of the drivers."""
 
 from __future__ import annotations
 
-
-class InputError(Exception):
-    """Bad input or usage: exit status 2. Nothing was written.
-
-    The message names the file, and the row, column or key where there is one.
-    """
+from drivers.errors import InputError as InputError

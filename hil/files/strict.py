@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
-from drivers import strict_yaml
+from drivers.given_file import read_text as read_text
+from drivers.strict_yaml import parse_yaml as parse_yaml
 from drivers.strict_yaml import plain_words
 from hil.errors import InputError
 
@@ -63,7 +64,7 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     what ships with hil. `kind` is "benches", "sweeps", "imus" or "models". Raises `InputError` naming the nearest.
     """
     path = Path(name).expanduser()
-    if _is(Path.is_file, path):
+    if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
         return path
     folders = ([beside] if beside is not None else []) + config_folders(kind)
     if path.is_absolute():
@@ -87,28 +88,6 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
         return what(path)
     except OSError:
         return False
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file; raise `InputError` where it cannot be read or is not UTF-8."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from error
-
-
-def parse_yaml(text: str, source: str) -> dict[str, Any]:
-    """Return the mapping that a YAML text holds; raise `InputError` with the line where it is not one."""
-    try:
-        document = strict_yaml.parse_yaml(text)
-    except strict_yaml.NotYaml as error:
-        raise InputError(f"{source}{error.place}: not valid YAML: {error}") from error
-    if not isinstance(document, dict):
-        found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
-        raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
-    return document
 
 
 ModelT = TypeVar("ModelT", bound=BaseModel)

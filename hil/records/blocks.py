@@ -10,6 +10,7 @@ between the two leaves behind: harmless, and `hil verify` says so. Blocks are ne
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -20,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from drivers.given_file import opened
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from hil.errors import InputError
@@ -173,13 +175,14 @@ def _sha256(data: bytes) -> str:
 def checked_bytes(folder: Path, block: Block) -> bytes:
     """Return the block's file; raise `DamagedBlock` where it is missing or not what was written."""
     try:
-        data = (folder / block.path).read_bytes()
-    except FileNotFoundError:
-        raise DamagedBlock(f"{block.path}: the block is missing") from None
-    except OSError as error:
-        raise DamagedBlock(f"{block.path}: cannot be read ({error.strerror})") from None
+        with opened(folder / block.path) as file:
+            size = os.fstat(file.fileno()).st_size
+            data = file.read() if size == block.size else b""
+    except InputError as error:
+        missing = not os.path.exists(folder / block.path)
+        raise DamagedBlock(f"{block.path}: the block is missing" if missing else str(error)) from None
     if len(data) != block.size:
-        raise DamagedBlock(f"{block.path}: has {len(data)} bytes, {block.size} were written")
+        raise DamagedBlock(f"{block.path}: has {size} bytes, {block.size} were written")
     if _sha256(data) != block.sha256:
         raise DamagedBlock(f"{block.path}: its hash is not the one recorded: the file was changed or is damaged")
     return data

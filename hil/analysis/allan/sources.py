@@ -16,13 +16,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
+from drivers.given_file import RECORDING_MB, check_size, opened
 from hil.analysis.allan.stretches import Recording, cut, recording, sampling_interval
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
+from hil.files.tables import check_names, read_csv, read_parquet
 from hil.files.units import RATE, to_number
 from hil.records.blocks import Block, read_samples
 from hil.records.export import samples_by_collect
@@ -177,8 +177,6 @@ def _factor(where: str, given: str | None, stated: str | None) -> float:
 
 
 def _read_table(path: Path) -> _Columns:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
     try:
         match path.suffix.lower():
             case ".parquet":
@@ -189,26 +187,24 @@ def _read_table(path: Path) -> _Columns:
                 return _text(path, ",")
             case _:
                 return _text(path, None)
-    except (pa.ArrowException, OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
+    except (pa.ArrowException, ValueError, EOFError, MemoryError, BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
 
 def _parquet(path: Path) -> _Columns:
-    with path.open("rb") as opened, pyarrow.parquet.ParquetFile(opened, pre_buffer=False) as file:
-        table = file.read(use_threads=False)
-    units, values = {}, {}
-    for each in table.schema:
-        if pa.types.is_floating(each.type) or pa.types.is_integer(each.type):
-            values[each.name] = np.asarray(table[each.name].cast(pa.float64()).to_numpy(zero_copy_only=False))
-            units[each.name] = ((each.metadata or {}).get(b"unit") or b"").decode()
+    table = read_parquet(path)
+    units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
     simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
-    return _Columns(path, values, units, simulated)
+    return _Columns(path, _numbers(table), units, simulated)
 
 
 def _numpy(path: Path) -> _Columns:
-    with path.open("rb") as file:
+    with opened(path, RECORDING_MB) as file:
         loaded = np.load(file, allow_pickle=False)
-        arrays = {path.stem: loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded}
+        arrays = {path.stem: loaded}
+        if not isinstance(loaded, np.ndarray):
+            check_size(path, sum(each.file_size for each in loaded.zip.infolist()), RECORDING_MB, "unpacked, it has")
+            arrays = {name: loaded[name] for name in loaded}
     values: dict[str, FloatArray] = {}
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
@@ -222,41 +218,29 @@ def _numpy(path: Path) -> _Columns:
 
 def _text(path: Path, delimiter: str | None) -> _Columns:
     """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
-    with path.open(encoding="utf-8-sig") as file:
-        first = next((line for line in file if line.strip() and not line.startswith("#")), "")
-    if not first:
-        raise ValueError("it is empty")
-    cells = [cell.strip() for cell in first.split(delimiter)]
-    named = not all(_is_number(cell) for cell in cells)
-    names = cells if named else [str(place + 1) for place in range(len(cells))]
-    if delimiter == "," and not _has_comments(path):
-        read = pa.csv.ReadOptions(column_names=None if named else names)
-        table = pa.csv.read_csv(path, read_options=read)
-        numeric = [n for n in table.column_names if pa.types.is_floating(table[n].type) or _is_whole(table[n].type)]
-        columns = {n: table[n].cast(pa.float64()).to_numpy(zero_copy_only=False) for n in numeric}
-        return _Columns(path, {n.removeprefix("\ufeff"): np.asarray(v) for n, v in columns.items()})
-    rows = np.loadtxt(path, delimiter=delimiter, skiprows=_rows_before(path, named), ndmin=2, encoding="utf-8-sig")
+    with opened(path, RECORDING_MB) as file:
+        lines = enumerate(line.decode("utf-8-sig") for line in file)
+        before, first = next((each for each in lines if each[1].strip() and not each[1].startswith("#")), (0, ""))
+        if not first:
+            raise ValueError("it is empty")
+        cells = [cell.strip() for cell in first.split(delimiter)]
+        named = not all(_is_number(cell) for cell in cells)
+        names = cells if named else [str(place + 1) for place in range(len(cells))]
+        check_names(path, names)
+        file.seek(0)
+        if delimiter == "," and not before:
+            return _Columns(path, _numbers(read_csv(path, file, None if named else names)))
+        rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
     if rows.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
     return _Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
 
 
-def _is_whole(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_integer(kind))
-
-
-def _has_comments(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(1) == b"#"
-
-
-def _rows_before(path: Path, named: bool) -> int:
-    """Return how many lines stand before the numbers: comments at the top, and the names."""
-    with path.open(encoding="utf-8-sig") as file:
-        for number, line in enumerate(file):
-            if line.strip() and not line.startswith("#"):
-                return number + int(named)
-    return 0
+def _numbers(table: pa.Table) -> dict[str, FloatArray]:
+    """Return the columns of numbers, (n,) each, NaN where a cell is empty."""
+    numeric = [each.name for each in table.schema if pa.types.is_floating(each.type) or pa.types.is_integer(each.type)]
+    columns = {name: table[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in numeric}
+    return {name.removeprefix("\ufeff"): np.asarray(values) for name, values in columns.items()}
 
 
 def _is_number(cell: str) -> bool:
