@@ -9,7 +9,7 @@ Rates become deg/hr. Tables that this project wrote say their unit and their tim
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
@@ -20,13 +20,10 @@ import pyarrow as pa
 from drivers.given_file import RECORDING_MB, check_size, opened
 from hil.analysis.allan.stretches import Recording, cut, recording, sampling_interval
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
 from hil.files.tables import check_names, read_csv, read_parquet
 from hil.files.units import RATE, to_number
-from hil.records.blocks import Block, read_samples
-from hil.records.export import samples_by_collect
-from hil.records.reader import JOURNAL_NAME
+from hil.records.export import open_source
 from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
@@ -65,49 +62,26 @@ def read_recording(
 
 
 def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: int | None) -> Recording:
-    if (folder / JOURNAL_NAME).is_file():
-        campaign, blocks = samples_by_collect(folder)
-        recorded = set(blocks)
-    elif (folder / HEADER_FILE).is_file():
-        campaign, blocks = read_campaign(folder), {}
-        recorded = set(campaign.series_files)
-    else:
-        raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+    source = open_source(folder)
+    campaign = source.campaign
     number, name = _choose_channel(folder, campaign, channel, sensor)
-    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in recorded]
+    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in source.recorded]
     if not own:
         raise InputError(f"{folder}: no series of sensor {number} was kept")
     if collect is not None and collect not in own:
         raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {choice(own)}")
     pieces: list[FloatArray] = []
     interval_s = 0.0
-    for title, time_s, values, block_s in _each_series(folder, campaign, blocks, number, name, own, collect):
-        interval_s = interval_s or block_s or sampling_interval(title, time_s)
-        pieces += cut(title, values, interval_s, time_s)
+    for each in own if collect is None else [collect]:
+        if (series := source.series(each)) is not None:
+            title = f"{folder}, collect {each}"
+            interval_s = interval_s or series.block_s or sampling_interval(title, series.t_s)
+            rates = series.rates_deg_per_hr[:, _channels(campaign, number).index(name)]
+            pieces += cut(title, rates, interval_s, series.t_s)
     which = "all collects" if collect is None else f"collect {collect}"
     notes = ("collects at different temperatures are taken together",) if collect is None and len(own) > 1 else ()
     title = f"{folder.name}, {which}, sensor {number}, {name}"
     return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
-
-
-def _each_series(
-    folder: Path,
-    campaign: Campaign,
-    blocks: Mapping[int, Block],
-    number: int,
-    name: str,
-    recorded: Sequence[int],
-    collect: int | None,
-) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
-    """Yield a title, times, rates and the averaging time of each row (0 for single samples), one collect at a time."""
-    place = _channels(campaign, number).index(name)
-    for each in recorded if collect is None else [collect]:
-        title = f"{folder}, collect {each}"
-        if each in blocks:
-            samples = read_samples(folder, blocks[each])
-            yield title, samples.time_s, np.where(samples.good, samples.of("rate", number)[name], np.nan), 0.0
-        elif (series := read_series(campaign, each)) is not None:
-            yield title, series.t_s, series.rates_deg_per_hr[:, place], series.block_s or 0.0
 
 
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
