@@ -21,6 +21,8 @@ from drivers.given_file import TEXT_MB, limit_bytes
 _MERGE = "tag:yaml.org,2002:merge"
 _BYTES_PER_VALUE = 20  # of a text as long as is read
 _LARGEST_WHOLE = 2**64
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NO_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)  # how the library says so
 _LONGEST = 60  # characters of a value that are shown
 _OWN_KEY = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*): ")
 _KINDS = {
@@ -67,11 +69,13 @@ class _StrictLoader(yaml.SafeLoader):
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
+            if node.tag in _NUMBERS and len(node.value) > _LONGEST:  # 1:59:59:… is one number in YAML
+                raise ValueError
             value = super().construct_object(node, deep)
             if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
                 raise ValueError
-        except ValueError as error:  # such as the 99th of a month, or more digits than are converted
-            problem = f"{_shown(node.value)} is no number or date that can be (as text it needs quotes)"
+        except _NO_VALUE as error:  # such as the 99th of a month
+            problem = f"{_shown(node.value)} is no value that can be (as text it needs quotes)"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from error
         return value
 
@@ -99,6 +103,8 @@ def parse_value(text: str, source: str) -> Any:
         raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise InputError(f"{source}: not valid YAML: lists or mappings are nested too deeply") from error
+    except _NO_VALUE as error:  # a tag (!!map) before what is none
+        raise InputError(f"{source}: not valid YAML: a tag (!!…) stands before what is not of its kind") from error
 
 
 def parse_yaml(text: str, source: str) -> dict[str, Any]:

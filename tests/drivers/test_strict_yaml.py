@@ -24,11 +24,13 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
         ("a: &a {b: *a}\n", "f.yaml, line 1, column 4: not valid YAML: more than 200000 values"),
         (f"a: 1\nb: {'9' * 5000}\n", "f.yaml, line 2, column 4: not valid YAML: '999999"),
         (f"b: [{'9' * 400}]\n", "f.yaml, line 1, column 5: not valid YAML: '999999"),
-        ("b: -0x10000000000000000\n", "f.yaml, line 1, column 4: not valid YAML: '-0x10000000000000000' is no number"),
-        (
-            "b: 2026-02-31\n",
-            "f.yaml, line 1, column 4: not valid YAML: '2026-02-31' is no number or date",
-        ),
+        ("b: -0x10000000000000000\n", "f.yaml, line 1, column 4: not valid YAML: '-0x10000000000000000' is no value"),
+        ("b: 2026-02-31\n", "f.yaml, line 1, column 4: not valid YAML: '2026-02-31' is no value that can be"),
+        (f"b: 1{':59' * 1_000_000}\n", "f.yaml, line 1, column 4: not valid YAML: '1:59:59"),
+        (f"b: 1{':59' * 900}.5\n", "f.yaml, line 1, column 4: not valid YAML: '1:59:59"),
+        ("b: !!bool perhaps\n", "f.yaml, line 1, column 4: not valid YAML: 'perhaps' is no value"),
+        ("b: !!timestamp soon\n", "f.yaml, line 1, column 4: not valid YAML: 'soon' is no value"),
+        ("b: !!map [a]\n", "f.yaml: not valid YAML: a tag"),
         (f"{'k' * 2000}: 1\n{'k' * 2000}: 2\n", "f.yaml"),
     ],
 )

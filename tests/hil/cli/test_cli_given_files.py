@@ -122,7 +122,7 @@ def test_two_columns_of_one_name_in_a_series_are_refused(hil: Any, campaign: Pat
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        (f"site: {{latitude_deg: {'9' * 5000}}}", ("line 10, column 22", "999… is no number")),
+        (f"site: {{latitude_deg: {'9' * 5000}}}", ("line 10, column 22", "999… is no value")),
         ("a: &a [x, x, x]\n" + "\n".join(f"{n}: &{n} [{f'*{o},' * 30}]" for o, n in zip("abcde", "bcdef", strict=True)),
          ("more than 200000 values",)),
         ("# " + "nothing " * 600_000, ("4.8 MB", "HIL_LARGEST_FILE_MB=5")),
