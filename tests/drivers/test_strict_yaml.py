@@ -26,7 +26,7 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
         (f"b: [{'9' * 400}]\n", "f.yaml, line 1, column 5: not valid YAML: '999999"),
         ("b: -0x10000000000000000\n", "f.yaml, line 1, column 4: not valid YAML: '-0x10000000000000000' is no value"),
         ("b: 2026-02-31\n", "f.yaml, line 1, column 4: not valid YAML: '2026-02-31' is no value that can be"),
-        (f"b: 1{':59' * 1_000_000}\n", "f.yaml, line 1, column 4: not valid YAML: '1:59:59"),
+        (f"b: 1{':59' * 200_000}\n", "f.yaml, line 1, column 4: not valid YAML: '1:59:59"),
         (f"b: 1{':59' * 900}.5\n", "f.yaml, line 1, column 4: not valid YAML: '1:59:59"),
         ("b: !!bool perhaps\n", "f.yaml, line 1, column 4: not valid YAML: 'perhaps' is no value"),
         ("b: !!timestamp soon\n", "f.yaml, line 1, column 4: not valid YAML: 'soon' is no value"),
