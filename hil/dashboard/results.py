@@ -10,9 +10,8 @@ from typing import Any
 
 from hil.errors import InputError
 from hil.records import JournalReader
-from hil.records.export import campaign_of_night, measured_verdicts
+from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
-from hil.solve.runs import judged_as_measured
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
@@ -49,8 +48,7 @@ class ResultsSoFar:
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
         try:
-            measured = measured_verdicts(self._folder)
-            solutions = [judged_as_measured(each, measured) for each in solve_campaign(campaign_of_night(self._folder))]
+            solutions = solve_campaign(campaign_of_night(self._folder))
         except InputError:
             return {}  # too little for a campaign, or a night that a later version recorded
         rows: dict[int, list[dict[str, Any]]] = {}

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.config import Bench
@@ -100,12 +101,6 @@ def campaign_of_night(folder: Path | str) -> Campaign:
     folder = Path(folder)
     with reading(folder) as journal:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
-
-
-def measured_verdicts(folder: Path | str) -> dict[int, Judgement]:
-    """Return how each self-calibration of a night was measured, by its number: the runs of `campaign_of_night`."""
-    with reading(Path(folder)) as journal:
-        return _verdicts(journal)
 
 
 def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
@@ -203,8 +198,9 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         series_block_s=bench.record.series_block,
         warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
         verdicts=_verdicts(journal),
+        pose=bench.pose,
     )
-    return campaign, rows
+    return judged_by_its_records(campaign), rows
 
 
 def _collects(journal: JournalReader) -> list[_Collect]:

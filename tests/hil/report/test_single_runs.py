@@ -61,7 +61,7 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
 def test_where_only_some_were_repeated_it_is_said_which_is_which(folder: Path) -> None:
     """Scatter of three, and one run's standard error, in one row."""
     content = _without(folder, {"2", "3"})
-    view = sensor_view(content, content.sensors[0])
+    view = sensor_view(content.sensors[0])
     assert "their one-sigma scatter (n − 1); where there is one, its standard error (s.e.)" in view["table"].caption
     assert "where there is one, its standard error" in view["figures"][0]["caption"]
     row = next(row for row in view["table"].rows if row[0].text == "BA, matrix")
@@ -74,6 +74,6 @@ def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     """Neither repeats nor standard errors."""
     content = _without(folder, REPEATED, errors=False)
     assert all(each.parameters["BA"].se is None for each in content.sensors[0].solutions)
-    rows = {row[0].text: row[1:] for row in sensor_view(content, content.sensors[0])["table"].rows}
+    rows = {row[0].text: row[1:] for row in sensor_view(content.sensors[0])["table"].rows}
     assert {cell.below for cell in rows["BA, matrix"]} == {"no s.e."}
     assert not any("±" in said for said in summary(content))
