@@ -124,7 +124,8 @@ def first_mistake(error: ValidationError, document: object) -> str:
         parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))
     own = _OWN_KEY.match(sentence) if problems[0]["type"] == "value_error" else None
     if own is not None:
-        parts += own[1].split(".")
+        # What is checked by itself names its place as it knows it: from its own section on, or within it.
+        parts = [*(parts[:-1] if parts[-1:] == own[1].split(".")[:1] else parts), *own[1].split(".")]
         sentence = sentence[own.end() :]
     place = as_written(parts, document)
     distinct = {(as_written(list(each["loc"]), document), each["msg"]) for each in problems}

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
 from drivers.given_file import read_text as read_text
+from drivers.strict_yaml import first_mistake
 from drivers.strict_yaml import parse_yaml as parse_yaml
-from drivers.strict_yaml import plain_words
 from hil.errors import InputError
 
 SINGULAR = {
@@ -98,18 +98,7 @@ def validated(model: type[ModelT], document: dict[str, Any], source: str) -> Mod
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
-        more = f" ({len(problems) - 1} more after this one)" if len(problems) > 1 else ""
-        raise InputError(f"{source}: {_sentence(dict(problems[0]))}{more}") from error
-
-
-class _ProblemInside(ValueError):
-    """What is wrong in a section that is validated on its own, with the place within it."""
-
-    def __init__(self, where: str, what: str) -> None:
-        super().__init__(f"{where}: {what}" if where else what)
-        self.where = where
-        self.what = what
+        raise InputError(f"{source}: {first_mistake(error, document)}") from error
 
 
 def validated_inside(model: type[ModelT], given: object) -> ModelT:
@@ -117,21 +106,4 @@ def validated_inside(model: type[ModelT], given: object) -> ModelT:
     try:
         return model.model_validate(given)
     except ValidationError as error:
-        raise _ProblemInside(*_place_and_sentence(dict(error.errors(include_url=False)[0]))) from error
-
-
-def _sentence(problem: dict[str, Any]) -> str:
-    where, what = _place_and_sentence(problem)
-    return f"{where}: {what}" if where else what
-
-
-def _place_and_sentence(problem: dict[str, Any]) -> tuple[str, str]:
-    where = ".".join(str(part) for part in problem["loc"])
-    what = plain_words(problem)
-    if problem["type"] == "value_error":
-        inner = problem["ctx"]["error"]
-        if isinstance(inner, _ProblemInside):
-            return ".".join(part for part in (where, inner.where) if part), inner.what
-        if where and what.startswith(f"{where}: "):  # a dataclass that names its own section
-            what = what.removeprefix(f"{where}: ")
-    return where, what
+        raise ValueError(first_mistake(error, given)) from error
