@@ -37,10 +37,11 @@ def test_a_file_that_becomes_a_pipe_before_it_is_opened_does_not_keep_us(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is looked at again after it was opened."""
-    os.mkfifo(tmp_path / "pipe")
-    monkeypatch.setattr("drivers.given_file.os.stat", lambda _: os.lstat(__file__))
+    pipe, stat = tmp_path / "pipe", os.stat
+    os.mkfifo(pipe)
+    monkeypatch.setattr(os, "stat", lambda path, **more: stat(__file__ if path == pipe else path, **more))
     with pytest.raises(InputError, match="is a pipe"):
-        read_bytes(tmp_path / "pipe")
+        read_bytes(pipe)
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,7 +67,7 @@ def test_a_file_that_grows_without_end_is_read_up_to_the_limit(tmp_path: Path, m
     path = tmp_path / "growing"
     path.write_bytes(b"x" * 5_000_000)
     empty = os.stat_result((0o100644, 0, 0, 1, 0, 0, 0, 0, 0, 0))
-    monkeypatch.setattr("drivers.given_file.os.fstat", lambda _: empty)
+    monkeypatch.setattr(os, "fstat", lambda _: empty)
     with pytest.raises(InputError, match=r"it is at least 4\.0 MB, more than the 4 MB"):
         read_bytes(path)
 
