@@ -1,13 +1,8 @@
-"""Bad input, in one sentence that says what is wrong, where, and what to do; and records that are damaged."""
+"""Bad input and usage, whose class stands with the ground of the drivers; and records that are damaged."""
 
 from __future__ import annotations
 
-
-class InputError(Exception):
-    """Bad input or usage: exit status 2. Nothing was written.
-
-    The message names the file, and the row, column or key where there is one.
-    """
+from drivers.errors import InputError as InputError
 
 
 class Damaged(InputError):

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from drivers.given_file import read_text
+from drivers.strict_yaml import parse_yaml
 from hil.campaign.data import SCHEMA, Sensor
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
@@ -41,7 +42,7 @@ class Header:
 
 def read_header(path: Path) -> Header:
     """Read and check campaign.yaml; raise InputError with the file and the key."""
-    keys = _load(path)
+    keys = parse_yaml(read_text(path), str(path))
     if keys.get("schema") != SCHEMA:
         found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
         raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
@@ -61,24 +62,6 @@ def read_header(path: Path) -> Header:
         pose=_pose(path, _mapping(path, keys, "pose")),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
-
-
-def _load(path: Path) -> dict[Any, Any]:
-    try:
-        keys = yaml.safe_load(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(
-            f"{path}: there is no such file; a campaign folder needs campaign.yaml and collects.csv"
-        ) from None
-    except OSError as error:
-        raise InputError(f"{path}: it cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: it is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(keys, dict):
-        raise InputError(f"{path}: it must hold keys with values (`title: …`), the first `schema: {SCHEMA}`")
-    return keys
 
 
 def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:

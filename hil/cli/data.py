@@ -9,7 +9,6 @@ import typer
 from rich.table import Table
 
 from hil.cli.output import JsonFlag, messages, print_json, results, warn
-from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.campaign import Campaign
@@ -20,17 +19,9 @@ Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's fo
 
 def read_source(source: Path) -> Campaign:
     """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
-    from hil.campaign.reader import HEADER_FILE, read_campaign
-    from hil.records.export import campaign_of_night
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.export import open_source
 
-    if not source.is_dir():
-        raise InputError(f"{source}: there is no such folder")
-    if (source / JOURNAL_NAME).is_file():
-        return campaign_of_night(source)
-    if (source / HEADER_FILE).is_file():
-        return read_campaign(source)
-    raise InputError(f"{source}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+    return open_source(source).campaign
 
 
 def solve(

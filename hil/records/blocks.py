@@ -22,9 +22,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from drivers.given_file import opened
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
-from hil.errors import Damaged
+from hil.errors import Damaged, InputError
 from hil.files.durable import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
@@ -197,9 +198,10 @@ def checked_bytes(folder: Path, block: Block) -> bytes:
     """Return the block's file; raise `DamagedBlock` where it is missing or not what was written."""
     check_length(folder, block)
     try:
-        data = (folder / block.path).read_bytes()
-    except OSError as error:
-        raise DamagedBlock(f"{block.path}: cannot be read ({error.strerror})") from None
+        with opened(folder / block.path) as file:
+            data = file.read(block.size + 1)
+    except InputError as error:
+        raise DamagedBlock(str(error)) from None
     if _sha256(data) != block.sha256:
         raise DamagedBlock(f"{block.path}: its hash is not the one recorded: the file was changed or is damaged")
     return data

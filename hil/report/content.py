@@ -25,13 +25,25 @@ from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True)
+class Mean:
+    """A parameter at one temperature: the mean of the `runs` that it was solved from, and one sigma.
+
+    `sigma` is the scatter of the runs (n − 1), of a single run its standard error; NaN where that is not known.
+    """
+
+    value: float
+    sigma: float
+    runs: int
+
+
+@dataclass(frozen=True)
 class Repeat:
-    """The self-calibrations of one sensor at one temperature, by model: parameter name to values, shape (runs,)."""
+    """The self-calibrations of one sensor at one temperature, by model: parameter name to what was found."""
 
     temperature_degC: float | None
     runs: tuple[int, ...]
-    matrix: Mapping[str, FloatArray]
-    contractor: Mapping[str, FloatArray]
+    matrix: Mapping[str, Mean]
+    contractor: Mapping[str, Mean]
 
 
 @dataclass(frozen=True)
@@ -131,12 +143,18 @@ def _repeat(
 ) -> Repeat:
     own = [each for each in solutions if each.run in runs]
     beside = [contractor[each.run, each.sensor] for each in own if (each.run, each.sensor) in contractor]
-    return Repeat(temperature, runs, _values(own), _values(beside))
+    return Repeat(temperature, runs, _means(own), _means(beside))
 
 
-def _values(solutions: Sequence[RunSolution]) -> Mapping[str, FloatArray]:
-    names = dict.fromkeys(name for each in solutions for name in each.parameters)
-    return {
-        name: np.array([each.parameters[name].value for each in solutions if name in each.parameters], dtype=np.float64)
-        for name in names
-    }
+def _means(solutions: Sequence[RunSolution]) -> Mapping[str, Mean]:
+    found: dict[str, list[tuple[float, float]]] = {}
+    for name, each in ((name, each) for solution in solutions for name, each in solution.parameters.items()):
+        if each.value is not None and np.isfinite(each.value):
+            found.setdefault(name, []).append((each.value, np.nan if each.se is None else each.se))
+    return {name: _mean(np.array(runs)) for name, runs in found.items()}
+
+
+def _mean(runs: FloatArray) -> Mean:
+    """Return the mean of runs, (runs, 2) of values and standard errors."""
+    sigma = np.std(runs[:, 0], ddof=1) if len(runs) > 1 else runs[0, 1]
+    return Mean(float(np.mean(runs[:, 0])), float(sigma), len(runs))

@@ -123,20 +123,16 @@ def summary(content: ReportContent) -> Iterator[str]:
 
 
 def _largest_mu(sensor: SensorContent) -> Iterator[str]:
-    sizes = [
-        (float(np.mean(repeat.matrix[name])), name, repeat)
-        for repeat in sensor.repeats
-        for name in ("MUA", "MUB")
-        if name in repeat.matrix and np.isfinite(repeat.matrix[name]).all()
-    ]
+    names = ("MUA", "MUB")
+    sizes = [(each.matrix[name], name, each) for each in sensor.repeats for name in names if name in each.matrix]
     if sizes:
-        value, name, repeat = max(sizes, key=lambda each: abs(each[0]))
-        runs, bias = repeat.matrix[name], "BB" if name == "MUA" else "BA"
-        scatter = f" ±{np.std(runs, ddof=1):.1f}" if len(runs) > 1 else ""
+        mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
+        what = f"scatter of {mean.runs} runs" if mean.runs > 1 else "standard error of one run"
+        sigma, which = (f" ±{mean.sigma:.1f}", f" (±: {what})") if np.isfinite(mean.sigma) else ("", "")
         yield (
             f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-            f"{value:.1f}{scatter} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero moves {bias} by "
-            "as much, in deg/hr."
+            f"{mean.value:.1f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}{which}; taking it for zero moves "
+            f"{'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
         )
 
 

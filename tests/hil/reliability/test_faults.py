@@ -52,7 +52,7 @@ def events(folder: Path) -> list[str]:
     [
         (
             "{at: 2 h, device: imu, kind: silense}",
-            "faults.0: kind: 'silense' is nothing that happens to imu; did you mean",
+            "faults.0.kind: 'silense' is nothing that happens to imu; did you mean",
         ),
         ("{at: 2 h, device: oven, kind: silence}", "faults.0.device: 'oven' is not allowed"),
         ("{at: 2 kg, device: imu, kind: silence}", "is not a time"),
