@@ -80,7 +80,7 @@ class Watch:
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, lambda kind, message: self.event(kind, message, **self.evidence()))
-        self._polling = polling
+        self.polling = polling
         self._progress = progress
         self._position: Position | None = None
         self._chamber_s = -np.inf
@@ -184,7 +184,7 @@ class Watch:
         """
         while True:
             remaining_s = until_s - self.now_s
-            self._devices.clock.sleep(min(self._polling.read_interval_s, max(remaining_s, 0.0)))
+            self._devices.clock.sleep(min(self.polling.read_interval_s, max(remaining_s, 0.0)))
             yield self.poll()
             if self.now_s >= until_s - _TICK_S:
                 return
@@ -208,12 +208,12 @@ class Watch:
 
     def look_again(self) -> Look:
         """Wait for one read interval and return the look after it."""
-        *_, (look, _) = self.wait(self.now_s + self._polling.read_interval_s)
+        *_, (look, _) = self.wait(self.now_s + self.polling.read_interval_s)
         return look
 
     def poll(self) -> tuple[Look, SampleBlock]:
         """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
-        self.alive(self._polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
+        self.alive(self.polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
         block, span_s, stream_error = self._drain()
@@ -269,7 +269,7 @@ class Watch:
 
     def _read_chamber(self) -> tuple[ChamberReading | None, str]:
         """Return a new reading where one is due, else None, and what failed."""
-        if self.now_s - self._chamber_s < self._polling.interval_s - 1e-6:
+        if self.now_s - self._chamber_s < self.polling.interval_s - 1e-6:
             return None, ""
         self._chamber_s = self.now_s
         try:
@@ -292,7 +292,7 @@ class Watch:
     # Telling
 
     def _heartbeat(self, look: Look) -> None:
-        if self._position is None or look.time_s - self._heartbeat_s < self._polling.heartbeat_s:
+        if self._position is None or look.time_s - self._heartbeat_s < self.polling.heartbeat_s:
             return
         self._heartbeat_s = look.time_s
         readings = {f"unit_{number}_degC": value for number, value in look.unit_degC.items()}
@@ -309,7 +309,7 @@ class Watch:
             self._wall_off_s = off_s
 
     def _snapshot(self, look: Look, block: SampleBlock) -> None:
-        if self._position is None or look.time_s - self._progress_s < self._polling.progress_s:
+        if self._position is None or look.time_s - self._progress_s < self.polling.progress_s:
             return
         since_s, self._progress_s = look.time_s - self._progress_s, look.time_s
         frames, self._shown_ok = self._stream.ok - self._shown_ok, self._stream.ok

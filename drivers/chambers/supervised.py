@@ -202,7 +202,7 @@ class SupervisedChamber:
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 
-    def safe_state(self) -> None:
+    def safe_state(self) -> SafeState:
         """Bring the chamber to the bench file's safe state, trying as often as a read is tried.
 
         May be called at any time, before `identify` and after any error. What already is safe is left alone. What
@@ -212,10 +212,12 @@ class SupervisedChamber:
         self._dead_man.rest()
         self._begin()
         give_up_s = self._clock.now() + _SAFE_STATE_S
-        for attempt in range(1, _ATTEMPTS + 1):
+        attempt = 0
+        while True:
+            attempt += 1
             try:
                 self._reach_safe_state()
-                return
+                return self._safe
             except DeviceError as error:
                 if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
                     tried = "1 attempt" if attempt == 1 else f"{attempt} attempts"

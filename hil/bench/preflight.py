@@ -25,6 +25,7 @@ from hil.bench.assemble import LiveBench, build_bench, port_is_missing
 from hil.bench.clock_check import EARLIEST, synchronised
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
+from hil.config.sweep import left_hot_or_cold
 from procedures.plan import Plan, StepKind, make_plan
 
 _LISTEN_S = 2.0
@@ -80,6 +81,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path) -> Preflight:
             _disk(plan, live, folder),
             _clock(live),
             _duration(plan, live),
+            *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
     missing = [f"{key}: {port}" for key, port in _urls(bench) if port_is_missing(port)]
     return Preflight(findings, missing)

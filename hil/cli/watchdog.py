@@ -37,8 +37,8 @@ def watchdog(
 ) -> int:
     """Watch a night from another process; bring its chamber to the safe state when its controller dies or hangs.
 
-    Ends with status 0 when the controller has ended by itself, 3 when the watchdog made the chamber safe, 1 when it
-    could not: then somebody must go to the chamber.
+    Ends with status 0 when the controller has ended by itself, 3 when the watchdog made the chamber safe, 5 when it
+    is NOT SAFE, 6 when that is NOT KNOWN: then somebody must go to the chamber.
     """
     from hil.config import load_bench
     from hil.config.recorded import configuration_of

@@ -76,6 +76,7 @@ CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
         "sensor_frozen": FaultKind("its sensor shows the same temperature for ever"),
         "sensor_break": FaultKind("its sensor shows this temperature", TEMPERATURE, -199.9),
         "setpoint_not_followed": FaultKind("compressor and heater are dead"),
+        "not_carried_out": FaultKind("acknowledges and shows what it is told, and goes on as it was"),
         "runaway": FaultKind("it conditions, but this far beyond its setpoint", DIFFERENCE, 60.0),
         "unplugged": FaultKind("its cable is pulled, and put back"),
     },

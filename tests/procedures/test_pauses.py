@@ -109,7 +109,7 @@ def test_an_interlock_ends_a_pause_too(bench, new_bench):
     at_s = _began(new_bench(), SOAK) + 100.0
     bench.chamber.alarm = lambda t: ("HIGH",) if t > at_s + 500.0 else ()
     outcome = bench.run(control=Asked(bench.clock, (at_s, PAUSE)))
-    assert (outcome.state, outcome.safe) == (SweepState.FAILED, True)
+    assert (outcome.state, outcome.left.safe) == (SweepState.FAILED, True)
     assert outcome.reason.startswith("chamber-alarm")
     assert bench.clock.now() < at_s + 1000.0
 
