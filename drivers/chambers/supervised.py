@@ -74,6 +74,7 @@ class SupervisedChamber:
         celsius_confirmed: bool = False,
         watch: WatchSettings | None = None,
         dead_man_s: float | None = None,
+        dead_man_asked: bool = True,
     ) -> None:
         if safe.temperature_degC is not None:
             representable_setpoint(safe.temperature_degC, limits, controller.resolution_degC)
@@ -81,7 +82,7 @@ class SupervisedChamber:
             raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
         self._controller = controller
         self._clock = clock
-        self._dead_man = DeadMan(controller, clock, dead_man_s)
+        self._dead_man = DeadMan(controller, clock, dead_man_s, asked=dead_man_asked)
         self._limits = limits
         self._native = NativeLimits(controller, limits, native_margin_degC)
         self._safe = safe

@@ -121,7 +121,7 @@ def build_bench(
         ports = _Ports(bench, clock, opened, unopened)
         baud = bench.imu.baud or description.baudrate
         imu_port = ports.open_stream(SerialLine(baud), lambda: simulators().imu)
-        chamber = _chamber(bench, ports, clock, simulators)
+        chamber = _chamber(bench, ports, clock, simulators, night=True)
         imu = StreamImu(
             imu_port,
             description,
@@ -168,7 +168,7 @@ def open_chamber(bench: Bench) -> LiveChamber:
         return simulate_devices(bench, load_frames(bench), begins_s=clock.now())
 
     with ExitStack() as opened:
-        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated)
+        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
         opened.pop_all()
     return LiveChamber(bench, clock, chamber)
 
@@ -265,7 +265,9 @@ def _clock(bench: Bench, start_utc: datetime | None = None, speed: float | None 
     return PacedClock(speed, start_utc)
 
 
-def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench]) -> Chamber:
+def _chamber(
+    bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench], *, night: bool
+) -> Chamber:
     section = bench.chamber
     port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
     ramp_port = None if section.ramp_port is None else ports.open_ramp(section.ramp_port, lambda: simulated().ramp_port)
@@ -280,7 +282,8 @@ def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], 
         ramp_port=ramp_port,
         framing=section.framing,
         description=bench.chamber_description,
-        dead_man_s=section.dead_man,
+        dead_man_s=section.night_dead_man if night else section.dead_man,
+        dead_man_asked=section.dead_man is not None,
         layout=section.layout,
     )
     try:

@@ -263,9 +263,11 @@ def _native_limits(reading: ChamberReading) -> Finding:
 
 def _left_alone(bench: Bench) -> Finding:
     """Say what the chamber does when this computer dies."""
-    if bench.chamber.dead_man is not None:
-        told = f"its own timer stops the chamber {bench.chamber.dead_man / 60.0:g} min after nobody looks any more"
-        return Finding("left alone", True, told)
+    given, armed = bench.chamber.dead_man, bench.chamber.night_dead_man
+    if armed is not None:
+        told = f"its own timer stops the chamber {armed / 60.0:g} min after nobody looks any more"
+        advice = "" if given else "armed where it has the option; dead_man: 3 h under chamber insists on it"
+        return Finding("left alone", True, told if given else f"{told}, where it has one", advice)
     if CHAMBER_DRIVERS[bench.chamber.driver].dead_man:
         advice = "let its own timer stop it: dead_man: 3 h under chamber"
     else:
