@@ -9,14 +9,14 @@ devices and cannot tell.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -33,9 +33,9 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
-from drivers.transports.port_owner import owned
 from drivers.transports.serial_port import existing_ports
 from hil.bench.closed_port import ClosedPort
+from hil.bench.lock import port_lock
 from hil.config.bench import Bench
 from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
@@ -213,16 +213,8 @@ class _Ports:
             port: Transport = self.simulated.setdefault(
                 key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
             )
-        elif line.data_bits == 8 and line.parity == "N":
-            port = self._real(key, url, lambda: open_port(url, clock=self._clock, baudrate=line.baud))
         else:
-            port = self._real(
-                key,
-                url,
-                lambda: open_port(
-                    url, clock=self._clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity
-                ),
-            )
+            port = self._real(key, url, {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity})
         self._opened.callback(port.close)
         return port
 
@@ -240,13 +232,18 @@ class _Ports:
         """Open the chamber's second port, or what it simulates."""
         if url.startswith(SIMULATED_SCHEME):
             return MemoryTransport(device(), self._clock, url)
-        port = self._real("chamber.ramp_port", url, lambda: open_port(url, clock=self._clock))
+        port = self._real("chamber.ramp_port", url, {})
         self._opened.callback(port.close)
         return port
 
-    def _real(self, key: str, url: str, open_transport: Callable[[], Transport]) -> Transport:
+    def _real(self, key: str, url: str, line: Mapping[str, Any]) -> Transport:
         try:
-            return owned(url, open_transport)
+            release = port_lock(url)
+            try:
+                return open_port(url, clock=self._clock, on_close=release, **line)
+            except BaseException:
+                release()
+                raise
         except TransportError as error:
             if self._unopened is None:
                 raise
