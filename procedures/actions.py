@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
+from drivers.imu import ImuIdentity
 from procedures.collect import Times, take_collect
 from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
@@ -54,7 +55,6 @@ class Actions:
         self._recorded = recorded
         self._state = BenchState(power_on_s=power_on_s)
         self._ramp_degC_per_min = 3.0
-        self._unit: object = None  # who the unit said it was, in this run
         self.chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
         self._actions: Mapping[StepKind, Callable[[Step], StepResult]] = {
             StepKind.IDENTIFY: self._identify,
@@ -77,12 +77,10 @@ class Actions:
         except WrongDevice:
             self.chamber_refused = True
             raise
-        unit = self._devices.imu.identify()
         recorded = self._recorded.get(step.key)
-        before = self._unit or (recorded.data.get("imu") if recorded else None)
-        if before is not None and before != vars(unit):
-            raise WrongDevice(f"the unit answers as {vars(unit)}, the sweep began with {before}")
-        self._unit = dict(vars(unit))
+        if self._watch.unit is None and recorded and "imu" in recorded.data:
+            self._watch.unit = ImuIdentity(**recorded.data["imu"])
+        unit = self._watch.same_unit()
         self._refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
         self._devices.chamber.prepare()
         self._watch.forget_stream()

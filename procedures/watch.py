@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from drivers.chambers import ChamberReading
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SampleBlock
+from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.samples import rate_fields, rate_means
 from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
@@ -35,6 +35,7 @@ from procedures.stuck_rates import Unchanged
 
 _WALL_JUMP_S = 5.0
 _HOLD_CEILING_S = 3600.0
+_IDENTITY_S = 10.0  # more than a unit is given to say who it is
 _TICK_S = 1e-6  # sleeping for less may not move a clock at all
 
 
@@ -90,6 +91,7 @@ class Watch:
         self._last_frame_s = clock.now()
         self._wall_off_s = 0.0  # as it was last recorded
         self.look: Look | None = None
+        self.unit: ImuIdentity | None = None  # who the unit said it was
         self.commanded_degC: float | None = None
         self.arrived = False
         self.note = ""
@@ -176,6 +178,19 @@ class Watch:
         self._last_frame_s = self.now_s
         return counts
 
+    def same_unit(self) -> ImuIdentity:
+        """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
+        self.alive(_IDENTITY_S)
+        imu, began = self._devices.imu, self.unit
+        try:
+            self.unit = found = imu.identify()
+        except WrongDevice as error:
+            raise WrongDevice(f"{error}; the night began with {began}" if began else str(error)) from error
+        if began not in (None, found):
+            self.unit = began
+            raise WrongDevice(f"the unit behind {imu.port} is now {found}, the night began with {began}")
+        return found
+
     def wait(self, until_s: float) -> Iterator[tuple[Look, SampleBlock]]:
         """Yield a look and the samples drained with it at each poll, until the clock shows `until_s`.
 
@@ -258,6 +273,8 @@ class Watch:
         except DeviceError as failure:
             block, error = SampleBlock(np.empty(0), {}), str(failure)
         self._stream += block.counts
+        if self._devices.imu.unsure and len(block) and self.unit and not self.resting:
+            block, error = SampleBlock(np.empty(0), {}), self._who_is_back()
         now_s = self.now_s
         # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
         # from the last frame, not from the last drain.
@@ -266,6 +283,16 @@ class Watch:
             self._last_frame_s = now_s
         self._drained_s = now_s
         return block, span_s, error
+
+    def _who_is_back(self) -> str:
+        """Ask who is behind the port since the stream was lost, before its samples count; return why nobody says so."""
+        try:
+            self.event("unit-back", f"the unit's stream was lost and is back; it is {self.same_unit()}, as before")
+        except WrongDevice:
+            raise
+        except DeviceError as failure:
+            return f"it was lost and is back, and the unit does not say who it is: {failure}"
+        return ""
 
     def _read_chamber(self) -> tuple[ChamberReading | None, str]:
         """Return a new reading where one is due, else None, and what failed."""

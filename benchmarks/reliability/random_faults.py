@@ -11,7 +11,7 @@ from procedures.plan import Plan
 
 _OFTEN: Mapping[Device, int] = {"imu": 4, "chamber": 4, "disk": 1, "clock": 1, "controller": 1}
 """How often each device is chosen; no operator, for nobody is asked on a bench that indexes."""
-NEVER = frozenset({"no_answer", "not_carried_out"})
+NEVER = frozenset({"no_answer", "not_carried_out", "exchanged"})
 """What is not drawn: no controller can survive it, and what it leads to is tested where it is said."""
 _AT_A_STEP = 0.3  # so often a fault waits for a step
 _FOR_EVER = 0.15  # so often it lasts for the rest of the night

@@ -53,6 +53,7 @@ CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
         "garbage": FaultKind("noise stands before this share of the frames", "share", 0.2),
         "frozen_values": FaultKind("every value stays as it is, counter and checksum go on"),
         "wrong_counter": FaultKind("the frames' counter is five ahead"),
+        "exchanged": FaultKind("another unit is put behind its port, which takes 8 s"),
         "spin_fault": FaultKind("a rotor is not at speed, and the status says so"),
         "silent_identity": FaultKind("the unit does not say who it is"),
         "index_refused": FaultKind("an index command only sets the fault bit"),

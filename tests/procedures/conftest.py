@@ -116,6 +116,7 @@ class FakeImu:
             2: SensorChannels({"RA": "rate_A2"}, {"A": "accel_A2"}, "rotor_2_degC", {"spin_period_us": "spin_2_us"})
         }
         self.serial = "7"
+        self.port, self.unsure = "sim://imu", False
         self._sent = clock.now()
         self._k = 0
         self._unit, self._unit_at = chamber.air_degC(), clock.now()
@@ -133,6 +134,7 @@ class FakeImu:
         return self._unit
 
     def identify(self) -> ImuIdentity:
+        self.unsure = False
         return ImuIdentity("FAKE", self.serial)
 
     def read_block(self) -> SampleBlock:

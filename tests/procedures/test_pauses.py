@@ -136,7 +136,7 @@ def test_another_unit_that_was_connected_in_a_pause_is_refused(bench, new_bench)
 
     outcome = bench.run(control=Swapped(bench.clock, (at_s, PAUSE), (at_s + 2000.0, GO_ON)))
     assert outcome.state is SweepState.FAILED
-    assert "the unit answers as" in outcome.reason
+    assert "is now FAKE S/N 8, the night began with FAKE S/N 7" in outcome.reason
 
 
 def test_an_abort_is_heard_at_the_next_poll_also_in_a_pause(bench, new_bench):
