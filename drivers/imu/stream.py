@@ -25,7 +25,7 @@ from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock, SensorChan
 from drivers.transports import Transport
 from drivers.transports.live_reader import LiveReader
 
-LOST_S = 2.0  # without a frame: what is behind the port by then may be another unit
+LOST_S = 2.0  # without a frame, or missing by its counter: what is behind the port by then may be another unit
 _ASK_AGAIN = 3  # times that the identity is asked for within the time-out
 
 
@@ -81,7 +81,7 @@ class StreamImu:
         counter = description.frames[self._roles.frame].counter
         self._sample_clock = SampleClock(self._rate_hz, None if counter is None else counter.modulus // counter.step)
         self._interrupted = True  # the next samples do not continue the ones before
-        self._last_s: float | None = None  # when the newest sample was taken
+        self._last_s = 0.0  # when the newest sample was taken
         self.unsure = False  # whether the stream was lost since the unit said who it is
         self._index_status: IndexStatus | None = None
         self._sensors = {
@@ -187,9 +187,10 @@ class StreamImu:
         if not len(batch):
             return decoded, np.empty(0)
         times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
-        before_s = times_s[0] if self._last_s is None else self._last_s
+        gap_s = float(np.diff(times_s, prepend=self._last_s).max())
+        jumped = correction != 0 and decoded.counts.lost > LOST_S * self._rate_hz
+        self.unsure |= jumped or (gap_s > LOST_S and not self._sample_clock.anew)
         self._last_s = float(times_s[-1])
-        self.unsure |= bool(correction) or bool(np.diff(times_s, prepend=before_s).max() > LOST_S)
         if correction and not self._interrupted:
             lost = max(0, decoded.counts.lost + correction)
             decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))

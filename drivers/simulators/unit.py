@@ -167,6 +167,11 @@ class SimulatedImu:
             ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
             ahead = ahead + _ANOTHER_COUNTER * self._faults.during(ImuFault.EXCHANGED, times_s)
             columns[counter.field] = ((numbers + ahead) * counter.step) % counter.modulus
+        time = self._layout.description.time
+        if time is not None and counter is None:
+            ticks = np.floor(times_s / time.resolution + 1e-6) % (time.modulus or 2.0**63)
+            field = self._layout.description.all_fields[time.field]
+            columns[time.field] = ticks * field.scale + field.offset
         if self._roles.index is not None:
             self._write_index(self._roles.index, columns, times_s)
         return encode_rows(self._layout, columns, len(numbers))

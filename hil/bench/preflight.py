@@ -18,14 +18,15 @@ from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
 from drivers.chambers.ramp import steps_of_a_ramp
 from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.errors import DeviceError
-from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
 from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, port_is_missing
 from hil.bench.clock_check import EARLIEST, synchronised
+from hil.bench.decode_advice import wrong_counter
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import left_hot_or_cold
+from procedures.collect import join
 from procedures.plan import Plan, StepKind, make_plan
 
 _LISTEN_S = 2.0
@@ -147,22 +148,22 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     """Listen for two seconds: frames must be whole, all of them, and as many as the bench file says."""
     imu, clock = live.devices.imu, live.devices.clock
     imu.discard()
-    begins_s, samples, counts, last = clock.now(), 0, StreamCounts(), None
+    begins_s, blocks = clock.now(), list[SampleBlock]()
     while clock.now() - begins_s < _LISTEN_S:
         clock.sleep(0.1)
-        block = imu.read_block()
-        samples += len(block)
-        counts += block.counts
-        last = block if len(block) else last
+        blocks.append(imu.read_block())
+    heard = join(blocks)
+    samples, counts = len(heard), heard.counts
     rate_hz = samples / (clock.now() - begins_s)
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
     told = (
         f"{samples} samples in {_LISTEN_S:g} s ({rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected), {bad} bad or lost"
     )
     enough = abs(rate_hz - imu.sample_rate_hz) <= max(_MOST_OFF_RATE * imu.sample_rate_hz, 2.0 / _LISTEN_S)
-    yield Finding("stream", enough and not bad, told, _stream_advice(samples, bad, enough=enough))
-    if last is not None:
-        yield from _unit_temperature(live, last)
+    miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
+    yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
+    if samples:
+        yield from _unit_temperature(live, heard)
     yield from _index(live)
 
 
