@@ -29,7 +29,7 @@ class SampleClock:
     """
 
     def __init__(self, rate_hz: float, turn_frames: int | None) -> None:
-        self._nominal_s = self._period_s = 1.0 / rate_hz
+        self._period_s = 1.0 / rate_hz
         self._measured = (-np.inf, 0, np.inf)  # since when, from which frame on, and the period that came out before
         self._turn_frames = turn_frames
         self._offset_s: float | None = None
@@ -79,9 +79,8 @@ class SampleClock:
         self._measured = (arrival_s, newest, period_s)
         if frames <= 0 or abs(period_s - before_s) > _AGREED * period_s:
             return
-        chosen_s = period_s if abs(period_s / self._nominal_s - 1.0) > _ANOTHER_RATE else self._nominal_s
-        if abs(chosen_s - self._period_s) > _AGREED * chosen_s:
-            self._period_s, self._offset_s = chosen_s, None
+        if abs(period_s - self._period_s) > _ANOTHER_RATE * period_s:
+            self._period_s, self._offset_s = period_s, None
 
     def _correction(self, late_s: float) -> int:
         """Return by how many frames the sequence is behind the clock, given how late the newest frame seems."""
