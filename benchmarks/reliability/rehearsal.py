@@ -229,7 +229,7 @@ class Witness(Silent):
         if not told["safe"]:
             clock.sleep(_LEFT_ALONE_S)
             told["safe"] = is_safe()
-        if not told["safe"] and "NOT SAFE" not in outcome.reason:
+        if not told["safe"] and outcome.exit_status not in (5, 6):
             told["wrong"] = [
                 f"the chamber is in mode {chamber.mode} at {chamber.setpoint_degC:g} °C, and nobody was told"
             ]

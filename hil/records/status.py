@@ -20,10 +20,13 @@ from hil.files.lock import Owner, living_owner
 from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.reader import JournalReader, reading
+from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
+from procedures.safe_air import Left, Word
 
+_UNSAFE = "safe-state-not-reached"
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
@@ -94,6 +97,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
     runs = plan.self_calibrations
     present = _present(facts) if state in {"running", "paused"} else None
     heartbeat = facts.journal.last_heartbeat()
+    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
         "schema": "hil.status/1",
         "state": state,
@@ -112,14 +116,23 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "readings": dict(heartbeat.readings) if heartbeat else {},
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
-        "problems": [*facts.damage, *map(str, facts.lost), *_unsafe(facts)],
+        "chamber": left.word.value if left else None,
+        "problems": [
+            *facts.damage,
+            *map(str, facts.lost),
+            *([f"{left}; go to the chamber"] if left and not left.safe else []),
+            *([forsaken] if forsaken else []),
+        ],
     }
 
 
-def _unsafe(facts: _Facts) -> list[str]:
-    """What the chamber's safe state still waits for, where it was not reached."""
-    event = facts.journal.standing("safe-state-not-reached", "safe-state")
-    return [] if event is None else [f"THE CHAMBER IS NOT SAFE: {event.message}; go to the chamber"]
+def _left(journal: JournalReader) -> Left | None:
+    """How the newest controller, or its watchdog, left the chamber; None where that has not come yet."""
+    for event in (journal.standing(_UNSAFE, "safe-state"), journal.standing("safe-state", _UNSAFE)):
+        if event is not None:
+            usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
+            return Left(Word(event.evidence.get("chamber", usual)), event.message)
+    return None
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
