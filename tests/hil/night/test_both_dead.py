@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sqlite3
-from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,9 +17,8 @@ from hil.cli.app import run as hil
 from hil.cli.watchdog import _begun
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.config.recorded import configuration_text
-from hil.files.lock import LOCK_NAME, Owner
-from hil.records import SqliteJournal
-from hil.records.journal import JOURNAL_NAME
+from hil.files.lock import LOCK_NAME, FolderLock, Owner
+from hil.records import JournalReader, SqliteJournal
 from hil.records.rows import Night
 from hil.records.status import night_status
 from hil.twin.serve import client_bench, served
@@ -43,11 +40,12 @@ def killed_night(folder: Path, bench: Bench) -> None:
     configuration = configuration_text(bench, sweep, None)
     about = Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=configuration)
     SqliteJournal.create(folder, plan, about)
-    with SqliteJournal.open(folder, clock=SystemClock()) as journal:
-        journal.begin(plan.steps[0])
-        journal.heartbeat(plan.steps[0], {"chamber_degC": 59.9, "setpoint_degC": 60.0})
-    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as database:
-        database.execute("UPDATE controllers SET ended = NULL")
+    lock = FolderLock(folder).acquire()
+    journal = SqliteJournal.open(folder, clock=SystemClock(), lock=lock)
+    journal.begin(plan.steps[0])
+    journal.heartbeat(plan.steps[0], {"chamber_degC": 59.9, "setpoint_degC": 60.0})
+    JournalReader.close(journal)  # without a word of how it ended
+    lock.release()
     (folder / LOCK_NAME).write_text(json.dumps(asdict(Owner(os.getpid(), os.uname().nodename, "", "1"))))
 
 
