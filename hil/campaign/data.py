@@ -132,6 +132,8 @@ class Campaign:
 
     `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series` reads
     one when it is needed. `verdicts` says how each run was measured, where whoever recorded the campaign said so.
+    `identity` holds what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what they went
+    on `despite`.
     """
 
     title: str
@@ -147,3 +149,4 @@ class Campaign:
     series_files: Mapping[int, Path] = field(default_factory=dict)
     series_block_s: float | None = None
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
+    identity: Mapping[str, str] = field(default_factory=dict)

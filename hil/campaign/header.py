@@ -16,7 +16,7 @@ from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts"}
+    | {"verdicts", "identity"}
 )
 
 
@@ -34,6 +34,7 @@ class Header:
     centrifuge: bool
     series_block_s: float | None
     verdicts: Mapping[int, Judgement]
+    identity: Mapping[str, str]
     extra: tuple[str, ...] = field(default=())
 
 
@@ -56,6 +57,7 @@ def read_header(path: Path) -> Header:
         centrifuge=_flag(path, keys, "centrifuge"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
+        identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.frames.description import DescriptionError, StreamDescription, load_description
-from hil.config.bench import Bench
+from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 
 
@@ -13,3 +13,14 @@ def load_frames(bench: Bench) -> StreamDescription:
         return load_description(bench.imu_description, parameters=bench.imu.parameters, sample_rate_hz=bench.imu.rate)
     except DescriptionError as error:
         raise InputError(str(error)) from error
+
+
+def tells_serial(description: StreamDescription) -> bool:
+    """Tell whether a unit of this description says its serial number."""
+    role = description.roles.identity if description.roles is not None else None
+    return role is not None and role.frame is not None and role.serial is not None
+
+
+def must_be_typed(bench: Bench) -> bool:
+    """Tell whether the unit's serial number has to be asked for; raise `InputError` as `load_frames`."""
+    return bench.unit.serial == ASK and not tells_serial(load_frames(bench))

@@ -24,6 +24,7 @@ from hil.config.recorded import bench_of_record
 from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import LostBlock, lost_blocks
+from hil.records.identity import night_identity
 from hil.records.reader import JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
@@ -169,6 +170,7 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         series_block_s=bench.record.series_block,
         warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
         verdicts=_verdicts(journal),
+        identity=night_identity(journal),
     )
     return campaign, rows
 

@@ -19,6 +19,7 @@ from drivers.clock import SystemClock
 from hil.files.lock import Owner, living_owner
 from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
+from hil.records.identity import night_identity
 from hil.records.reader import JournalReader, reading
 from hil.records.rows import Attempt, Controller
 from procedures.journal_protocol import Outcome
@@ -105,6 +106,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "eta_utc": _eta(facts, present) if state in {"running", "paused"} else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
+        "identity": night_identity(facts.journal),
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,

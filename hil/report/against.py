@@ -81,14 +81,11 @@ class Comparison:
 _Groups = Mapping[float | None, Sequence[RunSolution]]
 
 
-def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit: str = "") -> Comparison:
-    """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C).
-
-    `unit` and `earlier_unit` are what the units said of themselves, empty where nothing is known.
-    """
+def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
+    """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
     now, before = _by_temperature(campaign), _by_temperature(earlier)
     differences: list[Difference] = []
-    remarks = list(_units(unit, earlier_unit))
+    remarks = list(_units(_unit(campaign), _unit(earlier)))
     for sensor, groups in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
@@ -102,6 +99,10 @@ def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit:
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
     return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks)
+
+
+def _unit(campaign: Campaign) -> str:
+    return " ".join(campaign.identity[name] for name in ("model", "serial") if name in campaign.identity)
 
 
 def _units(unit: str, earlier_unit: str) -> Iterator[str]:

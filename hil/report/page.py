@@ -64,6 +64,8 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "title": campaign.title,
         "running_title": _in_style(shorten(campaign.title, _LONGEST_RUNNING, placeholder=" …")),
         "subtitle": campaign.source,
+        "identity": {name: text for name, text in campaign.identity.items() if name != "despite"},
+        "despite": campaign.identity.get("despite", ""),
         "simulated": campaign.simulated,
         "verdict": verdict,
         "good": sentence,
