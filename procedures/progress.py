@@ -38,6 +38,7 @@ class Snapshot:
     stream: StreamCounts = field(default_factory=StreamCounts)  # since this run began
     stream_hz: float | None = None  # good samples per second, since the last snapshot
     stream_nominal_hz: float | None = None
+    chamber_age_s: float | None = None  # since the chamber answered
     note: str = ""  # what the step waits for
     steps_done: int = 0
     steps_total: int = 0

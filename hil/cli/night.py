@@ -8,7 +8,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -218,34 +217,18 @@ def status(
     watch: Annotated[bool, typer.Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
 ) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
+    from hil.cli.watch import look_at, say
     from hil.cli.watch import watch as keep_looking
-    from hil.records.status import night_status
 
     if watch and as_json:
         raise InputError("--watch is for people, --json for programs: give one of them")
     if watch:
         keep_looking(folder, results())
-    document = night_status(folder)
+    document, now = look_at(folder)
     if as_json:
         print_json(document)
     else:
-        console = results()
-        mark = "  SIMULATED" if document["simulated"] else ""
-        console.print(f"{folder}: {document['state']}{mark}")
-        console.print(f"{document['steps_done']} of {document['steps_total']} steps")
-        done, total = document["self_calibrations_done"], document["self_calibrations_total"]
-        console.print(f"{done} of {total} self-calibrations")
-        if document["reason"]:
-            console.print(f"reason: {document['reason']}")
-        if document.get("prompt"):
-            console.print(f"ASKS: {document['prompt']['question']} (hil confirm {folder}, or --no)")
-        working = document["state"] in {"running", "paused"}
-        if working and document["eta_utc"]:
-            console.print(f"expected end {datetime.fromisoformat(document['eta_utc']):%Y-%m-%d %H:%M} UTC")
-        for line in document["missing"]:
-            console.print(f"{'to do' if working else 'missing'}: {line}")
-        for line in document["problems"]:
-            console.print(f"problem: {line}")
+        say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
     return Exit.DONE if well else Exit.INCOMPLETE
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hil.errors import InputError
+from hil.analysis.night_verdict import night_solutions
 from hil.records import JournalReader
-from hil.records.export import campaign_of_night, measured_verdicts
-from hil.solve import solve_campaign
-from hil.solve.runs import judged_as_measured
+from hil.solve import RunSolution
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
@@ -23,6 +21,7 @@ class ResultsSoFar:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._solved: tuple[int, ...] = ()
+        self.solutions: list[RunSolution] = []
         self._solutions: dict[int, list[dict[str, Any]]] = {}
 
     def read(self, journal: JournalReader) -> list[dict[str, Any]]:
@@ -48,13 +47,9 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
-        try:
-            measured = measured_verdicts(self._folder)
-            solutions = [judged_as_measured(each, measured) for each in solve_campaign(campaign_of_night(self._folder))]
-        except InputError:
-            return {}  # too little for a campaign, or a night that a later version recorded
+        self.solutions = night_solutions(self._folder)
         rows: dict[int, list[dict[str, Any]]] = {}
-        for each in solutions:
+        for each in self.solutions:
             rows.setdefault(each.run or 0, []).append(
                 {
                     "sensor": each.sensor,

@@ -9,6 +9,7 @@ is incomplete, whatever was going on.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -20,13 +21,17 @@ from hil.files.lock import Owner, living_owner
 from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.identity import night_identity
+from hil.records.live import age_s, read_live
 from hil.records.reader import JournalReader, reading
 from hil.records.rows import Attempt, Controller
+from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
+
+_KEPT_FREE_BYTES = 20e6
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
@@ -92,8 +97,10 @@ def _document(facts: _Facts) -> dict[str, Any]:
     night, plan = facts.journal.night, facts.plan
     state, reason = _state(facts)
     runs = plan.self_calibrations
-    present = _present(facts) if state in {"running", "paused"} else None
-    heartbeat = facts.journal.last_heartbeat()
+    working = state in {"running", "paused"}
+    present = _present(facts) if working else None
+    standing, over = _troubles(facts)
+    killed = facts.owner is None and facts.controller is not None and facts.controller.ended is None
     return {
         "schema": "hil.status/1",
         "state": state,
@@ -103,24 +110,74 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "steps_total": len(plan.steps),
         "self_calibrations_done": sum(all(step.key in facts.done for step in steps) for steps in runs.values()),
         "self_calibrations_total": len(runs),
-        "eta_utc": _eta(facts, present) if state in {"running", "paused"} else None,
+        "eta_utc": _eta(facts, present) if working else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
         "identity": night_identity(facts.journal),
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
-        "readings": dict(heartbeat.readings) if heartbeat else {},
+        **_readings(facts, working=working),
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
-        "problems": [*([facts.changed] if facts.changed else []), *map(str, facts.lost), *_unsafe(facts)],
+        "killed": killed,
+        "problems": [*_unsafe(facts, killed=killed), *standing, *_damage(facts), *(_filling(facts) if working else [])],
+        "over": over,
     }
 
 
-def _unsafe(facts: _Facts) -> list[str]:
+def _damage(facts: _Facts) -> list[str]:
+    return [*([facts.changed] if facts.changed else []), *map(str, facts.lost)]
+
+
+def _unsafe(facts: _Facts, *, killed: bool) -> list[str]:
     """What the chamber's safe state still waits for, where it was not reached."""
+    folder = facts.journal.folder
+    if killed:
+        told = "THE CHAMBER MAY STILL BE CONDITIONING: the controller is dead, it was killed or lost its power"
+        return [f"{told}; hil watchdog {folder} makes it safe, hil resume {folder} carries on"]
     event = facts.journal.standing("safe-state-not-reached", "safe-state")
     return [] if event is None else [f"THE CHAMBER IS NOT SAFE: {event.message}; go to the chamber"]
+
+
+def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
+    """Return what stands and what is over, of the newest controller."""
+    newest = facts.controller
+    if newest is None:
+        return [], []
+    last = facts.attempts[-1].step_key if facts.attempts else ""
+    events = [event for event in facts.journal.events() if event.controller == newest.number]
+    now, over = troubles(facts.journal.night, events, facts.last_s, "" if last in facts.done else last)
+    return (now if newest.ended is None and facts.owner is not None else []), over
+
+
+def _filling(facts: _Facts) -> list[str]:
+    """Say where the disk has less room than the rest of the night takes, at the rate of what is done."""
+    collects = facts.plan.of_kind(StepKind.COLLECT)
+    done_s = sum(step.duration_s for step in collects if step.key in facts.done)
+    left_s = sum(step.duration_s for step in collects) - done_s
+    needed = left_s * sum(row.block.size for row in facts.journal.blocks()) / done_s if done_s else 0.0
+    free = shutil.disk_usage(facts.journal.folder).free
+    if free >= needed + _KEPT_FREE_BYTES:
+        return []
+    return [f"the disk is filling: {free / 1e6:.0f} MB are free, the rest of the night takes {needed / 1e6:.0f} MB"]
+
+
+def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
+    """Return the newest temperatures (°C) and rates (deg/hr), and how old each is (s) while a controller shows them."""
+    beat, folder = facts.journal.last_heartbeat(), facts.journal.folder
+    readings: dict[str, float] = dict(beat.readings) if beat else {}
+    ages = dict.fromkeys(readings, facts.last_s - beat.at_s) if beat and working else {}
+    rates: dict[str, float] = {}
+    live = read_live(folder) if working else None
+    if live is not None and facts.owner is not None and live["pid"] == facts.owner.pid:
+        age = age_s(live, facts.beat, SystemClock().utc())[0]
+        air = {name: live[name] for name in ("chamber_degC", "setpoint_degC") if live[name] is not None}
+        unit = {f"unit_{number}_degC": value for number, value in live["unit_degC"].items()}
+        rates = live["rates_now_deg_per_hr"] | live["rates_deg_per_hr"]
+        readings |= air | unit
+        ages |= dict.fromkeys(air, age + (live.get("chamber_age_s") or 0.0)) | dict.fromkeys([*unit, *rates], age)
+    return {"readings": readings, "rates_deg_per_hr": rates, "ages_s": {name: round(s, 1) for name, s in ages.items()}}
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
@@ -141,6 +198,7 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
     return {
         "prompt": prompt.evidence["prompt"],
         "question": prompt.message,
+        "wants_words": bool(prompt.evidence.get("wants_words")),
         "since_utc": night.utc(prompt.at_s).isoformat(),
         "until_utc": night.utc(until_s).isoformat(),
     }
