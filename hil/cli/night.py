@@ -99,7 +99,7 @@ def run(
     """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
     from hil.bench.assemble import clock_of
     from hil.config import load_bench, load_sweep
-    from hil.config.frames import must_be_typed
+    from hil.config.frames import load_frames, must_be_typed
     from hil.night import Remarks
     from hil.night.folder import refuse_existing
     from procedures.plan import make_plan
@@ -108,7 +108,9 @@ def run(
     on = on.of_unit(serial) if serial else on
     folder = _folder(out, on)
     refuse_existing(folder)
-    if must_be_typed(on) and (yes or not sys.stdin.isatty() or (on.clock == "virtual" and speed is None)):
+    if must_be_typed(on, load_frames(on)) and (
+        yes or not sys.stdin.isatty() or (on.clock == "virtual" and speed is None)
+    ):
         raise InputError(
             f"{on.source}: unit.serial: ask: the unit does not tell its own and nobody can be asked; give --serial"
         )

@@ -21,6 +21,6 @@ def tells_serial(description: StreamDescription) -> bool:
     return role is not None and role.frame is not None and role.serial is not None
 
 
-def must_be_typed(bench: Bench) -> bool:
-    """Tell whether the unit's serial number has to be asked for; raise `InputError` as `load_frames`."""
-    return bench.unit.serial == ASK and not tells_serial(load_frames(bench))
+def must_be_typed(bench: Bench, description: StreamDescription) -> bool:
+    """Tell whether the unit's serial number has to be asked for."""
+    return bench.unit.serial == ASK and not tells_serial(description)

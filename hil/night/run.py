@@ -24,7 +24,7 @@ import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -36,7 +36,6 @@ from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
-from hil.config.frames import must_be_typed
 from hil.config.recorded import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files.lock import FolderLock
@@ -44,15 +43,14 @@ from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
+from hil.night.remarks import Remarks, ask_serial
 from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
-from hil.records.identity import night_identity
 from hil.records.live import LiveFiles
 from hil.records.rows import Night
 from procedures.attended import Attendant, Terminal
-from procedures.interlocks import InterlockTripped
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
 from procedures.sequencer import Sequencer
@@ -64,29 +62,7 @@ CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
-
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
-
-
-_SERIAL_S = 3600.0  # for which the question for a serial number stands
-
-
-@dataclass(frozen=True)
-class Remarks:
-    """What whoever begins or carries on a night says for the record: a note, and why they went on despite a NOT.
-
-    `despite` are the findings of `hil check` that were passed over, `why` the reason that was given.
-    """
-
-    note: str = ""
-    despite: Sequence[str] = ()
-    why: str = ""
-
-    def record(self, journal: SqliteJournal, who: str) -> None:
-        """Write down what was passed over; the note stands with the beginning."""
-        if self.despite:
-            told = f"{who} went on despite what hil check called NOT ({'; '.join(self.despite)}): {self.why}"
-            journal.event("despite", told, who=who, why=self.why, findings=list(self.despite))
 
 
 @dataclass(frozen=True)
@@ -121,8 +97,8 @@ def start_night(
 
     `seed` takes the place of the bench file's for a simulation; `terminal` shows the questions to the operator of a
     bench without indexing, which stand in the journal too; `speed` lets a simulated night be watched, so many times as
-    fast as real time; `opened` is told the bench once it is open. Raises `InputError` for bad input and `DeviceError`
-    for a port that cannot be opened; nothing is left behind then.
+    fast as real time; `opened` is told the bench once it is open; `remarks` are for the record. Raises `InputError` for bad
+    input and `DeviceError` for a port that cannot be opened; nothing is left behind then.
     """
     target = Path(folder)
     refuse_existing(target)
@@ -227,28 +203,6 @@ def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int
     journal.event("night-resumed", message, down_s=down_s, done=done, changed_versions=changed, note=note)
 
 
-def _ask_serial(journal: SqliteJournal, bench: Bench, attendant: Attendant) -> None:
-    """Have somebody type the serial number of a unit that does not tell it, unless it is known; before anything moves.
-
-    Raises `InterlockTripped` where nobody does.
-    """
-    if not must_be_typed(bench) or "serial" in night_identity(journal):
-        return
-    question = f"Type or scan the serial number of the unit ({bench.unit.model}): it does not tell its own."
-    while True:
-        serial, who = attendant.words(question, _SERIAL_S)
-        if not serial:
-            raise InterlockTripped("serial-number", "nobody typed the unit's serial number; hil run takes --serial")
-        try:
-            unit = bench.of_unit(serial).unit
-        except InputError as error:
-            question = f"{error}. Once more: the serial number of the unit?"
-        else:
-            told = f"the serial number of the unit is {unit.serial}, as {who} typed it"
-            journal.event("unit-serial", told, serial=unit.serial, who=who)
-            return
-
-
 def _carry_out(
     journal: SqliteJournal,
     live: LiveBench,
@@ -294,7 +248,7 @@ def _carry_out(
             powered_on=_powered_on(live),
             control=journal,
             attendant=attendant,
-            first=lambda: _ask_serial(journal, live.bench, attendant),
+            first=lambda: ask_serial(journal, live, attendant),
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
