@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -27,7 +27,7 @@ from procedures.words import hours_minutes, step_in_words
 
 if TYPE_CHECKING:
     from hil.config import Bench, Sweep
-    from hil.night import NightOutcome, Remarks
+    from hil.night import NightOutcome
 
 SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
 BenchName = Annotated[
@@ -121,8 +121,8 @@ def run(
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         if not _confirmed():
             raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
-    remarks = Remarks(note, wrong, despite)
-    return _end(_start(asked, on, folder, operator, remarks, quiet=quiet, speed=speed, watchdog=watchdog))
+    told = {"who": operator, "remarks": Remarks(note, wrong, despite), "speed": speed}
+    return _end(_start(asked, on, folder, quiet=quiet, watchdog=watchdog, **told))
 
 
 def _folder(name: str, bench: Bench) -> Path:
@@ -169,21 +169,12 @@ def resume(
 
 
 def _start(
-    sweep: Sweep,
-    bench: Bench,
-    out: Path,
-    operator: str = "",
-    remarks: Remarks | None = None,
-    *,
-    quiet: bool,
-    speed: float | None = None,
-    watchdog: bool = True,
+    sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, watchdog: bool = True, **options: Any
 ) -> NightOutcome:
     from hil.night import start_night
 
     with _watching(out, bench, quiet=quiet, watchdog=watchdog) as progress:
-        told, who = TerminalQuestions(), operator or None
-        return start_night(out, sweep, bench, who=who, progress=progress, terminal=told, speed=speed, remarks=remarks)
+        return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), **options)
 
 
 def _end(ended: NightOutcome) -> int:

@@ -13,13 +13,10 @@ from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel, rows
-from hil.files.lock import living_owner
 from hil.records import reading
-from hil.records.heartbeat import read_heartbeat
-from hil.records.live import age_s, read_live, snapshot_of
+from hil.records.live import snapshot_of
 from hil.records.status import night_status
 from procedures.progress import Snapshot
-from procedures.words import hours_minutes, step_in_words
 
 EVERY_S = 1.0
 _WORKING = ("running", "paused")
@@ -41,26 +38,18 @@ def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
 def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
     """Return hil.status/1 of a night, with its verdict where it has ended, and what its controller shows now, if any.
 
-    `step_in_words` and `old`, how old what is shown is where that is too old, are for people. Raises `InputError` where
-    the folder holds no night.
+    Raises `InputError` where the folder holds no night.
     """
     from hil.analysis.night_verdict import night_solutions, night_verdict
 
-    status, live = night_status(folder), read_live(folder)
-    with reading(folder) as journal:
-        steps = journal.steps_by_key()
-    step = steps.get(status["step"] or "")
-    status |= {"step_in_words": step_in_words(step) if step else "", "old": "", "verdict": None}
+    status, verdict = night_status(folder), None
     if status["state"] not in _WORKING:
-        status["verdict"] = vars(night_verdict(status["state"], night_solutions(folder)))
-    owner = living_owner(folder)
-    if owner is None or live is None or live["pid"] != owner.pid:
+        verdict = vars(night_verdict(status["state"], night_solutions(folder)))
+    status["verdict"] = verdict
+    if status["now"] is None:
         return status, None
-    beat = read_heartbeat(folder)
-    silent_s, old = age_s(live, beat if beat and beat.pid == owner.pid else None, SystemClock().utc())
-    if old:
-        status["old"] = f"The controller has shown nothing for {hours_minutes(silent_s)}. What is below is that old."
-    return status, snapshot_of(live, steps)
+    with reading(folder) as journal:
+        return status, snapshot_of(status["now"], journal.steps_by_key())
 
 
 def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Console) -> None:
@@ -69,19 +58,14 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     mark = "  SIMULATED" if status["simulated"] else ""
     judged = f", {verdict['verdict']}" if verdict else ""
     console.print(f"{folder}: {status['state']}{judged}{mark}")
-    working = status["state"] in _WORKING
-    bad = [f"PROBLEM: {line}" for line in status["problems"]]
-    if status["old"]:
-        bad.append(status["old"])
-    if not working and status["state"] != "complete":
-        bad.append(f"{status['state']}: {status['reason']}")
-    if verdict and verdict["verdict"] != "PASS":
-        bad.append(f"{verdict['verdict']}: {verdict['reason']}")
-    for line in bad:
+    working, ended = status["state"] in _WORKING, f"{status['state']}: {status['reason']}"
+    bad = [*(f"PROBLEM: {line}" for line in status["problems"]), status["old"]]
+    bad.append("" if working or status["state"] == "complete" else ended)
+    bad.append(f"{verdict['verdict']}: {verdict['reason']}" if verdict and verdict["verdict"] != "PASS" else "")
+    for line in filter(None, bad):
         console.print(line, style="bold red")
-    for line in (_asked(folder, status), *(f"over: {line}" for line in status["over"])):
-        if line:
-            console.print(line)
+    for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
+        console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
     console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
     if now is not None and working:

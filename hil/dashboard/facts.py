@@ -123,29 +123,16 @@ class NightFacts:
         key = now["step"] if now else status["step"]
         silent_s, old = self._age(now)
         return {
+            **status,
             **self._about,
-            "state": status["state"],
-            "reason": status["reason"],
             "working": self._owner is not None,
-            "killed": status["killed"],
-            "problems": status["problems"],
-            "over": status["over"],
-            "identity": status["identity"],
             "verdict": None if status["state"] in _WORKING else self._verdict(),
             "report": self.report.is_file(),
             "age_s": None if silent_s is None else round(silent_s),
             "old": old,
-            "steps_done": status["steps_done"],
-            "steps_total": status["steps_total"],
-            "self_calibrations_done": status["self_calibrations_done"],
-            "self_calibrations_total": status["self_calibrations_total"],
             "missing": status["missing"] if self._owner is None else [],
             "finishing_utc": now["finishing_utc"] if now else status["eta_utc"],
-            "last_utc": status["last_utc"],
             "step": self._steps.get(key) if key else None,
-            "paused": status["paused"],
-            "pausing": status["pausing"],
-            "prompt": status["prompt"],
             "now": _now(now) if now else None,
         }
 

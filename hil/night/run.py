@@ -97,8 +97,8 @@ def start_night(
 
     `seed` takes the place of the bench file's for a simulation; `terminal` shows the questions to the operator of a
     bench without indexing, which stand in the journal too; `speed` lets a simulated night be watched, so many times as
-    fast as real time; `opened` is told the bench once it is open; `remarks` are for the record. Raises `InputError` for bad
-    input and `DeviceError` for a port that cannot be opened; nothing is left behind then.
+    fast as real time; `opened` is told the bench once it is open; `remarks` are for the record. Raises `InputError` for
+    bad input and `DeviceError` for a port that cannot be opened; nothing is left behind then.
     """
     target = Path(folder)
     refuse_existing(target)

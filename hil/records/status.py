@@ -27,6 +27,7 @@ from hil.records.rows import Attempt, Controller
 from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
+from procedures.words import hours_minutes, step_in_words
 
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
@@ -117,6 +118,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
+        "step_in_words": step_in_words(facts.journal.steps_by_key()[present.step_key]) if present else "",
         **_readings(facts, working=working),
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
@@ -164,20 +166,26 @@ def _filling(facts: _Facts) -> list[str]:
 
 
 def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
-    """Return the newest temperatures (°C) and rates (deg/hr), and how old each is (s) while a controller shows them."""
+    """Return the newest temperatures (°C) and rates (deg/hr), and how old each is (s) while a controller shows them.
+
+    `now` is all that it shows (hil.live/1), `old` says how old that is, in words, where it is too old.
+    """
     beat, folder = facts.journal.last_heartbeat(), facts.journal.folder
     readings: dict[str, float] = dict(beat.readings) if beat else {}
     ages = dict.fromkeys(readings, facts.last_s - beat.at_s) if beat and working else {}
     rates: dict[str, float] = {}
-    live = read_live(folder) if working else None
-    if live is not None and facts.owner is not None and live["pid"] == facts.owner.pid:
-        age = age_s(live, facts.beat, SystemClock().utc())[0]
+    live, told = read_live(folder), ""
+    live = live if live and working and facts.owner is not None and live["pid"] == facts.owner.pid else None
+    if live is not None:
+        age, old = age_s(live, facts.beat, SystemClock().utc())
+        told = f"The controller has shown nothing for {hours_minutes(age)}. What is below is that old." if old else ""
         air = {name: live[name] for name in ("chamber_degC", "setpoint_degC") if live[name] is not None}
         unit = {f"unit_{number}_degC": value for number, value in live["unit_degC"].items()}
         rates = live["rates_now_deg_per_hr"] | live["rates_deg_per_hr"]
         readings |= air | unit
         ages |= dict.fromkeys(air, age + (live.get("chamber_age_s") or 0.0)) | dict.fromkeys([*unit, *rates], age)
-    return {"readings": readings, "rates_deg_per_hr": rates, "ages_s": {name: round(s, 1) for name, s in ages.items()}}
+    ages = {name: round(s, 1) for name, s in ages.items()}
+    return {"readings": readings, "rates_deg_per_hr": rates, "ages_s": ages, "now": live, "old": told}
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
