@@ -17,7 +17,12 @@ export function address(id) {
 export function showCards(list, nights, reports) {
   const cards = [...nights].map(([id, night]) => card(id, night.head, reports));
   const focused = list.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
-  list.replaceChildren(...cards);
+  cards.forEach((made, i) => {
+    const before = list.children[i];
+    if (!before) list.append(made);
+    else if (!before.isEqualNode(made)) before.replaceWith(made); // what says the same stays: it may be about to be pressed
+  });
+  while (list.children.length > cards.length) list.lastChild.remove();
   if (focused) [...list.querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
 }
 
