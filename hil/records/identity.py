@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from hil.records.reader import JournalReader
+from hil.records.rows import Event
 from procedures.plan import StepKind
 
 
-def night_identity(journal: JournalReader) -> dict[str, str]:
+def night_identity(journal: JournalReader, events: Sequence[Event] | None = None) -> dict[str, str]:
     """Return `model` and `serial` of the unit, `operator`, `note`, and `despite`; what is not known is not there.
 
     What the unit tells of itself counts more than what was typed; `despite` is what `hil check` called NOT when
-    somebody went on, with the reason.
+    somebody went on, with the reason. `events` are the journal's, where they have been read already.
     """
     found = {"operator": journal.night.who}
     notes, despite = [], []
-    for event in journal.events():
+    for event in journal.events() if events is None else events:
         said = event.evidence
         if event.kind == "night-begins":
             found |= {name: text for name, text in said.get("unit", {}).items() if text != "ask"}

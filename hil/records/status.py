@@ -23,7 +23,7 @@ from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.identity import night_identity
 from hil.records.live import age_s, read_live
 from hil.records.reader import JournalReader, reading
-from hil.records.rows import Attempt, Controller
+from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
@@ -56,6 +56,7 @@ class _Facts:
     changed: str  # how the plan is not the one that the night began with; empty where it is
     lost: Sequence[LostBlock]
     beat: Heartbeat | None  # of the living owner
+    events: Sequence[Event]
 
     @classmethod
     def of(cls, journal: JournalReader, owner: Owner | None) -> _Facts:
@@ -66,7 +67,9 @@ class _Facts:
         lost = lost_blocks(journal.folder, journal.blocks(), {(key, each.attempt) for key, each in done.items()})
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
-        return cls(journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat)
+        return cls(
+            journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat, journal.events()
+        )
 
     @property
     def held_by_another(self) -> bool:
@@ -114,7 +117,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "eta_utc": _eta(facts, present) if working else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
-        "identity": night_identity(facts.journal),
+        "identity": night_identity(facts.journal, facts.events),
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
@@ -148,7 +151,7 @@ def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
     if newest is None:
         return [], []
     last = facts.attempts[-1].step_key if facts.attempts else ""
-    events = [event for event in facts.journal.events() if event.controller == newest.number]
+    events = [event for event in facts.events if event.controller == newest.number]
     now, over = troubles(facts.journal.night, events, facts.last_s, "" if last in facts.done else last)
     return (now if newest.ended is None and facts.owner is not None else []), over
 
