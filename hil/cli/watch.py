@@ -15,11 +15,13 @@ from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel, rows
 from hil.records import reading
 from hil.records.live import snapshot_of
-from hil.records.status import night_status
+from hil.records.status import in_brief, night_status
 from procedures.progress import Snapshot
 
 EVERY_S = 1.0
 _WORKING = ("running", "paused")
+_MOST_LEFT = 6
+_HEAD, _TAIL = 170, 50  # of a long line
 
 
 def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
@@ -63,21 +65,24 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     bad.append("" if working or status["state"] == "complete" else ended)
     bad.append(f"{verdict['verdict']}: {verdict['reason']}" if verdict and verdict["verdict"] != "PASS" else "")
     for line in filter(None, bad):
-        console.print(line, style="bold red")
+        console.print(_cut(line), style="bold red")
     for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
     console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
     if now is not None and working:
         for label, text in rows(now):
-            console.print(f"{label}: {text}")
+            console.print(_cut(f"{label}: {text}"))
     elif working and status["eta_utc"]:
         console.print(f"now: {status['step_in_words'] or 'beginning'}")
         console.print(f"expected end {datetime.fromisoformat(status['eta_utc']):%Y-%m-%d %H:%M} UTC")
     for name, text in status["identity"].items():
         console.print(f"{name}: {text}")
-    for line in status["missing"]:
-        console.print(f"{'to do' if working else 'missing'}: {line}")
+    left = in_brief(status["missing"])
+    for line in left[:_MOST_LEFT]:
+        console.print(_cut(f"{'to do' if working else 'missing'}: {line}"))
+    if len(left) > _MOST_LEFT:
+        console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
     if not working:
         again = "" if status["state"] == "complete" else f"; hil resume {folder} carries on"
         console.print(f"hil report {folder} shows it all{again}")
@@ -120,7 +125,12 @@ def _lines(console: Console) -> Iterator[Show]:
 
 def _trouble(folder: Path, status: dict[str, Any]) -> str:
     """Return what must be seen first: what is wrong, data that are old, a question, a pause."""
-    return "\n".join([*status["problems"], *filter(None, (status["old"], _asked(folder, status)))])
+    return "\n".join([*map(_cut, status["problems"]), *filter(None, (status["old"], _asked(folder, status)))])
+
+
+def _cut(line: str) -> str:
+    """Return what can be read at a glance: how it begins and how it ends; what a device said is between."""
+    return line if len(line) <= _HEAD + _TAIL else f"{line[:_HEAD]} … {line[-_TAIL:]}"
 
 
 def _asked(folder: Path, status: dict[str, Any]) -> str:

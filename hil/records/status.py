@@ -9,10 +9,12 @@ is incomplete, whatever was going on.
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,7 @@ STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
 _KEPT_FREE_BYTES = 20e6
+_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
@@ -282,6 +285,18 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
             parts = [_step_in_words(each) + reasons.get(each.key, "") for each in lacking]
             sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
     return sentences
+
+
+def in_brief(missing: Sequence[str]) -> list[str]:
+    """Return what is missing with neighbours that are wholly missing at one temperature in one line."""
+    told: list[str] = []
+    for whole, group in groupby(missing, key=lambda line: (found := _WHOLE.fullmatch(line)) and found["at"]):
+        lines = list(group)
+        if whole and len(lines) > 1:
+            first, last = (_WHOLE.sub(r"\g<run>", lines[place]) for place in (0, -1))
+            lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
+        told += lines
+    return told
 
 
 def _step_in_words(step: Step) -> str:

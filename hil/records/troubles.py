@@ -41,7 +41,7 @@ def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) 
 def _standing(night: Night, event: Event, last_s: float) -> str:
     since = f"since {_at(night, event.at_s)}, {hours_minutes(max(last_s - event.at_s, 0.0))} ago"
     if event.kind == "safe-state-retry":
-        return f"THE CHAMBER IS NOT SAFE YET, trying {since}: {event.message}; go to the chamber"
+        return f"THE CHAMBER IS NOT SAFE YET, go to it; trying {since}: {event.message}"
     return f"trying again {since}: {event.message}" if event.kind == "retry" else f"{_said(event)}; {since}"
 
 

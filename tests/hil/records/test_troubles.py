@@ -56,7 +56,7 @@ def test_a_chamber_that_is_not_safe_yet_comes_before_anything_else(journal: Sqli
     journal.event("safe-state-retry", "the chamber could not be brought to its safe state: timeout; chamber-lost")
     first, second, third = night_status(journal.folder)["problems"]
     assert first.startswith("THE CHAMBER IS NOT SAFE YET")
-    assert "go to the chamber" in first
+    assert "go to it" in first
     assert second.startswith("the chamber does not answer")
     assert third.startswith("trying again since")
     journal.event("safe-state", "the chamber is in its safe state")
