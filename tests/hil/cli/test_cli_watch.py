@@ -138,7 +138,7 @@ def test_what_is_wrong_is_said_first_and_in_red_then_what_it_does(journal: Sqlit
     journal.begin(journal.plan.steps[1])
     journal.event("interlock-suspected", f"chamber-lost: the chamber does not answer: {'x' * 500} (in 120 s)")
     console = _console(terminal=True)
-    console.width = 300
+    console.width, console._highlight = 300, False
     status, now = look_at(journal.folder)
     say(journal.folder, status, now, console)
     first, second, *rest = console.file.getvalue().splitlines()
