@@ -59,6 +59,11 @@ def lines(text: str, word: str) -> list[str]:
     return [line for line in text.splitlines() if line.startswith(word)]
 
 
+def wanted(line: str) -> float:
+    """How many GB the line about the disk wants."""
+    return float(line.split(" GB wanted")[0].split()[-1])
+
+
 def test_run_refuses_in_the_words_of_check_and_leaves_nothing(
     hil: Any, alarmed: Path, short_sweep: Path, tmp_path: Path
 ) -> None:
@@ -101,9 +106,11 @@ def test_resume_looks_first_too(hil: Any, small_sweep: Path, tmp_path: Path, mon
     outcome = start_night(night, load_sweep(small_sweep), load_bench("simulated"), stop=stop, progress=onlooker)
     assert outcome.state == "aborted"
     with monkeypatch.context() as patched:
-        patched.setattr("hil.bench.preflight._SPARE_BYTES", 1e18)
+        patched.setattr("hil.bench.preflight._BYTES_PER_SAMPLE", 1e15)
         ended = hil("resume", night)
         assert (ended.returncode, len(lines(ended.stderr, "NOT"))) == (3, 1)
+        whole = hil("check", small_sweep, "--bench", "simulated")
+        assert wanted(lines(ended.stderr, "NOT")[0]) < 0.8 * wanted(lines(whole.stdout, "NOT")[0])
     with open_readonly(night) as journal:
         assert len(journal.controllers()) == 1
     assert hil("resume", night, "--note", "the fan again").returncode == 0
@@ -116,13 +123,11 @@ def test_what_is_done_needs_no_room() -> None:
     imu = SimpleNamespace(sample_rate_hz=1e6)
     live: Any = SimpleNamespace(devices=SimpleNamespace(imu=imu), bench=load_bench("simulated"))
 
-    def wanted(steps: Any) -> float:
-        return float(_disk(steps, live, Path("/")).message.split(", ")[1].split()[0])
-
     collects = [step for step in plan.steps if step.position is not None]
     left = [step for step in plan.steps if step is not collects[-1]]
-    assert wanted(plan.steps) > wanted(left) > wanted([])
-    assert wanted([]) == pytest.approx(0.2, abs=0.05)
+    whole, rest, nothing = (wanted(_disk(steps, live, Path("/")).message) for steps in (plan.steps, left, []))
+    assert whole > rest > nothing
+    assert nothing == pytest.approx(0.2, abs=0.05)
 
 
 def test_devices_that_call_themselves_simulated_are_refused_by_check_as_by_run() -> None:
