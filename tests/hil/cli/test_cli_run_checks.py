@@ -110,7 +110,7 @@ def test_resume_looks_first_too(hil: Any, small_sweep: Path, tmp_path: Path, mon
         ended = hil("resume", night)
         assert (ended.returncode, len(lines(ended.stderr, "NOT"))) == (3, 1)
         whole = hil("check", small_sweep, "--bench", "simulated")
-        assert wanted(lines(ended.stderr, "NOT")[0]) < 0.8 * wanted(lines(whole.stdout, "NOT")[0])
+        assert wanted(lines(ended.stderr, "NOT")[0]) < wanted(lines(whole.stdout, "NOT")[0])
     with open_readonly(night) as journal:
         assert len(journal.controllers()) == 1
     assert hil("resume", night, "--note", "the fan again").returncode == 0
