@@ -1,6 +1,21 @@
-"""What can go wrong with a device, in words for the person who stands in front of it."""
+"""What can go wrong, with a device or with what people give, in words for the person who stands in front of it."""
 
 from __future__ import annotations
+
+_SCREEN, _END = 1500, 300
+
+
+class InputError(Exception):
+    """Bad input or usage: exit status 2. Nothing was written.
+
+    The message says what is wrong, where (file, and row, column or key where there is one) and what to do. It quotes
+    what was given; where that is longer than a screen, the middle is left out wherever the message is shown.
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        left_out = len(text) - _SCREEN
+        return text if left_out <= 0 else f"{text[: _SCREEN - _END]} … ({left_out} more characters) … {text[-_END:]}"
 
 
 class DeviceError(Exception):

@@ -15,7 +15,14 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from drivers.errors import InputError
+from drivers.given_file import TEXT_MB, limit_bytes
+
 _MERGE = "tag:yaml.org,2002:merge"
+_BYTES_PER_VALUE = 20  # of a text as long as is read
+_LARGEST_WHOLE = 2**64
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NO_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)  # how the library says so
 _LONGEST = 60  # characters of a value that are shown
 _OWN_KEY = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*): ")
 _KINDS = {
@@ -39,16 +46,38 @@ _BOUNDS = {
 }
 
 
-class NotYaml(ValueError):
-    """Text that is not YAML. The message says why; `place` is `, line 3, column 5`, or empty where it is not known."""
-
-    def __init__(self, message: str, place: str = "") -> None:
-        super().__init__(message)
-        self.place = place
-
-
 class _StrictLoader(yaml.SafeLoader):
-    """The first of two values of one key would be lost in silence."""
+    """The first of two values of one key would be lost in silence, and an alias may stand for any number of values."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._most = limit_bytes(TEXT_MB) // _BYTES_PER_VALUE
+        self._values = 0
+        self._sizes: dict[yaml.Node, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        before, is_alias = self._values, self.check_event(yaml.AliasEvent)
+        node = super().compose_node(parent, index)
+        if node is not None:
+            # An alias of what it stands in, which has no size yet, has no end.
+            self._values += self._sizes.get(node, self._most + 1) if is_alias else 1
+            self._sizes.setdefault(node, self._values - before)
+            if self._values > self._most:
+                problem = f"more than {self._most} values, with each alias (*name) counted as all that it stands for"
+                raise yaml.composer.ComposerError(None, None, problem, node.start_mark)
+        return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            if node.tag in _NUMBERS and len(node.value) > _LONGEST:  # 1:59:59:… is one number in YAML
+                raise ValueError
+            value = super().construct_object(node, deep)
+            if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
+                raise ValueError
+        except _NO_VALUE as error:  # such as the 99th of a month
+            problem = f"{_shown(node.value)} is no value that can be (as text it needs quotes)"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from error
+        return value
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[object] = set()
@@ -62,18 +91,29 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def parse_yaml(text: str) -> object:
-    """Return what a YAML text holds; raise `NotYaml` where it is none."""
+def parse_value(text: str, source: str) -> Any:
+    """Return what a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
     try:
         return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
-        raise NotYaml(str(error.problem or error.context), place) from error
+        raise InputError(f"{source}{place}: not valid YAML: {error.problem or error.context}") from error
     except yaml.YAMLError as error:
-        raise NotYaml(" ".join(str(error).split())) from error
+        raise InputError(f"{source}: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
-        raise NotYaml("lists or mappings are nested too deeply") from error
+        raise InputError(f"{source}: not valid YAML: lists or mappings are nested too deeply") from error
+    except _NO_VALUE as error:  # a tag (!!map) before what is none
+        raise InputError(f"{source}: not valid YAML: a tag (!!…) stands before what is not of its kind") from error
+
+
+def parse_yaml(text: str, source: str) -> dict[str, Any]:
+    """Return the mapping that a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
+    document = parse_value(text, source)
+    if not isinstance(document, dict):
+        found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
+        raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
+    return document
 
 
 def first_mistake(error: ValidationError, document: object) -> str:
@@ -84,7 +124,8 @@ def first_mistake(error: ValidationError, document: object) -> str:
         parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))
     own = _OWN_KEY.match(sentence) if problems[0]["type"] == "value_error" else None
     if own is not None:
-        parts += own[1].split(".")
+        # What is checked by itself names its place as it knows it: from its own section on, or within it.
+        parts = [*(parts[:-1] if parts[-1:] == own[1].split(".")[:1] else parts), *own[1].split(".")]
         sentence = sentence[own.end() :]
     place = as_written(parts, document)
     distinct = {(as_written(list(each["loc"]), document), each["msg"]) for each in problems}

@@ -27,6 +27,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
+from drivers.errors import InputError
 from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
 from drivers.frames.fields import FieldDescription, Fields, check_places, check_turns, field_offsets
 from drivers.frames.items import ItemsDescription
@@ -35,11 +36,8 @@ from drivers.frames.notation import ByteOrder, Described, Factor, HexBytes, Name
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
 from drivers.frames.text_frames import TextDescription
-from drivers.strict_yaml import NotYaml, first_mistake, parse_yaml
-
-
-class DescriptionError(ValueError):
-    """A frame description that cannot be used. The message names the file and the key."""
+from drivers.given_file import read_text
+from drivers.strict_yaml import first_mistake, parse_yaml
 
 
 class CounterDescription(Described):
@@ -298,25 +296,20 @@ def parse_description(
     parameters: Mapping[str, object] | None = None,
     sample_rate_hz: float | None = None,
 ) -> StreamDescription:
-    """Read a description from YAML text; `origin` (a file name) begins every message of `DescriptionError`.
+    """Read a description from YAML text; `origin` (a file name) begins every message of `InputError`.
 
     `parameters` are what the bench file says about the unit, `sample_rate_hz` the rate where it is not the usual one.
     """
-    try:
-        content = parse_yaml(text)
-    except NotYaml as error:
-        raise DescriptionError(f"{origin}{error.place}: not YAML: {error}") from None
-    if not isinstance(content, dict):
-        raise DescriptionError(f"{origin}: a frame description is a mapping of keys to values")
+    content = parse_yaml(text, origin)
     if sample_rate_hz is not None:
         content["sample_rate_hz"] = sample_rate_hz
     try:
         content = _with_values(content, parameters or {})
         return StreamDescription.model_validate(content)
     except ValidationError as error:
-        raise DescriptionError(f"{origin}: {first_mistake(error, content)}") from None
+        raise InputError(f"{origin}: {first_mistake(error, content)}") from None
     except ValueError as error:
-        raise DescriptionError(f"{origin}: {error}") from None
+        raise InputError(f"{origin}: {error}") from None
 
 
 def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[str, Any]:
@@ -343,14 +336,8 @@ def load_description(
     parameters: Mapping[str, object] | None = None,
     sample_rate_hz: float | None = None,
 ) -> StreamDescription:
-    """Read the description in the file `path`; raise `DescriptionError` where it cannot be used.
+    """Read the description in the file `path`; raise `InputError` where it cannot be used.
 
     `parameters` and `sample_rate_hz` are those of `parse_description`.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise DescriptionError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DescriptionError(f"{path}: is not UTF-8 text") from None
-    return parse_description(text, str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)
+    return parse_description(read_text(path), str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)

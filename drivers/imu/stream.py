@@ -82,7 +82,9 @@ class StreamImu:
         self._interrupted = True  # the next samples do not continue the ones before
         self._index_status: IndexStatus | None = None
         self._sensors = {
-            number: SensorChannels(sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions)
+            number: SensorChannels(
+                sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions, sensor.at_rest
+            )
             for number, sensor in self._roles.sensors.items()
         }
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records.export import campaign_of_night
 from hil.solve import RunSolution, solve_campaign
-from hil.solve.runs import judged_as_measured
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted
 
 
 def night_solutions(folder: Path) -> list[RunSolution]:
-    """Return what `hil solve` does of a night, judged as it was measured; nothing where too little is there."""
+    """Return what `hil solve` does of a night; nothing where too little is there.
+
+    Raises `Damaged` where its records are not what was written.
+    """
     try:
-        campaign = campaign_of_night(folder)
-        return [judged_as_measured(each, campaign.verdicts) for each in solve_campaign(campaign)]
+        return list(solve_campaign(campaign_of_night(folder)))
+    except Damaged:
+        raise
     except InputError:  # or one that a later version recorded
         return []
 

@@ -23,9 +23,10 @@ from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import DescriptionError, StreamDescription, load_description
+from drivers.frames.description import StreamDescription, load_description
 from drivers.frames.fields import FieldDescription
 from drivers.frames.layout import FloatArray
+from drivers.given_file import opened
 from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
@@ -45,10 +46,7 @@ def load_frames_named(
     name: str | Path, *, parameters: Mapping[str, object] | None = None, sample_rate_hz: float | None = None
 ) -> StreamDescription:
     """Load a description by the name of one that ships, or by its path; raise `InputError` where it cannot be used."""
-    try:
-        return load_description(find_config("imus", name), parameters=parameters, sample_rate_hz=sample_rate_hz)
-    except DescriptionError as error:
-        raise InputError(str(error)) from None
+    return load_description(find_config("imus", name), parameters=parameters, sample_rate_hz=sample_rate_hz)
 
 
 def decode_file(path: Path, description: StreamDescription, *, out: Path | None = None) -> dict[str, Any]:
@@ -60,10 +58,6 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
         raise InputError(f"{out}: the table is written as .parquet or .csv; give a name that ends so")
     if out is not None and out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the file of raw bytes itself, which the table would replace; name another file")
-    if out is not None and path.exists() and not (path.is_file() or path.is_dir()):
-        raise InputError(
-            f"{path}: is no file that can be read twice, as a table needs; write the bytes to a file first"
-        )
     summary = _Summary(description)
     for decoded in _decoded(path, description):
         summary.add(decoded)
@@ -78,12 +72,9 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
 def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
     """Decode the file chunk by chunk, up to its last byte."""
     decoder = StreamDecoder(description)
-    try:
-        with path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                yield decoder.feed(chunk)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    with opened(path) as file:
+        while chunk := file.read(_CHUNK):
+            yield decoder.feed(chunk)
     yield decoder.finish()
 
 

@@ -17,7 +17,9 @@ import numpy as np
 from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import CounterDescription, DescriptionError, StreamDescription, load_description
+from drivers.frames.description import CounterDescription, StreamDescription, load_description
+from drivers.given_file import opened
+from hil.errors import InputError
 from hil.files.strict import config_folders
 
 _LOOK = 1 << 16  # bytes from the beginning of a file that are tried with other descriptions
@@ -27,14 +29,12 @@ _FEW = 20  # frames from which on a counter's habit can be told
 def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> Iterator[str]:
     """Say what was seen in a file of which most is in no frame, and which shipped description reads it; else nothing.
 
-    `counts` are those of the whole file. Raise `OSError` where the file cannot be read.
+    `counts` are those of the whole file. Raise `InputError` where the file cannot be read.
     """
-    if not path.is_file():  # a pipe cannot be read a second time
-        return
     size = path.stat().st_size
     if not counts.skipped_bytes or 2 * counts.skipped_bytes <= size:
         return
-    with path.open("rb") as file:
+    with opened(path) as file:
         data = file.read(_LOOK)
     begun = sum(data.count(header) for name in description.frames for header in description.headers(name))
     what = "no good frame is" if not counts.ok else f"{counts.skipped_bytes} of {size} bytes are in no frame"
@@ -57,7 +57,7 @@ def _that_read(data: bytes) -> Iterator[tuple[float, int, str]]:
     for name, path in paths.items():
         try:
             decoder = StreamDecoder(load_description(path))
-        except DescriptionError:
+        except InputError:
             continue
         counts = decoder.feed(data).counts + decoder.finish().counts
         share = 1.0 - counts.skipped_bytes / len(data)

@@ -18,13 +18,15 @@ from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
 from drivers.chambers.ramp import steps_of_a_ramp
 from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.errors import DeviceError
-from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock
 from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, ports_of
+from hil.bench.at_rest import at_rest
 from hil.bench.clock_check import EARLIEST, synchronised
+from hil.bench.finding import Finding
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
+from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, make_plan
 
 _LISTEN_S = 2.0
@@ -33,19 +35,6 @@ _SPARE_BYTES = 200e6
 _MOST_OFF_RATE = 0.05
 _UNKNOWN_NIGHT_S = 24 * 3600.0  # of samples without a pause, where no sweep says how long
 _NIGHTS_PER_YEAR = 365.0
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at. `good` is False where a night must not begin like this.
-
-    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
-    """
-
-    subject: str
-    good: bool
-    message: str
-    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,13 +133,12 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     """Listen for two seconds: frames must be whole, all of them, and as many as the bench file says."""
     imu, clock = live.devices.imu, live.devices.clock
     imu.discard()
-    begins_s, samples, counts, last = clock.now(), 0, StreamCounts(), None
+    begins_s, blocks = clock.now(), list[SampleBlock]()
     while clock.now() - begins_s < _LISTEN_S:
         clock.sleep(0.1)
-        block = imu.read_block()
-        samples += len(block)
-        counts += block.counts
-        last = block if len(block) else last
+        blocks.append(imu.read_block())
+    heard = join(blocks)
+    samples, counts = len(heard), heard.counts
     rate_hz = samples / (clock.now() - begins_s)
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
     told = (
@@ -158,8 +146,9 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     )
     enough = abs(rate_hz - imu.sample_rate_hz) <= max(_MOST_OFF_RATE * imu.sample_rate_hz, 2.0 / _LISTEN_S)
     yield Finding("stream", enough and not bad, told, _stream_advice(samples, bad, enough=enough))
-    if last is not None:
-        yield from _unit_temperature(live, last)
+    if samples:
+        yield from at_rest(live, heard)
+        yield from _unit_temperature(live, heard)
     yield from _index(live)
 
 

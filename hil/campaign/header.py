@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from drivers.given_file import read_text
+from drivers.strict_yaml import parse_yaml
 from hil.campaign.data import SCHEMA, Sensor
 from hil.errors import InputError
+from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "identity"}
+    | {"verdicts", "pose", "identity"}
 )
 
 
@@ -35,12 +37,13 @@ class Header:
     series_block_s: float | None
     verdicts: Mapping[int, Judgement]
     identity: Mapping[str, str]
+    pose: PoseTolerance
     extra: tuple[str, ...] = field(default=())
 
 
 def read_header(path: Path) -> Header:
     """Read and check campaign.yaml; raise InputError with the file and the key."""
-    keys = _load(path)
+    keys = parse_yaml(read_text(path), str(path))
     if keys.get("schema") != SCHEMA:
         found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
         raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
@@ -58,26 +61,9 @@ def read_header(path: Path) -> Header:
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
         identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
+        pose=_pose(path, _mapping(path, keys, "pose")),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
-
-
-def _load(path: Path) -> dict[Any, Any]:
-    try:
-        keys = yaml.safe_load(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(
-            f"{path}: there is no such file; a campaign folder needs campaign.yaml and collects.csv"
-        ) from None
-    except OSError as error:
-        raise InputError(f"{path}: it cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: it is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(keys, dict):
-        raise InputError(f"{path}: it must hold keys with values (`title: …`), the first `schema: {SCHEMA}`")
-    return keys
 
 
 def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:
@@ -130,6 +116,18 @@ def _verdicts(path: Path, keys: Mapping[Any, Any]) -> Iterator[tuple[int, Judgem
         if said.get("verdict") not in list(Verdict):
             raise InputError(f"{where}.verdict: {said.get('verdict')!r} is none of {', '.join(Verdict)}")
         yield run, Judgement(Verdict(said["verdict"]), str(said.get("reason") or "no reason is given"))
+
+
+def _pose(path: Path, given: Mapping[Any, Any]) -> PoseTolerance:
+    """Return how far accelerometers may be from f."""
+    known = [each.name for each in fields(PoseTolerance)]
+    unknown = sorted(str(key) for key in given.keys() - set(known))
+    if unknown:
+        raise InputError(f"{path}, key pose.{unknown[0]}: this key is not known; there are {', '.join(known)}")
+    try:
+        return PoseTolerance(**{key: _number(path, f"pose.{key}", value) for key, value in given.items()})
+    except ValueError as error:
+        raise InputError(f"{path}, key {error}") from None
 
 
 def _mapping(path: Path, keys: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:

@@ -15,14 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
+from drivers.given_file import RECORDING_MB, opened
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.header import Header, read_header
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
+from hil.files.tables import read_csv, read_parquet
 
 HEADER_FILE = "campaign.yaml"
 COLLECTS_FILE = "collects.csv"
@@ -105,10 +106,11 @@ def read_campaign(folder: Path | str) -> Campaign:
         series_block_s=header.series_block_s,
         verdicts=header.verdicts,
         identity=header.identity,
+        pose=header.pose,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
         read_series(campaign, collect)
-    return campaign
+    return judged_by_its_records(campaign)
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:
@@ -122,7 +124,7 @@ def read_series(campaign: Campaign, collect: int) -> Series | None:
     sensor = next(
         rows.conditions.sensor for rows in campaign.sensors.values() if np.any(rows.conditions.collect == collect)
     )
-    columns = _parquet_columns(path) if path.suffix == ".parquet" else _csv_columns(path)
+    columns = _finite(path, read_parquet(path)) if path.suffix == ".parquet" else _csv_columns(path)
     rates = rate_columns(sensor)
     missing = [name for name in ["t_s", *rates] if name not in columns]
     if missing:
@@ -263,22 +265,15 @@ def _series_files(folder: Path, collects: set[int]) -> dict[int, Path]:
 
 
 def _csv_columns(path: Path) -> dict[str, FloatArray]:
-    try:
-        table = pyarrow.csv.read_csv(path)
-    except (pa.ArrowInvalid, OSError):
-        table = None
+    with opened(path, RECORDING_MB) as file:
+        try:
+            table = read_csv(path, file)
+        except pa.ArrowInvalid:
+            table = None
     if table is None or not all(pa.types.is_floating(t) or pa.types.is_integer(t) for t in table.schema.types):
         slow = Table(path)  # says which cell is wrong, and takes what the fast reader will not
         return {name: slow.numbers(name) for name in slow.header}
     return _finite(path, table)
-
-
-def _parquet_columns(path: Path) -> dict[str, FloatArray]:
-    try:
-        with path.open("rb") as opened, pyarrow.parquet.ParquetFile(opened, pre_buffer=False) as file:
-            return _finite(path, file.read(use_threads=False))
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
 
 
 def _finite(path: Path, table: pa.Table) -> dict[str, FloatArray]:

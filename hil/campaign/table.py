@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.given_file import TABLE_MB, read_text
 from hil.campaign.data import FloatArray, IntArray
 from hil.errors import InputError
 from procedures.words import numbered, plural
@@ -129,14 +130,7 @@ class Table:
 
 def _records(path: Path) -> list[tuple[int, list[str]]]:
     """Return (row number, cells) of every line that is not blank."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: it cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as CSV UTF-8") from error
+    text = read_text(path, TABLE_MB)
     if "\0" in text:
         raise InputError(f"{path}: it holds zero bytes, so it is no CSV text; save the file as CSV UTF-8")
     try:

@@ -15,7 +15,8 @@ from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
-    from hil.bench.preflight import Finding, Preflight
+    from hil.bench.finding import Finding
+    from hil.bench.preflight import Preflight
     from hil.config import Bench, Sweep
 
 

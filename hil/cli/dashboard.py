@@ -34,7 +34,7 @@ def dashboard(
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
     from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
-    from hil.dashboard.server import create_app, listen, serve
+    from hil.dashboard.server import create_app, listen, server
     from hil.dashboard.watcher import Watcher
 
     if not folder.is_dir():
@@ -50,4 +50,4 @@ def dashboard(
             messages().print("note: what goes over the network is not encrypted; see docs/how-to/live-page.md")
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
         with suppress(KeyboardInterrupt):
-            serve(create_app(Watcher(folder), access), listener)
+            server(create_app(Watcher(folder), access)).run(sockets=[listener])

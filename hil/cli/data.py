@@ -9,7 +9,6 @@ import typer
 from rich.table import Table
 
 from hil.cli.output import JsonFlag, messages, print_json, results, warn
-from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.campaign import Campaign
@@ -20,17 +19,9 @@ Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's fo
 
 def read_source(source: Path) -> Campaign:
     """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
-    from hil.campaign.reader import HEADER_FILE, read_campaign
-    from hil.records.export import campaign_of_night
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.export import open_source
 
-    if not source.is_dir():
-        raise InputError(f"{source}: there is no such folder")
-    if (source / JOURNAL_NAME).is_file():
-        return campaign_of_night(source)
-    if (source / HEADER_FILE).is_file():
-        return read_campaign(source)
-    raise InputError(f"{source}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+    return open_source(source).campaign
 
 
 def solve(
@@ -48,7 +39,7 @@ def solve(
     from hil.analysis.scatter.sources import campaign_signatures, overall
     from hil.model.forms import MODEL_NAMES
     from hil.solve import solve_campaign
-    from hil.solve.runs import judged_as_measured, solution_document
+    from hil.solve.runs import solution_document
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
@@ -61,7 +52,6 @@ def solve(
         from hil.solve.beside_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
-    solutions = [judged_as_measured(each, campaign.verdicts) for each in solutions]
     scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
     if as_json:
         print_json(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import sqlite3
@@ -16,7 +17,8 @@ from pathlib import Path
 import typer
 
 from drivers.errors import DeviceError
-from hil.errors import InputError
+from hil.cli.output import harmless
+from hil.errors import Damaged, InputError
 
 
 class Exit(IntEnum):
@@ -48,6 +50,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
         application()
     except SystemExit as ending:
         return int(ending.code or Exit.DONE)
+    except Damaged as error:
+        return _say(f"ERROR: {error}", Exit.INCOMPLETE)
     except InputError as error:
         return _say(error, Exit.BAD_INPUT)
     except DeviceError as error:
@@ -61,9 +65,10 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
         return _say(f"the journal: {error}", Exit.FAILED)
     except sqlite3.DatabaseError as error:
-        return _say(f"the journal is damaged ({error}); hil verify says how far", Exit.BAD_INPUT)
+        return _say(f"ERROR: the journal is damaged ({error}); hil verify says how far", Exit.INCOMPLETE)
     except OSError as error:
-        return _say(f"{error.filename or 'system'}: {error.strerror or error}", Exit.FAILED)
+        status = Exit.BAD_INPUT if error.errno == errno.ENAMETOOLONG else Exit.FAILED  # only a given name is too long
+        return _say(f"{error.filename or 'system'}: {error.strerror or error}", status)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory
         return _say(f"internal error: {error!r}. Please report it with {_write_traceback()}", Exit.FAILED)
     return Exit.DONE
@@ -71,7 +76,7 @@ def run_to_exit(application: Callable[[], object]) -> int:
 
 def _say(what: object, status: Exit) -> int:
     with suppress(OSError):  # a closed terminal does not change how it ended
-        print(f"hil: {what}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
+        print(f"hil: {harmless(str(what))}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
     return status
 
 

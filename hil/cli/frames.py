@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-import yaml
 
+from drivers.strict_yaml import parse_value
 from hil.cli.output import JsonFlag, print_json, results
 from hil.errors import InputError
 
@@ -67,10 +67,7 @@ def _parameters(settings: list[str] | None) -> dict[str, Any]:
         name, sign, value = setting.partition("=")
         if not sign or not name.strip():
             raise InputError(f"--set {setting}: write NAME=VALUE")
-        try:
-            found[name.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise InputError(f"--set {setting}: {value!r} is neither a number nor a word") from None
+        found[name.strip()] = parse_value(value, f"--set {setting}")
     return found
 
 

@@ -1,4 +1,4 @@
-"""Commands that carry out a night: check, plan, run, resume, status, verify, demo."""
+"""Commands that carry out a night: check, plan, run, resume, status, verify, repair, demo."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def resume(
     with reading(folder) as journal, tempfile.TemporaryDirectory(prefix="hil-") as files:
         on, asked = configuration_of(journal.night.configuration, Path(files))
         done, owner = journal.completed().keys(), living_owner(folder)
-        left = len(done) < len(journal.plan.steps) and not journal.changed_plan() and owner is None
+        left = len(done) < len(journal.plan.steps) and not journal.found and owner is None
         wrong = look_first(asked, on, folder, despite, done) if left else []
     remarks, who = Remarks(note, wrong, despite), operator or None
     with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
@@ -223,6 +223,7 @@ def status(
     else:
         say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
+    well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
     return Exit.DONE if well else Exit.INCOMPLETE
 
 
@@ -240,6 +241,27 @@ def verify(folder: Folder, as_json: JsonFlag = False) -> int:
         complete = "complete" if document["complete"] else "NOT complete"
         console.print(f"{folder}: {complete}, {document['blocks_checked']} blocks checked")
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
+
+
+def repair(
+    folder: Folder,
+    out: Annotated[Path, typer.Option("--out", help="The new folder to make.", show_default=False)],
+    as_json: JsonFlag = False,
+) -> int:
+    """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
+    from hil.night.repair import repair_night
+    from hil.records.requests import who_asks
+
+    document = repair_night(folder, out, who_asks())
+    if as_json:
+        print_json(document)
+    else:
+        console = results()
+        for what in ("restored", "lost"):
+            for line in document[what]:
+                console.print(f"{what}: {line}")
+        console.print(f"{out}: {document['steps_done']} of {document['steps_total']} steps are proven")
+    return Exit.INCOMPLETE if document["lost"] else Exit.DONE
 
 
 def demo(
@@ -270,4 +292,4 @@ def demo(
     return ended
 
 
-COMMANDS = (demo, check, plan, run, resume, status, verify)
+COMMANDS = (demo, check, plan, run, resume, status, verify, repair)

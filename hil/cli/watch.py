@@ -13,6 +13,7 @@ from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel, rows
+from hil.errors import Damaged
 from hil.records import reading
 from hil.records.live import snapshot_of
 from hil.records.status import in_brief, night_status
@@ -46,7 +47,10 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
 
     status, verdict = night_status(folder), None
     if status["state"] not in _WORKING:
-        verdict = vars(night_verdict(status["state"], night_solutions(folder)))
+        try:
+            verdict = vars(night_verdict(status["state"], night_solutions(folder)))
+        except Damaged as damage:
+            verdict = {"verdict": "ERROR", "reason": str(damage)}
     status["verdict"] = verdict
     if status["now"] is None:
         return status, None

@@ -19,6 +19,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from drivers.given_file import read_text
 from hil.errors import InputError
 
 LEAST_TOKEN = 12
@@ -53,9 +54,9 @@ def token_from(path: Path) -> str:
         if not path.exists():
             path.touch(mode=0o600, exist_ok=False)
             path.write_text(new_token() + "\n", encoding="utf-8")
-        token = path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: the token cannot be read ({getattr(error, 'strerror', None) or error})") from error
+        token = read_text(path).strip()
+    except OSError as error:
+        raise InputError(f"{path}: the token cannot be kept ({error.strerror})") from error
     if len(token) < LEAST_TOKEN or not token.isascii():
         raise InputError(f"{path}: a token has at least {LEAST_TOKEN} characters, all of them ASCII; delete the file")
     return token

@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from hil.dashboard.curve import Curve
 from hil.records import JournalReader
+from hil.records.curve import TEMPERATURE, Curve, rows_of
 from hil.records.live import Rows, TraceReader
 
 _ROWS_AT_ONCE = 20_000
 _COLLECT_BUCKETS = 600
-_TEMPERATURE = "_degC"
 _MEAN, _SE = " mean", " se"
 
 
@@ -31,7 +30,7 @@ class NightCurves:
 
     def _begin(self, columns: list[str]) -> None:
         self._columns = columns
-        self._temperatures = [name for name in columns if name.endswith(_TEMPERATURE)]
+        self._temperatures = [name for name in columns if name.endswith(TEMPERATURE)]
         self._averages = [name for name in columns if name.endswith((_MEAN, _SE))]
         self._night = Curve(len(self._temperatures))
         self._collect = self._empty_collect()
@@ -47,13 +46,12 @@ class NightCurves:
         beats = journal.heartbeats(self._last_heartbeat)
         if not beats:
             return
-        columns = ["t_s", *sorted({name for beat in beats for name in beat.readings if name.endswith(_TEMPERATURE)})]
-        if set(columns) - set(self._columns):
+        columns, rows = rows_of(beats, self._columns)
+        if columns != self._columns:
             self._begin(columns)
-            beats = journal.heartbeats()
+            _, rows = rows_of(journal.heartbeats())
         self._last_heartbeat = beats[-1].number
-        rows = [[beat.at_s, *(beat.readings.get(name, np.nan) for name in self._columns[1:])] for beat in beats]
-        self._add(np.array(rows, dtype="<f4"))
+        self._add(rows)
 
     def changes(self) -> dict[str, Any]:
         """Read what the trace has got meanwhile; return the curves that changed, from their first new bucket on."""

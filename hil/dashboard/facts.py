@@ -85,6 +85,8 @@ class NightFacts:
         return self.folder / "report.html"
 
     def _verdict(self) -> Part:
+        if self._results.damage:
+            return {"verdict": "ERROR", "reason": self._results.damage.removeprefix("ERROR: ")}
         return vars(night_verdict(self._status["state"], self._results.solutions))
 
     @property
@@ -125,6 +127,8 @@ class NightFacts:
         return {
             **status,
             **self._about,
+            "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
+            "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
             "verdict": None if status["state"] in _WORKING else self._verdict(),
             "report": self.report.is_file(),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.analysis.night_verdict import night_solutions
+from hil.errors import Damaged
 from hil.records import JournalReader
 from hil.solve import RunSolution
 from procedures.journal_protocol import StepResult
@@ -20,6 +21,7 @@ class ResultsSoFar:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self.damage = ""  # which records are not what was written, so that no parameters are shown
         self._solved: tuple[int, ...] = ()
         self.solutions: list[RunSolution] = []
         self._solutions: dict[int, list[dict[str, Any]]] = {}
@@ -47,7 +49,12 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
-        self.solutions = night_solutions(self._folder)
+        self.damage, self.solutions = "", []
+        try:
+            self.solutions = night_solutions(self._folder)
+        except Damaged as damage:
+            self.damage = f"ERROR: {damage}"
+            return {}
         rows: dict[int, list[dict[str, Any]]] = {}
         for each in self.solutions:
             rows.setdefault(each.run or 0, []).append(

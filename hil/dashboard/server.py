@@ -12,6 +12,7 @@ There is nothing else, and no other method.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 from collections.abc import AsyncIterator
@@ -27,6 +28,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from hil.dashboard.access import Access, Guard
 from hil.dashboard.watcher import Watcher
@@ -40,6 +42,8 @@ _STILL = {"content-security-policy": "sandbox; default-src 'none'; style-src 'un
 _LARGEST_BODY = 8192
 _LONGEST_NAME, _LONGEST_WHY = 60, 200
 _ANSWER_S = 5.0
+_PATIENCE_S = 10.0
+_CONNECTIONS, _WAITING, _AT_ONCE = 512, 256, 128  # in all, before their first request, and new ones in one instant
 
 
 def create_app(watcher: Watcher, access: Access) -> Guard:
@@ -71,12 +75,15 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
     async def ask(request: Request) -> Response:
         if not access.may_ask(request.headers):
             return _refused("the token is not right")
+        status = 400  # it is no request
         try:
-            asked = _asked(await _body(request))
-            answer = await run_in_threadpool(_ask, watcher, asked)
+            asked = _asked(await asyncio.wait_for(_body(request), _PATIENCE_S))
+            status = 409  # it is one that cannot be done
+            return JSONResponse(await run_in_threadpool(_ask, watcher, asked))
+        except TimeoutError:
+            return JSONResponse({"error": "what was sent did not come to its end"}, status_code=408)
         except InputError as error:
-            return JSONResponse({"error": str(error)}, status_code=409)
-        return JSONResponse(answer)
+            return JSONResponse({"error": str(error)}, status_code=status)
 
     routes = [
         Route("/", page, methods=["GET"]),
@@ -99,12 +106,49 @@ def listen(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def serve(app: Guard, listener: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM. Open streams are cut off; pages connect again to the next server."""
+def server(app: Guard) -> uvicorn.Server:
+    """Return what serves until SIGINT or SIGTERM: `server(app).run(sockets=[listener])`.
+
+    Open streams are then cut off; pages connect again to the next server.
+    """
     settings = uvicorn.Config(
-        app, log_level="critical", access_log=False, server_header=False, timeout_graceful_shutdown=1
+        app,
+        http=_Connection,
+        backlog=_AT_ONCE,
+        limit_concurrency=_CONNECTIONS,
+        log_level="critical",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=1,
     )
-    uvicorn.Server(settings).run(sockets=[listener])
+    return uvicorn.Server(settings)
+
+
+class _Connection(H11Protocol):
+    """A connection that is closed where no request comes on it, or it comes by halves.
+
+    Where many are open on which none has come, the one that has waited longest makes room: whoever sends a request
+    sends it at once, so that no number of others keeps the page from answering.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._patience = self.loop.call_later(_PATIENCE_S, self._judge, None)
+        others = (each for each in self.connections if isinstance(each, _Connection))
+        waiting = [each for each in others if each.cycle is None and not each.transport.is_closing()]
+        if len(waiting) > _WAITING:
+            min(waiting, key=lambda each: each._patience.when()).transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._patience.cancel()
+        super().connection_lost(exc)
+
+    def _judge(self, before: RequestResponseCycle | None) -> None:
+        """Close where the last request is the one of `before`, and has been answered."""
+        if self.cycle is before and (before is None or before.response_complete):
+            self.transport.abort()
+        else:
+            self._patience = self.loop.call_later(_PATIENCE_S, self._judge, self.cycle)
 
 
 async def _events(watcher: Watcher) -> AsyncIterator[bytes]:
@@ -146,9 +190,9 @@ class Asked:
 
 def _asked(document: dict[str, Any]) -> Asked:
     """Check what was sent; raise `InputError` naming what is wrong."""
-    kinds = {each.value for each in RequestKind}
+    kinds = sorted(each.value for each in RequestKind)
     if document.get("kind") not in kinds:
-        raise InputError(f"kind: one of {', '.join(sorted(kinds))}")
+        raise InputError(f"kind: one of {', '.join(kinds)}")
     kind = RequestKind(document["kind"])
     who = _line(document, "who", _LONGEST_NAME)
     if not who:

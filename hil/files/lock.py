@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Self
 
 from drivers.clock import SystemClock
+from drivers.given_file import read_text
 from hil.errors import InputError
 
 LOCK_NAME = "controller.lock"
@@ -149,7 +150,7 @@ def living_owner(folder: Path) -> Owner | None:
     """Return who holds the lock of `folder` at this moment, or None where nobody does (never locked, or dead)."""
     path = folder / LOCK_NAME
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
         return None
     try:
@@ -165,7 +166,7 @@ def living_owner(folder: Path) -> Owner | None:
 def read_owner(path: Path) -> Owner | None:
     """Return who a lock file names, or None where it names nobody that can be understood."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         return Owner(**json.loads(text)) if text.strip() else None
-    except (OSError, ValueError, TypeError):
+    except (InputError, ValueError, TypeError):
         return None

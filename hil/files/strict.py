@@ -14,8 +14,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 import hil
-from drivers import strict_yaml
-from drivers.strict_yaml import plain_words
+from drivers.given_file import read_text as read_text
+from drivers.strict_yaml import first_mistake
+from drivers.strict_yaml import parse_yaml as parse_yaml
 from hil.errors import InputError
 
 SINGULAR = {
@@ -63,7 +64,7 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     what ships with hil. `kind` is "benches", "sweeps", "imus" or "models". Raises `InputError` naming the nearest.
     """
     path = Path(name).expanduser()
-    if _is(Path.is_file, path):
+    if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
         return path
     folders = ([beside] if beside is not None else []) + config_folders(kind)
     if path.is_absolute():
@@ -89,28 +90,6 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
         return False
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file; raise `InputError` where it cannot be read or is not UTF-8."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from error
-
-
-def parse_yaml(text: str, source: str) -> dict[str, Any]:
-    """Return the mapping that a YAML text holds; raise `InputError` with the line where it is not one."""
-    try:
-        document = strict_yaml.parse_yaml(text)
-    except strict_yaml.NotYaml as error:
-        raise InputError(f"{source}{error.place}: not valid YAML: {error}") from error
-    if not isinstance(document, dict):
-        found = {list: "a list", type(None): "nothing"}.get(type(document), f"{document!r}")
-        raise InputError(f"{source}: must be a mapping of keys to values, not {found}")
-    return document
-
-
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
@@ -119,18 +98,7 @@ def validated(model: type[ModelT], document: dict[str, Any], source: str) -> Mod
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
-        more = f" ({len(problems) - 1} more after this one)" if len(problems) > 1 else ""
-        raise InputError(f"{source}: {_sentence(dict(problems[0]))}{more}") from error
-
-
-class _ProblemInside(ValueError):
-    """What is wrong in a section that is validated on its own, with the place within it."""
-
-    def __init__(self, where: str, what: str) -> None:
-        super().__init__(f"{where}: {what}" if where else what)
-        self.where = where
-        self.what = what
+        raise InputError(f"{source}: {first_mistake(error, document)}") from error
 
 
 def validated_inside(model: type[ModelT], given: object) -> ModelT:
@@ -138,21 +106,4 @@ def validated_inside(model: type[ModelT], given: object) -> ModelT:
     try:
         return model.model_validate(given)
     except ValidationError as error:
-        raise _ProblemInside(*_place_and_sentence(dict(error.errors(include_url=False)[0]))) from error
-
-
-def _sentence(problem: dict[str, Any]) -> str:
-    where, what = _place_and_sentence(problem)
-    return f"{where}: {what}" if where else what
-
-
-def _place_and_sentence(problem: dict[str, Any]) -> tuple[str, str]:
-    where = ".".join(str(part) for part in problem["loc"])
-    what = plain_words(problem)
-    if problem["type"] == "value_error":
-        inner = problem["ctx"]["error"]
-        if isinstance(inner, _ProblemInside):
-            return ".".join(part for part in (where, inner.where) if part), inner.what
-        if where and what.startswith(f"{where}: "):  # a dataclass that names its own section
-            what = what.removeprefix(f"{where}: ")
-    return where, what
+        raise ValueError(first_mistake(error, given)) from error

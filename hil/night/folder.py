@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
+from hil.files.lock import process_start
 from hil.records.reader import JOURNAL_NAME
 
 
@@ -54,15 +55,5 @@ def _clear_away(above: Path, name: str) -> None:
     """Remove the unfinished folders of this name whose process died while it made them."""
     for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
         number = left.name.rpartition("-")[2]
-        if number.isdecimal() and not _alive(int(number)):
+        if number.isdecimal() and not process_start(int(number)):
             shutil.rmtree(left, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)  # signal 0 is none: it only asks
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # somebody else's, or no number of a process
-        return True
-    return True

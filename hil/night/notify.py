@@ -22,7 +22,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from drivers.given_file import read_text
 from hil.config.notify import NotifySection
+from hil.errors import InputError
 
 _TIMEOUT_S = 10.0
 LAST_WORDS_S = 30.0
@@ -73,11 +75,11 @@ def addresses_of(reference: str) -> list[str]:
     """Return the addresses that a reference stands for; raise `NotSent` where there is none."""
     kind, _, name = reference.partition(":")
     try:
-        text = os.environ[name] if kind == "env" else Path(name).expanduser().read_text(encoding="utf-8")
+        text = os.environ[name] if kind == "env" else read_text(Path(name).expanduser())
     except KeyError:
         raise NotSent("the variable is not set") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise NotSent(f"the file cannot be read ({getattr(error, 'strerror', None) or 'not text'})") from None
+    except InputError as error:
+        raise NotSent(str(error)) from None
     found = [word for line in text.splitlines() for word in line.split() if not line.lstrip().startswith("#")]
     if not found:
         raise NotSent("it holds no address")

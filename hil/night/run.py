@@ -24,7 +24,7 @@ import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -37,7 +37,6 @@ from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
-from hil.errors import InputError
 from hil.files.lock import FolderLock
 from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
@@ -62,6 +61,7 @@ CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
+_LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
@@ -145,15 +145,13 @@ def resume_night(
 
     Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
     samples are damaged is done again as a whole (hil.records.damage). Under a virtual clock
-    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one whose plan or
-    configuration was changed, one that another controller is working on, or one whose bench cannot be put together.
+    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
+    controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
+    written.
     """
     folder, who = Path(folder), who or _user()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
-        changed = reader.changed_plan()
-        if changed:
-            raise InputError(f"{folder}: {changed}; what it would do now nobody has checked, so begin a new night")
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
@@ -243,7 +241,7 @@ def _carry_out(
             polling=polling,
             progress=Audience(
                 [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
-                lost=lambda error: _onlooker_lost(journal, error),
+                lost=lambda error: journal.event("onlooker-lost", f"{_LOST}: {type(error).__name__}: {error}"),
             ),
             powered_on=_powered_on(live),
             control=journal,
@@ -252,7 +250,8 @@ def _carry_out(
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        with _signals(stop):
+        in_main = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be heard
+        with stop.on_signals() if in_main else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
@@ -269,10 +268,6 @@ def _carry_out(
         shown.close()
         heartbeat.close()
         log.close()
-
-
-def _onlooker_lost(journal: SqliteJournal, error: Exception) -> None:
-    journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
 
 def _polling(live: LiveBench) -> Polling:
@@ -329,16 +324,6 @@ def versions() -> dict[str, str]:
     """Return the versions of what a result may depend on."""
     libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
-
-
-@contextlib.contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    """Turn signals into a stop request where that is possible: in the main thread."""
-    if threading.current_thread() is threading.main_thread():
-        with stop.on_signals():
-            yield
-    else:
-        yield
 
 
 def _made(folder: Path) -> Path:

@@ -18,14 +18,16 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.plausibility import judged_by_its_records
+from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
-from hil.records.damage import LostBlock, lost_blocks
+from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
-from hil.records.reader import JournalReader, reading
+from hil.records.reader import JOURNAL_NAME, JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, self_calibration_verdict
@@ -80,7 +82,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
     """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
 
     Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
-    `DamagedBlock` where samples are not what was written.
+    `Damaged` where the journal or samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
     with reading(folder) as journal:
@@ -107,21 +109,48 @@ def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
     return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
 
 
-def _lost(journal: JournalReader) -> list[LostBlock]:
-    """Return the blocks of samples that are not there: nobody can show that their averages are right."""
-    done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
-    return [each for each in lost_blocks(journal.folder, journal.blocks(), done) if each.samples]
+@dataclass(frozen=True)
+class Source:
+    """A night or a campaign folder as a campaign; of a night also the blocks of samples, by collect, that it has."""
+
+    folder: Path
+    campaign: Campaign
+    blocks: Mapping[int, Block]
+
+    @property
+    def recorded(self) -> frozenset[int]:
+        """The collects of which more than an average was kept."""
+        return frozenset((*self.blocks, *self.campaign.series_files))
+
+    def series(self, collect: int) -> Series | None:
+        """Return what was measured within a collect, NaN where it was rejected; None where only its average was kept.
+
+        Raises `DamagedBlock` where samples are not what was written, `InputError` as `read_series` does.
+        """
+        if collect not in self.blocks:
+            return read_series(self.campaign, collect)
+        samples = read_samples(self.folder, self.blocks[collect])
+        own = next(rows.conditions for rows in self.campaign.sensors.values() if collect in rows.conditions.collect)
+        rates, number = samples.of("rate", own.sensor.number), own.sensor.number
+        return Series(
+            samples.time_s - own.start_s[own.collect == collect],
+            np.stack([np.where(samples.good, rates[name], np.nan) for name in own.sensor.channels], -1),
+            next(iter(samples.of("temperature", number).values()), None),
+            None,
+        )
 
 
-def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
-    """Return a night as a campaign in memory, and the block of samples of each of its collects that has one.
-
-    Raises `InputError` as `export_campaign` does.
-    """
+def open_source(folder: Path | str) -> Source:
+    """Read a night or a campaign folder; raise `InputError` where it is neither, or as `export_campaign` does."""
     folder = Path(folder)
-    with reading(folder) as journal:
-        campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
-    return campaign, {row.number: row.collect.samples for row in rows if row.collect.samples is not None}
+    if (folder / JOURNAL_NAME).is_file():
+        with reading(folder) as journal:
+            campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
+        return Source(folder, campaign, {row.number: row.collect.samples for row in rows if row.collect.samples})
+    if (folder / HEADER_FILE).is_file():
+        return Source(folder, read_campaign(folder), {})
+    neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
+    raise InputError(f"{folder}: {neither if folder.is_dir() else 'there is no such folder'}")
 
 
 def _make_way(target: Path) -> None:
@@ -132,6 +161,7 @@ def _make_way(target: Path) -> None:
 
 
 def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:
+    refuse_damaged_samples(journal)
     collects = _collects(journal)
     if not collects:
         raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
@@ -162,11 +192,11 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         },
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
-        warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
         verdicts=_verdicts(journal),
         identity=night_identity(journal),
+        pose=bench.pose,
     )
-    return campaign, rows
+    return judged_by_its_records(campaign), rows
 
 
 def _collects(journal: JournalReader) -> list[_Collect]:

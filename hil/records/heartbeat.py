@@ -14,6 +14,8 @@ from datetime import datetime
 from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
+from drivers.given_file import read_bytes
+from hil.errors import InputError
 
 HEARTBEAT_NAME = "heartbeat.json"
 SILENCE_BORNE_S = 60.0
@@ -66,7 +68,7 @@ class HeartbeatFile:
 def read_heartbeat(folder: Path) -> Heartbeat | None:
     """Return the newest heartbeat in `folder`, None where there is none (or it is just being written)."""
     try:
-        beat = Heartbeat(**json.loads((folder / HEARTBEAT_NAME).read_bytes()))
+        beat = Heartbeat(**json.loads(read_bytes(folder / HEARTBEAT_NAME)))
         return beat if beat.at.tzinfo is not None else None
-    except (OSError, ValueError, TypeError):
+    except (InputError, ValueError, TypeError):
         return None

@@ -25,8 +25,10 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
 from drivers.frames.counts import StreamCounts
+from drivers.given_file import opened, read_text
 from drivers.imu import SensorChannels
 from drivers.imu.samples import rate_fields
+from hil.errors import InputError
 from hil.files.durable import PARTIAL
 from hil.records.heartbeat import Heartbeat
 from hil.records.rows import to_json
@@ -162,9 +164,9 @@ def _row(now: Snapshot, columns: Sequence[str]) -> Rows:
 def read_live(folder: Path) -> dict[str, Any] | None:
     """Return the newest state that a controller has shown, or None where there is none that can be read."""
     try:
-        text = (folder / LIVE_NAME).read_text(encoding="utf-8")
+        text = read_text(folder / LIVE_NAME)
         document = json.loads(text, parse_constant=lambda _: None)  # NaN is no number to show
-    except (OSError, ValueError, RecursionError):
+    except (InputError, ValueError, RecursionError):
         return None
     return document if isinstance(document, dict) and document.get("schema") == SCHEMA else None
 
@@ -210,7 +212,7 @@ class TraceReader:
     def read(self, at_most: int = 100_000) -> Rows:
         """Return the new rows, shape (n, columns)."""
         self.begun_anew = False
-        with suppress(OSError), self._path.open("rb") as file:
+        with suppress(InputError), opened(self._path) as file:
             status = os.fstat(file.fileno())
             if status.st_ino != self._inode or status.st_size < self._offset:
                 self.columns, self._offset, self._inode, self.begun_anew = [], 0, status.st_ino, True

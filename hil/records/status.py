@@ -42,7 +42,7 @@ def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     folder = Path(folder)
     owner = living_owner(folder)  # before the journal: an owner that ends in between has then written its end
-    with reading(folder) as journal:
+    with reading(folder, damaged_too=True) as journal:
         return _document(_Facts.of(journal, owner))
 
 
@@ -56,7 +56,7 @@ class _Facts:
     attempts: Sequence[Attempt]
     done: Mapping[str, Attempt]
     controller: Controller | None
-    changed: str  # how the plan is not the one that the night began with; empty where it is
+    damage: Sequence[str]  # what of the journal is not as it was written
     lost: Sequence[LostBlock]
     beat: Heartbeat | None  # of the living owner
     events: Sequence[Event]
@@ -67,11 +67,19 @@ class _Facts:
         newest = controllers[-1] if controllers else None
         attempts = journal.attempts()
         done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
-        lost = lost_blocks(journal.folder, journal.blocks(), {(key, each.attempt) for key, each in done.items()})
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
         return cls(
-            journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat, journal.events()
+            journal,
+            owner,
+            journal.plan,
+            attempts,
+            done,
+            newest,
+            journal.found,
+            lost_blocks(journal, read=False),
+            beat,
+            journal.events(),
         )
 
     @property
@@ -129,13 +137,10 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
         "killed": killed,
-        "problems": [*_unsafe(facts, killed=killed), *standing, *_damage(facts), *(_filling(facts) if working else [])],
+        "problems": [*_unsafe(facts, killed=killed), *standing, *facts.damage, *map(str, facts.lost)]
+        + (_filling(facts) if working else []),
         "over": over,
     }
-
-
-def _damage(facts: _Facts) -> list[str]:
-    return [*([facts.changed] if facts.changed else []), *map(str, facts.lost)]
 
 
 def _unsafe(facts: _Facts, *, killed: bool) -> list[str]:
@@ -219,8 +224,8 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
 
 
 def _state(facts: _Facts) -> tuple[str, str]:
-    if facts.changed:
-        return "incomplete", f"{facts.changed}, so what is done and what is not cannot be told"
+    if facts.damage:
+        return "incomplete", f"ERROR: {facts.damage[0]}, so what is done and what is not cannot be told"
     if len(facts.done) == len(facts.plan.steps):
         lost = sum(each.samples for each in facts.lost)
         if lost:

@@ -20,19 +20,30 @@ from hil.report.against import Comparison
 from hil.report.night import NightContent
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.contractor import METHOD
-from hil.solve.runs import judged_as_measured
 from hil.solve.temperatures import runs_by_temperature
-from procedures.verdict import Judgement, Verdict
+from procedures.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A parameter at one temperature: the mean of the `runs` that it was solved from, and one sigma.
+
+    `sigma` is the scatter of the runs (n − 1), of a single run its standard error; NaN where that is not known.
+    """
+
+    value: float
+    sigma: float
+    runs: int
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """The self-calibrations of one sensor at one temperature, by model: parameter name to values, shape (runs,)."""
+    """The self-calibrations of one sensor at one temperature, by model: parameter name to what was found."""
 
     temperature_degC: float | None
     runs: tuple[int, ...]
-    matrix: Mapping[str, FloatArray]
-    contractor: Mapping[str, FloatArray]
+    matrix: Mapping[str, Mean]
+    contractor: Mapping[str, Mean]
 
 
 @dataclass(frozen=True)
@@ -76,14 +87,9 @@ class ReportContent:
     comparison: Comparison | None = None
     both_sensors: Sequence[str] = ()
 
-    def judgement(self, solution: RunSolution) -> Judgement:
-        """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
-        judged = judged_as_measured(solution, self.campaign.verdicts)
-        return Judgement(judged.verdict, judged.reason)
-
     def verdict_counts(self) -> Mapping[Verdict, int]:
         """How many solutions got which verdict."""
-        found = [self.judgement(each).verdict for sensor in self.sensors for each in sensor.solutions]
+        found = [each.verdict for sensor in self.sensors for each in sensor.solutions]
         return {verdict: found.count(verdict) for verdict in Verdict if verdict in found}
 
 
@@ -137,12 +143,18 @@ def _repeat(
 ) -> Repeat:
     own = [each for each in solutions if each.run in runs]
     beside = [contractor[each.run, each.sensor] for each in own if (each.run, each.sensor) in contractor]
-    return Repeat(temperature, runs, _values(own), _values(beside))
+    return Repeat(temperature, runs, _means(own), _means(beside))
 
 
-def _values(solutions: Sequence[RunSolution]) -> Mapping[str, FloatArray]:
-    names = dict.fromkeys(name for each in solutions for name in each.parameters)
-    return {
-        name: np.array([each.parameters[name].value for each in solutions if name in each.parameters], dtype=np.float64)
-        for name in names
-    }
+def _means(solutions: Sequence[RunSolution]) -> Mapping[str, Mean]:
+    found: dict[str, list[tuple[float, float]]] = {}
+    for name, each in ((name, each) for solution in solutions for name, each in solution.parameters.items()):
+        if each.value is not None and np.isfinite(each.value):
+            found.setdefault(name, []).append((each.value, np.nan if each.se is None else each.se))
+    return {name: _mean(np.array(runs)) for name, runs in found.items()}
+
+
+def _mean(runs: FloatArray) -> Mean:
+    """Return the mean of runs, (runs, 2) of values and standard errors."""
+    sigma = np.std(runs[:, 0], ddof=1) if len(runs) > 1 else runs[0, 1]
+    return Mean(float(np.mean(runs[:, 0])), float(sigma), len(runs))

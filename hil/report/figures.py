@@ -40,12 +40,12 @@ _NUMBERED = 40  # more events than this are marked without their numbers, which 
 
 @dataclass(frozen=True)
 class Line:
-    """One line graph: mean and one-sigma scatter against temperature, each of shape (t,), with its legend entry."""
+    """One line graph: mean and one sigma against temperature, each of shape (t,), with its legend entry."""
 
     label: str
     temperature_degC: FloatArray
     mean: FloatArray
-    sigma: FloatArray  # NaN where a temperature has a single self-calibration
+    sigma: FloatArray  # NaN where it is not known
     style: str = "matrix"  # a key of LOOKS
 
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.records import JournalReader, reading
-from hil.records.rows import Attempt, Heartbeat
+from hil.records.curve import temperatures
+from hil.records.rows import Attempt
 from hil.records.status import night_status
 from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
@@ -27,8 +28,8 @@ from procedures.verdict import Judgement, self_calibration_verdict
 from procedures.words import counted, hours_minutes, step_in_words
 
 _SECONDS_PER_HOUR = 3600.0
-_SILENT_BEATS = 5.0
-"""A gap of so many times the usual time between heartbeats breaks the lines of the plot: nobody was measuring."""
+_SILENT_S, _SILENT_POINTS = 300.0, 5.0
+"""A longer gap, and of more times the usual one, breaks the lines of the plot: nobody was measuring."""
 
 RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
 """The kinds of events by which a resume says what it did and why."""
@@ -108,10 +109,10 @@ def night_content(folder: Path) -> NightContent:
     status = night_status(folder)
     with reading(folder) as journal:
         completed, done = journal.completed(), journal.done_attempts()
-        steps, beats, events = journal.steps_by_key(), journal.heartbeats(), journal.events()
+        steps, events = journal.steps_by_key(), journal.events()
         ended = [(steps[key], attempt) for key, attempt in done.items()]
         identity = next((each.data for step, each in ended if step.kind is StepKind.IDENTIFY), {})
-        hours, temperatures = _temperatures(beats)
+        hours, series = _temperatures(*temperatures(folder, journal.heartbeats()))
         return NightContent(
             state=str(status["state"]),
             title=journal.night.title,
@@ -129,7 +130,7 @@ def night_content(folder: Path) -> NightContent:
             events=[(_utc(journal, event.at_s), event.kind, event.message) for event in events],
             event_hours=np.array([event.at_s for event in events], dtype=np.float64) / _SECONDS_PER_HOUR,
             hours=hours,
-            temperatures=temperatures,
+            temperatures=series,
             soaks=[_soak(step, attempt) for step, attempt in ended if step.kind is StepKind.RESTABILISE],
             collects=[_collect(journal, step, each) for step, each in ended if step.kind is StepKind.COLLECT],
             rejected=_rejected(journal, going_on=status["state"] in {"running", "paused"}),
@@ -226,23 +227,18 @@ def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str,
     return found
 
 
-def _temperatures(beats: Sequence[Heartbeat]) -> tuple[FloatArray, dict[str, FloatArray]]:
+def _temperatures(
+    names: Sequence[str], times_s: FloatArray, values: FloatArray
+) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return hours (t,) and setpoint, chamber and every unit thermometer (t,), NaN where unknown or nobody measured."""
-    if not beats:
-        return np.empty(0), {}
-    at_s = np.array([beat.at_s for beat in beats], dtype=np.float64)
-    units = sorted({name for beat in beats for name in beat.readings if name.startswith("unit")})
-    names = {"setpoint": "setpoint_degC", "chamber": "chamber_degC"}
-    names |= {f"unit, sensor {name.split('_')[1]}": name for name in units}
-    series = {
-        label: np.array([beat.readings.get(name, np.nan) for beat in beats], dtype=np.float64)
-        for label, name in names.items()
-        if any(name in beat.readings for beat in beats)
-    }
-    steps_s = np.diff(at_s)
-    silent = np.flatnonzero(steps_s > _SILENT_BEATS * np.median(steps_s)) + 1 if len(steps_s) else np.empty(0, int)
-    broken = {label: np.insert(values, silent, np.nan) for label, values in series.items()}
-    return np.insert(at_s, silent, at_s[silent]) / _SECONDS_PER_HOUR, broken
+    labels = {"setpoint_degC": "setpoint", "chamber_degC": "chamber"}
+    labels |= {name: f"unit, sensor {name.split('_')[1]}" for name in names if name.startswith("unit")}
+    steps_s = np.diff(times_s)
+    usual_s = float(np.median(steps_s[steps_s > 0.0])) if np.any(steps_s) else 0.0
+    silent = np.flatnonzero(steps_s > max(_SILENT_S, _SILENT_POINTS * usual_s)) + 1
+    broken = np.insert(values, silent, np.nan, axis=0)
+    found = {label: broken[:, names.index(name)] for name, label in labels.items() if name in names}
+    return np.insert(times_s, silent, times_s[silent]) / _SECONDS_PER_HOUR, found
 
 
 def _utc(journal: JournalReader, at_s: float) -> str:

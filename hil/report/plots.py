@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
-from hil.records.blocks import Block, read_samples
-from hil.records.export import samples_by_collect
+from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME
 from hil.report.figures import draw_night
 from hil.report.night import night_content
@@ -62,46 +60,29 @@ def collect_series(
 
     It is named by its number, or by run and position. Raises `InputError` saying what there is to choose from.
     """
-    campaign, blocks = _open(folder)
+    source = open_source(folder)
+    campaign = source.campaign
     number = _sensor(folder, campaign, sensor)
     rows = campaign.sensors[number]
     chosen = _collect(folder, campaign, number, collect, run, position)
     row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
     channels = list(rows.conditions.sensor.channels)
-    if chosen in blocks:
-        samples = read_samples(folder, blocks[chosen])
-        good, t_s = samples.good, samples.time_s - float(rows.conditions.start_s[row])
-        rates = {name: np.where(good, samples.of("rate", number)[name], np.nan) for name in channels}
-        temperature = next(iter(samples.of("temperature", number).values()), None)
-    else:
-        series = read_series(campaign, chosen)
-        if series is None:
-            raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
-        t_s, temperature = series.t_s, series.temperature_degC
-        rates = {name: series.rates_deg_per_hr[:, place] for place, name in enumerate(channels)}
+    series = source.series(chosen)
+    if series is None:
+        raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
     conditions = rows.conditions
     return CollectSeries(
         f"{campaign.title}, collect {chosen}: sensor {number}, run {conditions.run[row]}, "
         f"position {conditions.position[row]}",
         campaign.simulated,
-        t_s,
-        rates,
-        temperature,
+        series.t_s,
+        dict(zip(channels, series.rates_deg_per_hr.T, strict=True)),
+        series.temperature_degC,
         {
             name: (float(rows.rates_deg_per_hr[row, place]), float(rows.rates_se_deg_per_hr[row, place]))
             for place, name in enumerate(channels)
         },
     )
-
-
-def _open(folder: Path) -> tuple[Campaign, Mapping[int, Block]]:
-    if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder")
-    if (folder / JOURNAL_NAME).is_file():
-        return samples_by_collect(folder)
-    if (folder / HEADER_FILE).is_file():
-        return read_campaign(folder), {}
-    raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
 
 
 def _sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:

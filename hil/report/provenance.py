@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from drivers.given_file import opened
 from hil.campaign import Campaign
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
 from hil.records import JournalReader
@@ -56,5 +57,5 @@ def _name(path: Path, folder: Path) -> str:
 
 
 def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
+    with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

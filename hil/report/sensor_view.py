@@ -10,12 +10,11 @@ import numpy as np
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
 from hil.analysis.scatter.signature import HYPOTHESES, Interval
 from hil.analysis.scatter.sources import overall
-from hil.campaign import FloatArray
-from hil.report.content import Repeat, ReportContent, SensorContent
+from hil.report.content import Mean, Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text, wrap
 from hil.solve import RunSolution
-from procedures.verdict import Verdict
+from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
@@ -44,16 +43,16 @@ _NO_CONTRACTOR = (
 )
 
 
-def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]:
+def sensor_view(sensor: SensorContent) -> dict[str, Any]:
     """Return what the template shows of one sensor."""
     found = sensor.reproduction
     return {
         "number": sensor.number,
         "note": _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else "",
-        "table": _table_1(content, sensor),
+        "table": _table_1(sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
-        "runs": _runs(content, sensor),
-        "reasons": list(_reasons(content, sensor)),
+        "runs": _runs(sensor),
+        "reasons": list(_reasons(sensor)),
         "contractor": _contractors_verdicts(sensor),
         "seven": None if found is None else _table_a1(sensor.number, found),
         "errors": None if found is None else _contractor_errors(sensor.number, found),
@@ -62,7 +61,7 @@ def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]
     }
 
 
-def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
+def _table_1(sensor: SensorContent) -> Grid:
     if sensor.is_rotor:
         rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
     else:
@@ -72,11 +71,11 @@ def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
         heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F"))
-    doubtful = [_doubtful(content, sensor, repeat) for repeat in sensor.repeats]
+    doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
     return Grid(
         f"table-1-sensor-{sensor.number}",
-        "Table 1's layout: mean over the self-calibrations at each temperature and, below it, their one-sigma scatter "
-        "(n − 1)." + (" The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else ""),
+        f"Table 1's layout: mean over the self-calibrations at each temperature and, below it, {_sigmas(sensor)}."
+        + (" The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else ""),
         heads,
         [
             [
@@ -91,32 +90,45 @@ def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
     )
 
 
-def _doubtful(content: ReportContent, sensor: SensorContent, repeat: Repeat) -> str:
+def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
     """Say how many runs of a mean must not be relied upon, a line for each verdict."""
-    found = [content.judgement(each).verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
+    found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
     return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
 
 
-def _means(at_each: Sequence[FloatArray | None]) -> Iterator[Cell]:
-    """Yield the means of one row, all with as many decimals as its usual scatter asks for."""
-    known = [np.empty(0) if values is None else values[np.isfinite(values)] for values in at_each]
-    sigmas = [float(np.std(values, ddof=1)) for values in known if len(values) > 1]
+def _sigmas(sensor: SensorContent) -> str:
+    """Say what stands behind ± and what bars show: scatter where runs were repeated, else what one run tells."""
+    single = [len(repeat.runs) == 1 for repeat in sensor.repeats]
+    scatter = "their one-sigma scatter (n − 1)"
+    alone = "standard error (s.e.), told from the noise within its collects"
+    if not any(single):
+        return scatter
+    return f"as there is one at each, its {alone}" if all(single) else f"{scatter}; where there is one, its {alone}"
+
+
+def _means(at_each: Sequence[Mean | None]) -> Iterator[Cell]:
+    """Yield the means of one row, all with as many decimals as their usual sigma asks for."""
+    sigmas = [each.sigma for each in at_each if each is not None and np.isfinite(each.sigma)]
     decimals = decimals_for([float(np.median(sigmas))] if sigmas else [])
-    for values in known:
-        if len(values) > 1:
-            yield estimate(float(np.mean(values)), float(np.std(values, ddof=1)), decimals)
+    for each in at_each:
+        if each is None:
+            yield number(None)
+        elif each.runs > 1:
+            yield estimate(each.value, each.sigma, decimals)
         else:
-            yield number(float(values[0]), decimals, "single") if len(values) else number(None)
+            yield number(
+                each.value, decimals, f"±{each.sigma:.{decimals}f} s.e." if np.isfinite(each.sigma) else "no s.e."
+            )
 
 
-def _of(repeat: Repeat, model: str) -> Mapping[str, FloatArray]:
+def _of(repeat: Repeat, model: str) -> Mapping[str, Mean]:
     return repeat.matrix if model == "matrix" else repeat.contractor
 
 
 def _figures(sensor: SensorContent) -> Iterator[dict[str, str]]:
     if any(repeat.temperature_degC is None for repeat in sensor.repeats):
         return
-    bars = "Bars: one sigma of the self-calibrations at that temperature."
+    bars = f"Mean over the self-calibrations at each temperature; bars: {_sigmas(sensor)}."
     if sensor.is_rotor:
         for title, name, unit, caption in _FIGURES:
             lines = [_line("matrix (M)", sensor, name, "matrix"), _line("contractor (C)", sensor, name, "contractor")]
@@ -132,8 +144,12 @@ def _figures(sensor: SensorContent) -> Iterator[dict[str, str]]:
 def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[str, str]:
     """Return a figure and its caption; its text for ears has the numbers at both ends of each line."""
     ends = "; ".join(
-        f"{line.label}: {line.mean[0]:.1f} {unit} at {line.temperature_degC[0]:.1f} °C, {line.mean[-1]:.1f} {unit} at "
-        f"{line.temperature_degC[-1]:.1f} °C"
+        f"{line.label}: "
+        + ", ".join(
+            f"{line.mean[place]:.1f}{f' ±{line.sigma[place]:.1f}' if np.isfinite(line.sigma[place]) else ''} {unit} at "
+            f"{line.temperature_degC[place]:.1f} °C"
+            for place in (0, -1)
+        )
         for line in lines
         if len(line.mean)
     )
@@ -142,18 +158,12 @@ def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[
 
 
 def _line(label: str, sensor: SensorContent, name: str, model: str) -> Line:
-    points = [(r.temperature_degC, _of(r, model)[name]) for r in sensor.repeats if name in _of(r, model)]
-    points = [(t, values[np.isfinite(values)]) for t, values in points if np.isfinite(values).any()]
-    return Line(
-        label,
-        np.array([t for t, _ in points], dtype=np.float64),
-        np.array([np.mean(values) for _, values in points]),
-        np.array([np.std(values, ddof=1) if len(values) > 1 else np.nan for _, values in points]),
-        model,
-    )
+    known = [(r.temperature_degC, _of(r, model)[name]) for r in sensor.repeats if name in _of(r, model)]
+    points = np.array([(at, each.value, each.sigma) for at, each in known], dtype=np.float64).reshape(-1, 3)
+    return Line(label, points[:, 0], points[:, 1], points[:, 2], model)
 
 
-def _runs(content: ReportContent, sensor: SensorContent) -> Grid:
+def _runs(sensor: SensorContent) -> Grid:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
     temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
     own = [("", each) for each in _units(sensor.solutions).items()]
@@ -166,9 +176,12 @@ def _runs(content: ReportContent, sensor: SensorContent) -> Grid:
     heads += [Cell(name, whose + unit) for whose, (name, unit) in [*own, *beside]]
     rows = []
     for solution in sensor.solutions:
-        judged = content.judgement(solution)
         run = "all" if solution.run is None else str(solution.run)
-        cells = [Cell(run), Cell(temperature.get(solution.runs[0], "")), Cell(str(judged.verdict), kind=judged.verdict)]
+        cells = [
+            Cell(run),
+            Cell(temperature.get(solution.runs[0], "")),
+            Cell(str(solution.verdict), kind=solution.verdict),
+        ]
         for whose, (name, _) in [*own, *beside]:
             of = solution if not whose else sensor.contractor.get(solution.run)
             found = of.parameters.get(name) if of is not None else None
@@ -184,12 +197,13 @@ def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
 
 
-def _reasons(content: ReportContent, sensor: SensorContent) -> Iterator[dict[str, str]]:
+def _reasons(sensor: SensorContent) -> Iterator[dict[str, str]]:
     """Yield each reason once, with its verdict and the runs that it holds for; the worst verdicts first."""
     groups: dict[tuple[int, str, str], list[int]] = {}
     for solution in sensor.solutions:
-        judged = content.judgement(solution)
-        groups.setdefault((-judged.severity, str(judged.verdict), judged.reason), []).extend(solution.runs)
+        groups.setdefault(
+            (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason), []
+        ).extend(solution.runs)
     for (_, verdict, reason), runs in sorted(groups.items()):
         yield {"verdict": verdict, "runs": numbered("run", runs), "reason": reason}
 

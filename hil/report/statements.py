@@ -25,6 +25,11 @@ _THREE_COLLECTS = (
     ),
     "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
     (
+        "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, fit "
+        "these equations as well as what is right, and a fourth collect's too. What shows it: the rate during a known "
+        "rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report --against)."
+    ),
+    (
         "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
         "even g² term does not."
     ),
@@ -54,6 +59,8 @@ def good(content: ReportContent) -> tuple[str, str]:
     counts = content.verdict_counts()
     worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
     whole = content.night is None or content.night.state == "complete"
+    if worst is None and whole and content.comparison is not None and content.comparison.doubts:
+        return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
     if worst is None and counts and whole:
         whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
         return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
@@ -92,7 +99,7 @@ def summary(content: ReportContent) -> Iterator[str]:
             yield from _largest_mu(sensor)
     for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
         for sensor in content.sensors:
-            found = [run for e in sensor.solutions if content.judgement(e).verdict is verdict for run in e.runs]
+            found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
             if found:
                 yield f"{verdict}: sensor {sensor.number}, {numbered('run', found)}."
     if content.comparison is not None:
@@ -100,20 +107,16 @@ def summary(content: ReportContent) -> Iterator[str]:
 
 
 def _largest_mu(sensor: SensorContent) -> Iterator[str]:
-    sizes = [
-        (float(np.mean(repeat.matrix[name])), name, repeat)
-        for repeat in sensor.repeats
-        for name in ("MUA", "MUB")
-        if name in repeat.matrix and np.isfinite(repeat.matrix[name]).all()
-    ]
+    names = ("MUA", "MUB")
+    sizes = [(each.matrix[name], name, each) for each in sensor.repeats for name in names if name in each.matrix]
     if sizes:
-        value, name, repeat = max(sizes, key=lambda each: abs(each[0]))
-        runs, bias = repeat.matrix[name], "BB" if name == "MUA" else "BA"
-        scatter = f" ±{np.std(runs, ddof=1):.1f}" if len(runs) > 1 else ""
+        mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
+        what = f"scatter of {mean.runs} runs" if mean.runs > 1 else "standard error of one run"
+        sigma, which = (f" ±{mean.sigma:.1f}", f" (±: {what})") if np.isfinite(mean.sigma) else ("", "")
         yield (
             f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-            f"{value:.1f}{scatter} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero moves {bias} by "
-            "as much, in deg/hr."
+            f"{mean.value:.1f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}{which}; taking it for zero moves "
+            f"{'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
         )
 
 

@@ -20,14 +20,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
-from drivers.strict_yaml import NotYaml, first_mistake, parse_yaml
+from drivers.errors import InputError
+from drivers.given_file import read_text
+from drivers.strict_yaml import first_mistake, parse_yaml
 
 _PLACE = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
 _PROBES = (-29.7, 0.0, 25.0, 104.0)
-
-
-class BoxError(ValueError):
-    """A description that cannot be used; the message names the file and the key."""
 
 
 def _reply_pattern(template: str) -> re.Pattern[str]:
@@ -178,23 +176,14 @@ class BoxDescription(_Entry):
 
 
 def load_box(path: str | Path) -> BoxDescription:
-    """Read a description; raise `BoxError` in one sentence that names the file and the key."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BoxError(f"{path}: cannot be read ({error})") from error
-    return parse_box(text, str(path))
+    """Read a description; raise `InputError` in one sentence that names the file and the key."""
+    return parse_box(read_text(path), str(path))
 
 
 def parse_box(text: str, source: str) -> BoxDescription:
-    """Read a description from YAML text; `source` names it in messages. Raises `BoxError` where it is none."""
-    try:
-        document = parse_yaml(text)
-    except NotYaml as error:
-        raise BoxError(f"{source}{error.place}: is not YAML: {error}") from error
-    if not isinstance(document, dict):
-        raise BoxError(f"{source}: a description is a mapping with keys such as setpoint")
+    """Read a description from YAML text; `source` names it in messages. Raises `InputError` where it is none."""
+    document = parse_yaml(text, source)
     try:
         return BoxDescription.model_validate(document)
     except ValidationError as error:
-        raise BoxError(f"{source}: {first_mistake(error, document)}") from error
+        raise InputError(f"{source}: {first_mistake(error, document)}") from error

@@ -9,24 +9,21 @@ Rates become deg/hr. Tables that this project wrote say their unit and their tim
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
+from drivers.given_file import RECORDING_MB, check_size, opened
 from hil.analysis.allan.stretches import Recording, cut, recording, sampling_interval
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.errors import InputError
+from hil.files.tables import check_names, read_csv, read_parquet
 from hil.files.units import RATE, to_number
-from hil.records.blocks import Block, read_samples
-from hil.records.export import samples_by_collect
-from hil.records.reader import JOURNAL_NAME
+from hil.records.export import open_source
 from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
@@ -65,49 +62,26 @@ def read_recording(
 
 
 def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: int | None) -> Recording:
-    if (folder / JOURNAL_NAME).is_file():
-        campaign, blocks = samples_by_collect(folder)
-        recorded = set(blocks)
-    elif (folder / HEADER_FILE).is_file():
-        campaign, blocks = read_campaign(folder), {}
-        recorded = set(campaign.series_files)
-    else:
-        raise InputError(f"{folder}: neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})")
+    source = open_source(folder)
+    campaign = source.campaign
     number, name = _choose_channel(folder, campaign, channel, sensor)
-    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in recorded]
+    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in source.recorded]
     if not own:
         raise InputError(f"{folder}: no series of sensor {number} was kept")
     if collect is not None and collect not in own:
         raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {choice(own)}")
     pieces: list[FloatArray] = []
     interval_s = 0.0
-    for title, time_s, values, block_s in _each_series(folder, campaign, blocks, number, name, own, collect):
-        interval_s = interval_s or block_s or sampling_interval(title, time_s)
-        pieces += cut(title, values, interval_s, time_s)
+    for each in own if collect is None else [collect]:
+        if (series := source.series(each)) is not None:
+            title = f"{folder}, collect {each}"
+            interval_s = interval_s or series.block_s or sampling_interval(title, series.t_s)
+            rates = series.rates_deg_per_hr[:, _channels(campaign, number).index(name)]
+            pieces += cut(title, rates, interval_s, series.t_s)
     which = "all collects" if collect is None else f"collect {collect}"
     notes = ("collects at different temperatures are taken together",) if collect is None and len(own) > 1 else ()
     title = f"{folder.name}, {which}, sensor {number}, {name}"
     return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
-
-
-def _each_series(
-    folder: Path,
-    campaign: Campaign,
-    blocks: Mapping[int, Block],
-    number: int,
-    name: str,
-    recorded: Sequence[int],
-    collect: int | None,
-) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
-    """Yield a title, times, rates and the averaging time of each row (0 for single samples), one collect at a time."""
-    place = _channels(campaign, number).index(name)
-    for each in recorded if collect is None else [collect]:
-        title = f"{folder}, collect {each}"
-        if each in blocks:
-            samples = read_samples(folder, blocks[each])
-            yield title, samples.time_s, np.where(samples.good, samples.of("rate", number)[name], np.nan), 0.0
-        elif (series := read_series(campaign, each)) is not None:
-            yield title, series.t_s, series.rates_deg_per_hr[:, place], series.block_s or 0.0
 
 
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
@@ -177,8 +151,6 @@ def _factor(where: str, given: str | None, stated: str | None) -> float:
 
 
 def _read_table(path: Path) -> _Columns:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
     try:
         match path.suffix.lower():
             case ".parquet":
@@ -189,26 +161,24 @@ def _read_table(path: Path) -> _Columns:
                 return _text(path, ",")
             case _:
                 return _text(path, None)
-    except (pa.ArrowException, OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
+    except (pa.ArrowException, ValueError, EOFError, MemoryError, BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
 
 def _parquet(path: Path) -> _Columns:
-    with path.open("rb") as opened, pyarrow.parquet.ParquetFile(opened, pre_buffer=False) as file:
-        table = file.read(use_threads=False)
-    units, values = {}, {}
-    for each in table.schema:
-        if pa.types.is_floating(each.type) or pa.types.is_integer(each.type):
-            values[each.name] = np.asarray(table[each.name].cast(pa.float64()).to_numpy(zero_copy_only=False))
-            units[each.name] = ((each.metadata or {}).get(b"unit") or b"").decode()
+    table = read_parquet(path)
+    units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
     simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
-    return _Columns(path, values, units, simulated)
+    return _Columns(path, _numbers(table), units, simulated)
 
 
 def _numpy(path: Path) -> _Columns:
-    with path.open("rb") as file:
+    with opened(path, RECORDING_MB) as file:
         loaded = np.load(file, allow_pickle=False)
-        arrays = {path.stem: loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded}
+        arrays = {path.stem: loaded}
+        if not isinstance(loaded, np.ndarray):
+            check_size(path, sum(each.file_size for each in loaded.zip.infolist()), RECORDING_MB, "unpacked, it has")
+            arrays = {name: loaded[name] for name in loaded}
     values: dict[str, FloatArray] = {}
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
@@ -222,41 +192,29 @@ def _numpy(path: Path) -> _Columns:
 
 def _text(path: Path, delimiter: str | None) -> _Columns:
     """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
-    with path.open(encoding="utf-8-sig") as file:
-        first = next((line for line in file if line.strip() and not line.startswith("#")), "")
-    if not first:
-        raise ValueError("it is empty")
-    cells = [cell.strip() for cell in first.split(delimiter)]
-    named = not all(_is_number(cell) for cell in cells)
-    names = cells if named else [str(place + 1) for place in range(len(cells))]
-    if delimiter == "," and not _has_comments(path):
-        read = pa.csv.ReadOptions(column_names=None if named else names)
-        table = pa.csv.read_csv(path, read_options=read)
-        numeric = [n for n in table.column_names if pa.types.is_floating(table[n].type) or _is_whole(table[n].type)]
-        columns = {n: table[n].cast(pa.float64()).to_numpy(zero_copy_only=False) for n in numeric}
-        return _Columns(path, {n.removeprefix("\ufeff"): np.asarray(v) for n, v in columns.items()})
-    rows = np.loadtxt(path, delimiter=delimiter, skiprows=_rows_before(path, named), ndmin=2, encoding="utf-8-sig")
+    with opened(path, RECORDING_MB) as file:
+        lines = enumerate(line.decode("utf-8-sig") for line in file)
+        before, first = next((each for each in lines if each[1].strip() and not each[1].startswith("#")), (0, ""))
+        if not first:
+            raise ValueError("it is empty")
+        cells = [cell.strip() for cell in first.split(delimiter)]
+        named = not all(_is_number(cell) for cell in cells)
+        names = cells if named else [str(place + 1) for place in range(len(cells))]
+        check_names(path, names)
+        file.seek(0)
+        if delimiter == "," and not before:
+            return _Columns(path, _numbers(read_csv(path, file, None if named else names)))
+        rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
     if rows.shape[1] != len(names):
         raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
     return _Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
 
 
-def _is_whole(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_integer(kind))
-
-
-def _has_comments(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(1) == b"#"
-
-
-def _rows_before(path: Path, named: bool) -> int:
-    """Return how many lines stand before the numbers: comments at the top, and the names."""
-    with path.open(encoding="utf-8-sig") as file:
-        for number, line in enumerate(file):
-            if line.strip() and not line.startswith("#"):
-                return number + int(named)
-    return 0
+def _numbers(table: pa.Table) -> dict[str, FloatArray]:
+    """Return the columns of numbers, (n,) each, NaN where a cell is empty."""
+    numeric = [each.name for each in table.schema if pa.types.is_floating(each.type) or pa.types.is_integer(each.type)]
+    columns = {name: table[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in numeric}
+    return {name.removeprefix("\ufeff"): np.asarray(values) for name, values in columns.items()}
 
 
 def _is_number(cell: str) -> bool:

@@ -10,10 +10,10 @@ import yaml
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.described import SetpointBox
-from drivers.chambers.controllers.description import BoxDescription, BoxError, Question, load_box, parse_box
+from drivers.chambers.controllers.description import BoxDescription, Question, load_box, parse_box
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
-from drivers.errors import CommandRefused, ProtocolError, WrongDevice
+from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevice
 from drivers.simulators.chambers.described import SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
@@ -219,7 +219,7 @@ def test_a_full_box_works_against_its_simulator() -> None:
 )
 def test_a_wrong_description_is_one_sentence_that_names_file_and_key(changes: dict[str, Any], message: str) -> None:
     """So that somebody who has a manual and no driver can write one."""
-    with pytest.raises(BoxError) as refusal:
+    with pytest.raises(InputError) as refusal:
         _full(**changes)
     assert str(refusal.value).startswith(message)
     assert "\n" not in str(refusal.value)
@@ -228,7 +228,7 @@ def test_a_wrong_description_is_one_sentence_that_names_file_and_key(changes: di
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "just text", "name: X\nname: Y", "[" * 9999])
 def test_a_file_that_is_no_description_is_refused(text: str, tmp_path: Path) -> None:
     """Empty, a list, broken YAML, text, a key given twice, nothing but brackets; and a file that is not there."""
-    with pytest.raises(BoxError, match=r"^box\.yaml(, line \d, column \d+)?: "):
+    with pytest.raises(InputError, match=r"^box\.yaml(, line \d, column \d+)?: "):
         parse_box(text, "box.yaml")
-    with pytest.raises(BoxError, match="cannot be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         load_box(tmp_path / "nothing.yaml")

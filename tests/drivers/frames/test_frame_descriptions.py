@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivers.frames.description import DescriptionError, load_description, parse_description
+from drivers.errors import InputError
+from drivers.frames.description import load_description, parse_description
 from drivers.frames.scale_factor import parse_factor
 from tests.drivers.frames.streams import KVH, MFS_FILE, STIM300, mfs
 
@@ -111,8 +112,8 @@ BROKEN = {
     "zero scale": (STIM300.replace("scale: 2^-22", "scale: 0"), "incl_x: scale must not be 0"),
     "bad scale": (STIM300.replace("scale: 2^-22", "scale: 2^^2"), "incl_x.scale: '2\\^\\^2' is not a number"),
     "no schema": (STIM300.replace("schema: hil.frames/1", ""), "schema: this key is missing"),
-    "not a mapping": ("- 1", "is a mapping"),
-    "not YAML": ("a: [", "not YAML"),
+    "not a mapping": ("- 1", "must be a mapping"),
+    "not YAML": ("a: [", "not valid YAML"),
     "nothing but brackets": ("[" * 9999, "nested too deeply"),
     "key given twice": (STIM300.replace("gyro_y:", "gyro_x:"), "key 'gyro_x' is given twice"),
 }
@@ -124,7 +125,7 @@ def test_what_is_wrong_with_a_description_is_said_with_its_key(case: str) -> Non
     text, message = BROKEN[case]
     assert text != STIM300
     assert text != KVH
-    with pytest.raises(DescriptionError, match=message) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         parse_description(text, "unit.yaml")
     assert re.match(r"unit\.yaml(, line \d+, column \d+)?: ", str(caught.value))
     assert "\n" not in str(caught.value)
@@ -152,14 +153,14 @@ def test_a_role_without_its_field_is_said_with_its_key(path: tuple[str, ...], va
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = value
-    with pytest.raises(DescriptionError, match=message):
+    with pytest.raises(InputError, match=message):
         parse_description(yaml.safe_dump(content))
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     """A missing file and a file that is not text are refused with their name."""
-    with pytest.raises(DescriptionError, match=r"absent\.yaml: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"absent\.yaml: there is no such file"):
         load_description(tmp_path / "absent.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DescriptionError, match=r"binary\.yaml: is not UTF-8"):
+    with pytest.raises(InputError, match=r"binary\.yaml: is not UTF-8"):
         load_description(tmp_path / "binary.yaml")

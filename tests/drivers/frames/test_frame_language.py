@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.errors import InputError
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import DescriptionError, load_description, parse_description
+from drivers.frames.description import load_description, parse_description
 from drivers.frames.encoder import encode
 from tests.drivers.frames.streams import MFS_FILE
 from tests.drivers.frames.test_damaged_streams import WEAK
@@ -62,7 +63,7 @@ def test_a_parameter_that_the_unit_does_not_have_is_refused_with_its_key(
     parameters: dict[str, object], message: str
 ) -> None:
     """And with what there is."""
-    with pytest.raises(DescriptionError, match="^unit: " + message):
+    with pytest.raises(InputError, match="^unit: " + message):
         parse_description(fields("a: {type: u8}", HEAD + PARAMETERS), "unit", parameters=parameters)
 
 
@@ -162,7 +163,7 @@ BROKEN = {
 def test_what_is_wrong_is_said_in_one_sentence_with_its_key(case: str) -> None:
     """For every part of the language."""
     text, message = BROKEN[case]
-    with pytest.raises(DescriptionError, match=message) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         parse_description(text, "unit.yaml")
     assert str(caught.value).startswith("unit.yaml: ")
     assert "\n" not in str(caught.value)

@@ -14,10 +14,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from drivers.errors import InputError
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import DescriptionError, parse_description
+from drivers.frames.description import parse_description
 
 KESTREL = """
 schema: hil.frames/1
@@ -191,7 +192,7 @@ def test_every_mistake_is_told_with_its_key(case: str) -> None:
     """As it stands in the file, in one sentence."""
     old, new, key = MISTAKES[case]
     assert old in KESTREL
-    with pytest.raises(DescriptionError) as refusal:
+    with pytest.raises(InputError) as refusal:
         parse_description(KESTREL.replace(old, new, 1), "kestrel.yaml")
     assert f"kestrel.yaml: {key}" in str(refusal.value), str(refusal.value)
     assert "\n" not in str(refusal.value)

@@ -33,9 +33,9 @@ def _changed(text: str, old: str, new: str) -> str:
         (
             "high: 75 degC",
             "high: 1000 degC",
-            "chamber.limits: high: no chamber that these drivers know reaches 1000 °C",
+            "chamber.limits.high: no chamber that these drivers know reaches 1000 °C",
         ),
-        ("low: -45 degC", "low: -200 degC", "chamber.limits: low: no chamber that these drivers know reaches -200 °C"),
+        ("low: -45 degC", "low: -200 degC", "chamber.limits.low: no chamber that these drivers know reaches -200 °C"),
         ("{interval: 30 s,", "{interval: 8 d,", "polling: interval_s must be a finite number of at most 7 days"),
         ("clock: virtual", "clock: virtual\ninterlocks: {chamber_loss: 1e300 s}", "interlocks: chamber_loss_s must be"),
         ("case_lag: 12 min", "case_lag: 12 degC", "simulation.thermal.case_lag: '12 degC' is not a time"),
@@ -44,7 +44,7 @@ def _changed(text: str, old: str, new: str) -> str:
         (
             "{action: standby}",
             "{action: hold, temperature: 93 degC}",
-            "chamber: safe_state.temperature: 93 °C lies outside the chamber's limits -45 … 75 °C",
+            "chamber.safe_state.temperature: 93 °C lies outside the chamber's limits -45 … 75 °C",
         ),
         ("{action: standby}", "{action: hold}", "chamber.safe_state: a safe state has a temperature when"),
         ("unit: {model: MFS-IMU, serial: SIM-0001}", "unit: {model: MFS-IMU}", "unit.serial: this key is missing"),
@@ -62,7 +62,7 @@ def _changed(text: str, old: str, new: str) -> str:
         ("sim://imu", "", "imu.port: None is not a port"),
         ("sim://imu", "/dev/ttyS0", "clock: a virtual clock cannot drive the real port /dev/ttyS0 (imu.port)"),
         ("name: simulated", "name: my bench", "name: 'my bench' is not a name"),
-        ("{A: +1, B: +2, S: -3}  ", "{A: +1, B: +2, S: 4}  ", "sensors.2: orientations.2.S: 4 is not a signed"),
+        ("{A: +1, B: +2, S: -3}  ", "{A: +1, B: +2, S: 4}  ", "sensors.2.orientations.2.S: 4 is not a signed"),
     ],
 )
 def test_a_wrong_entry_is_one_sentence_that_names_file_and_key(old: str, new: str, message: str) -> None:
@@ -78,7 +78,7 @@ def test_a_wrong_entry_is_one_sentence_that_names_file_and_key(old: str, new: st
 def test_several_errors_are_counted_and_the_first_is_told() -> None:
     """A technician mends one thing at a time."""
     text = _changed(_changed(_BENCH, "clock: virtual", "clock: wall"), "seed: 861", "seed: x")
-    with pytest.raises(InputError, match=r"clock: .* \(1 more after this one\)$"):
+    with pytest.raises(InputError, match=r"clock: .* \(and 1 more\)$"):
         parse_bench(text, "my-bench.yaml")
 
 
@@ -149,7 +149,7 @@ def test_an_impossible_orientation_names_its_position(entry: str, message: str) 
     """The sensor and the position are in the sentence."""
     with pytest.raises(InputError) as refusal:
         _orientation(entry)
-    assert f"sensors.2: {message}" in str(refusal.value)
+    assert f"sensors.2.{message}" in str(refusal.value)
 
 
 def test_positions_have_the_units_own_numbers() -> None:

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import uvicorn
 import yaml
 
 from hil.dashboard.access import Access
-from hil.dashboard.server import create_app, listen
+from hil.dashboard.server import create_app, listen, server
 from hil.dashboard.watcher import Watcher
 from hil.files.strict import find_config
 
@@ -122,8 +121,7 @@ def served(root: Path, access: Access) -> Iterator[int]:
     """Serve the nights of `root` from a thread of this process by the rules of `access`; give the port."""
     listener = listen("127.0.0.1", 0)
     app = create_app(Watcher(root), access)
-    settings = uvicorn.Config(app, log_level="critical", timeout_graceful_shutdown=1, server_header=False)
-    serving = uvicorn.Server(settings)
+    serving = server(app)
     thread = threading.Thread(target=serving.run, kwargs={"sockets": [listener]})
     thread.start()
     try:

@@ -6,6 +6,7 @@ import json
 import socket
 import stat
 from collections.abc import Iterator
+from contextlib import ExitStack
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.cli.app import run
+from hil.dashboard import server as server_module
 from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
 from hil.dashboard.server import listen
 from hil.errors import InputError
@@ -95,6 +97,8 @@ def test_nobody_asks_without_the_token(ask: Any, nights: Path, given: str) -> No
     ("changes", "complaint"),
     [
         ({"kind": "explode"}, "kind: one of abort"),
+        ({"kind": ["abort"]}, "kind: one of abort"),
+        ({"kind": {"abort": 1}}, "kind: one of abort"),
         ({"who": "  "}, "a name is needed"),
         ({"who": "x" * 61}, "at most 60"),
         ({"who": "a\nb"}, "one line"),
@@ -110,7 +114,7 @@ def test_what_is_no_request_is_refused_in_a_sentence(ask: Any, changes: dict[str
     """Bad input changes nothing."""
     sent = {"night": "night", "kind": "pause", "who": "mallory"} | changes
     answer, body = ask("POST", "/api/ask", sent, authorization=BEARER)
-    assert answer.status == 409
+    assert answer.status == (409 if complaint == "no such night" else 400)
     assert complaint in json.loads(body)["error"]
 
 
@@ -118,7 +122,7 @@ def test_what_is_no_request_is_refused_in_a_sentence(ask: Any, changes: dict[str
 def test_what_is_no_document_is_refused(ask: Any, body: bytes) -> None:
     """Neither does a long one fill the memory."""
     answer, said = ask("POST", "/api/ask", body, authorization=BEARER)
-    assert answer.status == 409
+    assert answer.status == 400
     assert "what was sent is" in json.loads(said)["error"]
 
 
@@ -197,7 +201,7 @@ def test_a_token_file_is_made_for_its_owner_only_and_kept(tmp_path: Path) -> Non
     path.write_text("short")
     with pytest.raises(InputError, match="at least 12 characters"):
         token_from(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be kept"):
         token_from(tmp_path / "none" / "token")
 
 
@@ -215,7 +219,7 @@ def test_a_token_that_others_can_read_is_told_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Somebody made the file by hand, or copied it."""
-    monkeypatch.setattr("hil.dashboard.server.serve", lambda *_: None)
+    monkeypatch.setattr("uvicorn.Server.run", lambda *_, **__: None)
     for mode, told in ((0o600, False), (0o644, True)):
         (tmp_path / "token").write_text(TOKEN)
         (tmp_path / "token").chmod(mode)
@@ -232,3 +236,73 @@ def test_bad_input_of_the_command_is_a_sentence(tmp_path: Path, capsys: pytest.C
     with listen("127.0.0.1", 0) as listener:
         assert run(["dashboard", str(tmp_path), "--port", str(listener.getsockname()[1])]) == 2
     assert "choose another --port" in capsys.readouterr().err
+
+
+def _half_sent(port: int) -> socket.socket:
+    """Connect, and send the beginning of a request."""
+    made = socket.create_connection(("127.0.0.1", port), timeout=10.0)
+    made.sendall(b"GET / HTTP/1.1\r\nhost: 127.0.0.1\r\nx-never-en")
+    return made
+
+
+def _answer(port: int) -> int:
+    connection = HTTPConnection("127.0.0.1", port, timeout=10.0)
+    connection.request("GET", "/")
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+def test_half_sent_requests_make_room_for_whole_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many there are, a page that asks is answered; the oldest of them are closed."""
+    monkeypatch.setattr(server_module, "_WAITING", 20)
+    with served(tmp_path, Access(TOKEN, "127.0.0.1")) as port, ExitStack() as held:
+        halves = [held.enter_context(_half_sent(port)) for _ in range(60)]
+        assert _answer(port) == 200
+        closed = [half for half in halves if _is_closed(half)]
+    assert closed == halves[: len(closed)]
+    assert 38 <= len(closed) <= 42
+
+
+def _is_closed(half: socket.socket) -> bool:
+    half.setblocking(False)
+    try:
+        return half.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+def test_a_request_that_does_not_come_to_its_end_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its head, its body, or the next one on the same connection; a stream that was asked for goes on."""
+    monkeypatch.setattr(server_module, "_PATIENCE_S", 0.05)
+    head = f"POST /api/ask HTTP/1.1\r\nhost: 127.0.0.1\r\nauthorization: {BEARER}\r\ncontent-length: 9\r\n\r\n"
+    whole = b"GET / HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n"
+    stream = b"GET /api/stream HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n"
+    with served(tmp_path, Access(TOKEN, "127.0.0.1")) as port, ExitStack() as held:
+        half, body, second, streaming = (held.enter_context(_half_sent(port)) for _ in range(4))
+        for each, rest in ((body, head.encode() + b"{"), (second, whole + whole[:9]), (streaming, stream)):
+            each.sendall(b"ds: 1\r\n\r\n" + rest)
+        assert half.recv(1) == b""
+        assert b" 408 " in _all(body)
+        assert _all(second).count(b"HTTP/1.1 200") == 2
+        streaming.setblocking(False)
+        assert streaming.recv(100_000)
+        assert not _is_closed(streaming)
+
+
+def _all(connection: socket.socket) -> bytes:
+    """What comes until the server closes."""
+    return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def test_more_connections_than_are_served_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Streams are held for good; the rest is left with files to open."""
+    monkeypatch.setattr(server_module, "_CONNECTIONS", 3)
+    with served(tmp_path, Access(TOKEN, "127.0.0.1")) as port, ExitStack() as held:
+        for _ in range(3):
+            stream = HTTPConnection("127.0.0.1", port, timeout=10.0)
+            held.callback(stream.close)
+            stream.request("GET", "/api/stream")
+            assert stream.getresponse().status == (200 if _ < 2 else 503)

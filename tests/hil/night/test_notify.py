@@ -145,7 +145,7 @@ def test_references_say_what_is_wrong_with_them(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "empty").write_text("# nobody\n")
     for reference, words in (
         ("env:HIL_NO_SUCH_VARIABLE", "not set"),
-        (f"file:{tmp_path / 'none'}", "cannot be read"),
+        (f"file:{tmp_path / 'none'}", "no such file"),
         (f"file:{tmp_path / 'empty'}", "holds no address"),
     ):
         with pytest.raises(NotSent, match=words):

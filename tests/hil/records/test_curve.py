@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.dashboard.curve import Curve
+from hil.records.curve import Curve
 
 HOURS_15_S = 15 * 3600
 
@@ -85,6 +85,16 @@ def test_a_gap_stays_empty_and_what_is_not_known_is_null() -> None:
     curve.add(np.array([0.0, 1.0]), np.array([[1.0], [2.0]]))
     curve.add(np.array([10.0, 11.0]), np.array([[np.nan], [3.0]]))
     assert curve.whole()["least"][0] == [1.0, 2.0, *[None] * 9, 3.0]
+
+
+def test_its_points_are_the_least_and_the_greatest_of_what_there_was() -> None:
+    """In the order of time; one where both are the same, none where there was nothing."""
+    curve = Curve(2, buckets=4)
+    curve.add(np.array([0.0, 1.0, 7.0]), np.array([[1.0, 5.0], [3.0, 5.0], [2.0, np.nan]]))
+    times, values = curve.points()
+    assert times.tolist() == [0.0, 0.0, 6.0]
+    np.testing.assert_array_equal(values, [[1.0, 5.0], [3.0, 5.0], [2.0, np.nan]])
+    assert len(Curve(1).points()[0]) == 0
 
 
 def test_nothing_new_is_nothing_to_send() -> None:

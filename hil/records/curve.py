@@ -11,13 +11,21 @@ any length costs the same memory.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.records.live import Rows, TraceReader
+from hil.records.rows import Heartbeat
+
+TEMPERATURE = "_degC"
+"""How the names of columns of temperatures end."""
 
 _FIRST_WIDTH_S = 1.0
+_OF_ALL, _AT_MOST = 2048, 10_000_000  # buckets of a whole night, about the points that a page's width has; rows
 
 
 class Curve:
@@ -45,6 +53,14 @@ class Curve:
         np.fmax.at(self._greatest, index, values)
         self._unsent = min(self._unsent, int(index[0]))
         self._used = max(self._used, int(index[-1]) + 1)
+
+    def points(self) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, (n,), and values, (n, columns): of each bucket that is not empty, its least and greatest."""
+        both = np.stack([self._least[: self._used], self._greatest[: self._used]], axis=1)
+        told = np.isfinite(both).any(axis=2)
+        told[:, 1] &= (both[:, 0] < both[:, 1]).any(axis=1)
+        times_s = self._start_s + self._width_s * np.arange(self._used)
+        return np.repeat(times_s, 2)[told.ravel()], both[told]
 
     def whole(self) -> dict[str, Any]:
         """Return everything that there is to draw."""
@@ -88,3 +104,30 @@ def _lists(table: FloatArray, digits: int) -> list[list[float | None]]:
     rounded[np.isnan(table.T)] = None
     lists: list[list[float | None]] = rounded.tolist()
     return lists
+
+
+def rows_of(beats: Sequence[Heartbeat], columns: Sequence[str] = ()) -> tuple[list[str], Rows]:
+    """Return the temperatures of the journal's signs of life, (n, columns), as a trace has them: by `t_s` and name."""
+    named = {name for beat in beats for name in beat.readings if name.endswith(TEMPERATURE)}
+    columns = ["t_s", *sorted(named.union(columns[1:]))]
+    rows = [[beat.at_s, *(beat.readings.get(name, np.nan) for name in columns[1:])] for beat in beats]
+    return columns, np.array(rows, dtype="<f4").reshape(-1, len(columns))
+
+
+def temperatures(folder: Path, beats: Sequence[Heartbeat]) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return the names of a night's temperatures, times of the campaign, s, (n,), and values, °C, (n, names).
+
+    They are those of its trace, a row a second, and of its signs of life, one a minute: a trace may be lost or cut off.
+    """
+    trace = TraceReader(folder)
+    rows = trace.read(_AT_MOST)
+    traced = [name for name in trace.columns if name.endswith(TEMPERATURE)]
+    columns, all_rows = rows_of(beats, ["t_s", *traced])
+    missing = np.full((len(rows), 1), np.nan)
+    taken = [rows[:, [trace.columns.index(name)]] if name in trace.columns else missing for name in columns]
+    both = np.concatenate([all_rows, np.hstack(taken)]).astype(float)
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    curve = Curve(len(columns) - 1, _OF_ALL)
+    curve.add(both[:, 0], both[:, 1:])
+    times_s, values = curve.points()
+    return columns[1:], times_s, np.round(values, 4)  # of four bytes, in which 60.1 is 60.099998

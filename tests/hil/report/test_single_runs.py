@@ -1,0 +1,79 @@
+"""A campaign with one self-calibration at each temperature: nothing repeats, every number has its ±."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from hil.campaign.reader import read_campaign
+from hil.report.content import ReportContent, gather
+from hil.report.page import render
+from hil.report.sensor_view import sensor_view
+from hil.report.statements import summary
+from tests.hil.report.report_pages import Tables
+
+
+def _without(folder: Path, left_out: set[str], *, errors: bool = True) -> ReportContent:
+    """Leave out runs of the campaign, by number, and the standard errors."""
+    path = folder / "collects.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    run, kept = rows[0].index("run"), [name for name in rows[0] if errors or "_se_" not in name]
+    chosen = [row for row in rows if row[run] not in left_out]
+    path.write_text("\n".join(",".join(row[rows[0].index(name)] for name in kept) for row in chosen) + "\n")
+    return gather(read_campaign(folder))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Eight temperatures, three runs at each, as a folder."""
+    return write_case(make_case(7, model="matrix-6-thermal"), tmp_path / "campaign")
+
+
+REPEATED = {str(run) for run in range(1, 25) if run % 3 != 1}
+
+
+def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: Path) -> None:
+    """In Table 1, in the figures' bars and their words for ears, and in the sentence on the largest term."""
+    content = _without(folder, REPEATED)
+    sensor = content.sensors[0]
+    assert [len(each.runs) for each in sensor.repeats] == [1] * 8
+    page = render(content)
+    table = Tables(page).found["table-1-sensor-2"]
+    label = {"BA, matrix": "BA", "MUB, matrix": "MUB", "BB, contractor": "BB"}
+    for row in table:
+        for solution, cell in zip(sensor.solutions, row[1:], strict=True) if row[0][0] in label else ():
+            of = sensor.contractor[solution.run] if "contractor" in row[0][0] else solution
+            found = of.parameters[label[row[0][0]]]
+            assert cell == [f"{found.value:.2f}", f"±{found.se:.2f} s.e."]
+    assert "as there is one at each, its standard error (s.e.), told from the noise within its collects" in page
+    assert "n − 1" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    bars = re.findall(r'aria-label="([^"]*)"', page)
+    assert bars
+    assert all(each.count(" ±") == each.count(" °C") for each in bars)
+    (said,) = (each for each in summary(content) if "largest term" in each)
+    assert re.search(r"= -?\d+\.\d ±\d+\.\d deg/hr/g at .* \(±: standard error of one run\)", said)
+
+
+def test_where_only_some_were_repeated_it_is_said_which_is_which(folder: Path) -> None:
+    """Scatter of three, and one run's standard error, in one row."""
+    content = _without(folder, {"2", "3"})
+    view = sensor_view(content.sensors[0])
+    assert "their one-sigma scatter (n − 1); where there is one, its standard error (s.e.)" in view["table"].caption
+    assert "where there is one, its standard error" in view["figures"][0]["caption"]
+    row = next(row for row in view["table"].rows if row[0].text == "BA, matrix")
+    assert [cell.below.endswith(" s.e.") for cell in row[1:]].count(True) == 1
+    values = [each.parameters["BA"].value for each in content.sensors[0].solutions[1:4]]
+    assert row[2].below == f"±{np.std(values, ddof=1):.2f}"
+
+
+def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
+    """Neither repeats nor standard errors."""
+    content = _without(folder, REPEATED, errors=False)
+    assert all(each.parameters["BA"].se is None for each in content.sensors[0].solutions)
+    rows = {row[0].text: row[1:] for row in sensor_view(content.sensors[0])["table"].rows}
+    assert {cell.below for cell in rows["BA, matrix"]} == {"no s.e."}
+    assert not any("±" in said for said in summary(content))
