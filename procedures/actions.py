@@ -81,20 +81,11 @@ class Actions:
         if self._watch.unit is None and recorded and "imu" in recorded.data:
             self._watch.unit = ImuIdentity(**recorded.data["imu"])
         unit = self._watch.same_unit()
-        self._refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
+        self._devices.refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
         self._devices.chamber.prepare()
         self._watch.forget_stream()
         self._watch.poll()
         return StepResult(Outcome.DONE, "devices identified", {"imu": dict(vars(unit)), "chamber": dict(vars(chamber))})
-
-    def _refuse_undeclared_simulation(self, *answers: str) -> None:
-        """Raise `WrongDevice` where a device calls itself simulated on a bench that is said to be real."""
-        told = [answer for answer in answers if "simulat" in answer.lower()]
-        if told and not self._devices.simulation_declared:
-            raise WrongDevice(
-                f"a device answers {told[0]!r}, but the bench file has no simulation section; its data would pass for "
-                "measurements: copy the simulation section from the bench file that is being simulated"
-            )
 
     def _setpoint(self, step: Step) -> StepResult:
         """Command the chamber and wait until its air arrives in the band; a ramp that takes too long is a fault."""

@@ -12,17 +12,18 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Protocol
 
+from procedures.requests import Prompt
 from procedures.watch import Watch
 
 
 class Terminal(Protocol):
     """Somebody who may sit there. Never waits."""
 
-    def put(self, question: str, timeout_s: float) -> None:
+    def put(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
         """Show the question."""
 
-    def answer(self) -> bool | None:
-        """Return the answer, or None while there is none."""
+    def answer(self) -> bool | str | None:
+        """Return the answer, words where they were wanted, or None while there is none."""
 
     def settle(self, how: str) -> None:
         """Say that the question stands no more: confirmed, refused, no answer, withdrawn."""
@@ -44,23 +45,35 @@ class Attendant:
 
         Raises `ValueError` where no sweep is being watched yet: `attend` comes first.
         """
+        return self._answer(question, timeout_s, wants_words=False).answer
+
+    def words(self, question: str, timeout_s: float) -> tuple[str, str]:
+        """Return what somebody typed, empty where they refuse or nobody does in time, and who.
+
+        Raises `ValueError` and as a poll, as a call does.
+        """
+        prompt = self._answer(question, timeout_s, wants_words=True)
+        return (prompt.words.strip() if prompt.answer else ""), prompt.who
+
+    def _answer(self, question: str, timeout_s: float, *, wants_words: bool) -> Prompt:
         watch = self._watch
         if watch is None:
             raise ValueError("a question before the sweep has begun")
         question = f"{watch.remark[:1].upper()}{watch.remark[1:]}. {question}" if watch.remark else question
-        prompt = watch.desk.put(question, timeout_s)
-        self._show(question, timeout_s)
+        prompt = watch.desk.put(question, timeout_s, wants_words=wants_words)
+        self._show(question, timeout_s, wants_words=wants_words)
         watch.note = question
         how = "withdrawn"
         try:
             for _ in watch.wait(watch.now_s + timeout_s):
-                if prompt.answer is None:
-                    prompt.answer, prompt.who = self._heard(), "the terminal"
+                if prompt.answer is None and (heard := self._heard()) is not None:
+                    words = heard if isinstance(heard, str) else ""
+                    prompt.answer, prompt.words, prompt.who = bool(heard), words, "the terminal"
                 if prompt.answer is not None:
                     how = "confirmed" if prompt.answer else "refused"
-                    return prompt.answer
+                    return prompt
             how = "no answer"
-            return None
+            return prompt
         finally:
             if how in ("withdrawn", "no answer"):
                 prompt.who = ""
@@ -70,14 +83,14 @@ class Attendant:
                     self._terminal.settle(how)
             watch.desk.settle(how)
 
-    def _show(self, question: str, timeout_s: float) -> None:
+    def _show(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
         try:
             if self._terminal is not None:
-                self._terminal.put(question, timeout_s)
+                self._terminal.put(question, timeout_s, wants_words=wants_words)
         except Exception:  # a closed terminal: the question still stands in the journal
             self._terminal = None
 
-    def _heard(self) -> bool | None:
+    def _heard(self) -> bool | str | None:
         try:
             return None if self._terminal is None else self._terminal.answer()
         except Exception:

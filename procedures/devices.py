@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from drivers.chambers import Chamber
 from drivers.clock import Clock
+from drivers.errors import WrongDevice
 from drivers.imu import Imu
 from drivers.positioners.positioner import Positioner
 from procedures.pose import PoseTable
@@ -26,3 +27,12 @@ class BenchDevices:
     positioner: Positioner
     simulation_declared: bool = True
     poses: PoseTable | None = None
+
+    def refuse_undeclared_simulation(self, *answers: str) -> None:
+        """Raise `WrongDevice` where a device calls itself simulated on a bench that is said to be real."""
+        told = [answer for answer in answers if "simulat" in answer.lower()]
+        if told and not self.simulation_declared:
+            raise WrongDevice(
+                f"a device answers {told[0]!r}, but the bench file has no simulation section; its data would pass for "
+                "measurements: copy the simulation section from the bench file that is being simulated"
+            )

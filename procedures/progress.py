@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Protocol
 
 from drivers.frames.counts import StreamCounts
 from procedures.journal_protocol import StepResult
@@ -38,13 +37,14 @@ class Snapshot:
     stream: StreamCounts = field(default_factory=StreamCounts)  # since this run began
     stream_hz: float | None = None  # good samples per second, since the last snapshot
     stream_nominal_hz: float | None = None
+    chamber_age_s: float | None = None  # since the chamber answered
     note: str = ""  # what the step waits for
     steps_done: int = 0
     steps_total: int = 0
 
 
-class Progress(Protocol):
-    """An onlooker."""
+class Progress:
+    """An onlooker; what it does not see it ignores."""
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """See the plan, and the keys of the steps that were completed before."""
@@ -62,26 +62,11 @@ class Progress(Protocol):
         """See what goes into the journal as an event: a retry, an interlock, a resumption, the safe state."""
 
 
-class Silent:
-    """Nobody looks."""
-
-    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
-        """Ignore it."""
-
-    def step_began(self, step: Step, attempt: int) -> None:
-        """Ignore it."""
-
-    def update(self, snapshot: Snapshot) -> None:
-        """Ignore it."""
-
-    def step_ended(self, step: Step, result: StepResult) -> None:
-        """Ignore it."""
-
-    def event(self, kind: str, message: str) -> None:
-        """Ignore it."""
+class Silent(Progress):
+    """Nobody looks, unless at something that is said."""
 
 
-class Audience:
+class Audience(Progress):
     """Several onlookers as one. One that raises is left out from then on, and `lost` is told why."""
 
     def __init__(self, onlookers: Iterable[Progress], lost: Callable[[Exception], None]) -> None:

@@ -33,7 +33,10 @@ class RequestKind(StrEnum):
 
 @dataclass(frozen=True)
 class Request:
-    """One request. `prompt` is the number of the question that a CONFIRM or REFUSE answers."""
+    """One request. `prompt` is the number of the question that a CONFIRM or REFUSE answers.
+
+    Where the question wants words, `why` of a CONFIRM holds them.
+    """
 
     number: int
     kind: RequestKind
@@ -72,11 +75,13 @@ class NoControl:
 
 @dataclass
 class Prompt:
-    """A question that stands. `answer` is None until somebody has given it."""
+    """A question that stands. `answer` is None until somebody has given it; with `wants_words`, they are in `words`."""
 
     number: int
     question: str
+    wants_words: bool = False
     answer: bool | None = None
+    words: str = ""
     who: str = ""
 
 
@@ -120,14 +125,17 @@ class Desk:
         prompt = self.prompt
         if prompt is None or prompt.number != request.prompt or prompt.answer is not None:
             return False, "that question does not stand any more"
-        prompt.answer, prompt.who = request.kind is RequestKind.CONFIRM, request.who
+        confirmed = request.kind is RequestKind.CONFIRM
+        if confirmed and prompt.wants_words and not request.why:
+            return False, "that question wants an answer in words (hil confirm --text)"
+        prompt.answer, prompt.words, prompt.who = confirmed, request.why, request.who
         return True, "confirmed" if prompt.answer else "refused"
 
-    def put(self, question: str, timeout_s: float) -> Prompt:
+    def put(self, question: str, timeout_s: float, *, wants_words: bool = False) -> Prompt:
         """Let a question stand, for whoever reads the journal, until `settle` or `withdraw`."""
         self._prompts += 1
-        self.prompt = Prompt(self._prompts, question)
-        self._record("prompt", question, prompt=self._prompts, timeout_s=timeout_s)
+        self.prompt = Prompt(self._prompts, question, wants_words)
+        self._record("prompt", question, prompt=self._prompts, timeout_s=timeout_s, wants_words=wants_words)
         return self.prompt
 
     def settle(self, how: str) -> None:

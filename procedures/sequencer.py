@@ -69,8 +69,9 @@ class Sequencer:
     """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
 
     `powered_on` is when the unit was switched on, where that is known; `control` is where people's requests come from;
-    `attendant` puts the positioner's questions, which is to look at the bench meanwhile; `vital` tells a watchdog that
-    the controller lives; `disk_free_mb` says how much room the records have. `run` may be called once.
+    `attendant` puts the positioner's questions, which is to look at the bench meanwhile; `first` is done before
+    anything moves and raises as a step does; `vital` tells a watchdog that the controller lives; `disk_free_mb` says
+    how much room the records have. `run` may be called once.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Sequencer:
         powered_on: datetime | None = None,
         control: Control | None = None,
         attendant: Attendant | None = None,
+        first: Callable[[], None] | None = None,
         vital: SignOfLife | None = None,
         disk_free_mb: Callable[[], float] | None = None,
     ) -> None:
@@ -102,6 +104,7 @@ class Sequencer:
         self._watch = Watch(devices, journal, stop, rules, self._polling, onlooker, began, control, vital, disk_free_mb)
         if attendant is not None:
             attendant.attend(self._watch)
+        self._first = first
         self._done: set[str] = set()
         self._failed: set[str] = set()
         self._in_effect: dict[StepKind, str] = {}
@@ -133,6 +136,8 @@ class Sequencer:
         pending = [step for step in self._plan.steps if step.key not in self._done]
         if not pending:
             return
+        if self._first is not None:
+            self._first()
         if self._done:
             done, total = len(self._done), len(self._plan.steps)
             message = f"resumed with {done} of {total} steps done, next is {pending[0].key}"

@@ -86,6 +86,7 @@ class Watch:
         self._position: Position | None = None
         self._chamber_s = -np.inf
         self._heartbeat_s = -np.inf
+        self._answered_s = -np.inf  # the chamber, for the last time
         self._progress_s = -np.inf
         self._drained_s = clock.now()
         self._last_frame_s = clock.now()
@@ -253,6 +254,7 @@ class Watch:
             resting=self.resting,
         )
         self.look = look
+        self._answered_s = self._drained_s if fresh else self._answered_s
         self._interlocks.evaluate(look)
         self._heartbeat(look)
         self._snapshot(look, block)
@@ -324,7 +326,7 @@ class Watch:
             return
         self._heartbeat_s = look.time_s
         readings = {f"unit_{number}_degC": value for number, value in look.unit_degC.items()}
-        if look.chamber is not None:
+        if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
         self._journal.heartbeat(self._position.step, readings)
         self._compare_clocks()
@@ -356,6 +358,7 @@ class Watch:
                 finishing_utc=finishing,
                 chamber_degC=look.chamber.temperature_degC if look.chamber else None,
                 setpoint_degC=look.chamber.setpoint_degC if look.chamber else None,
+                chamber_age_s=look.time_s - self._answered_s if look.chamber else None,
                 unit_degC=look.unit_degC,
                 rates_deg_per_hr=self.rates_deg_per_hr,
                 rates_se_deg_per_hr=self.rates_se_deg_per_hr,

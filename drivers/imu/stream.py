@@ -249,8 +249,8 @@ class StreamImu:
             wanted, given = getattr(self._expected, what), getattr(found, what)
             if wanted and wanted != given:
                 raise WrongDevice(
-                    f"{self.port}: the unit says {what} {given!r}, the bench file says {wanted!r}; "
-                    "connect the right unit or correct the bench file"
+                    f"{self.port}: the unit says {what} {given!r}, {wanted!r} is what the bench file says or "
+                    "somebody typed; connect the right unit or correct that"
                 )
 
     def _no_identity(self, arrived: int, counts: StreamCounts) -> str:

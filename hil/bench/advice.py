@@ -37,6 +37,8 @@ def line_words(bench: Bench, device: Device, baud: int) -> str:
 
 def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
     """Return what to do about `error`, which came from `device`."""
+    if "no simulation section" in str(error):
+        return "copy the simulation section from the bench file that is being simulated, or connect the real device"
     advice = _unit_advice(error) if device == "unit" else _chamber_advice(error, bench)
     return f"{advice} ({_GUIDES[device]})"
 

@@ -36,8 +36,8 @@ from drivers.transports.live_reader import LiveReader
 from drivers.transports.serial_port import existing_ports
 from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
-from hil.config.bench import Bench
-from hil.config.frames import load_frames
+from hil.config.bench import ASK, Bench
+from hil.config.frames import load_frames, tells_serial
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
@@ -109,7 +109,7 @@ def build_bench(
         )
     if unopened is None:
         check_ports(bench)
-    clock = _clock(bench, start_utc, speed)
+    clock = clock_of(bench, start_utc, speed)
 
     @cache
     def simulators() -> SimulatedBench:
@@ -127,9 +127,10 @@ def build_bench(
             description,
             clock,
             sample_rate_hz=bench.imu.rate,
-            expected=ImuIdentity(bench.unit.model, bench.unit.serial),
+            expected=ImuIdentity(bench.unit.model, _expected_serial(bench, description)),
         )
         faults = FaultInjector(bench.faults, clock, gone_s=gone_s)
+        _refuse_an_index_that_cannot_be_told(bench, description)
         positioner = _positioner(bench, imu, clock, faults, ask)
         devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated, poses=bench.poses)
         opened.pop_all()
@@ -161,7 +162,7 @@ class LiveChamber:
 def open_chamber(bench: Bench) -> LiveChamber:
     """Open the chamber of a bench alone; raise `InputError` and `DeviceError` as `build_bench` does."""
     _check_port(bench, "chamber.port", bench.chamber.port)
-    clock = _clock(bench)
+    clock = clock_of(bench)
 
     @cache
     def simulated() -> SimulatedBench:
@@ -175,11 +176,17 @@ def open_chamber(bench: Bench) -> LiveChamber:
 
 def check_ports(bench: Bench) -> None:
     """Raise `InputError` for a port that this machine does not have. Nothing is opened."""
-    for key, port in (("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)):
+    for key, port in ports_of(bench):
         _check_port(bench, key, port)
 
 
-def port_is_missing(port: str) -> bool:
+def ports_of(bench: Bench) -> list[tuple[str, str]]:
+    """Return key and port of everything that the bench file connects."""
+    urls = [("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)]
+    return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
+
+
+def _is_missing(port: str) -> bool:
     """Tell a path that this machine does not have. Network and simulated ports are no paths."""
     if "://" in port or port.upper().startswith("COM"):
         return False
@@ -190,7 +197,7 @@ def port_is_missing(port: str) -> bool:
 
 
 def _check_port(bench: Bench, key: str, port: str) -> None:
-    if port_is_missing(port):
+    if _is_missing(port):
         there = ", ".join(existing_ports()) or "none"
         raise InputError(
             f"{bench.source or bench.name}: {key}: the port {port} does not exist; ports on this machine: {there}"
@@ -251,7 +258,8 @@ class _Ports:
             return ClosedPort(url, error)
 
 
-def _clock(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
+def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
+    """Return the bench's clock as `build_bench` does; raise `InputError` for a speed that cannot be."""
     start_utc = start_utc or SIMULATED_EPOCH
     if speed is None:
         return SystemClock() if bench.clock == "system" else VirtualClock(start_utc)
@@ -297,3 +305,21 @@ def _positioner(
         hands = faults.hands(bench.positions) if bench.imu.port.startswith(SIMULATED_SCHEME) else None
         return OperatorPositioner(faults.answering(ask), clock, instructions=bench.imu.instructions, hands=hands)
     return IndexingPositioner(imu, clock, bench.position_codes)
+
+
+def _expected_serial(bench: Bench, description: StreamDescription) -> str:
+    """Return what the unit must say; nothing where it says none, or nobody knows yet what."""
+    return bench.unit.serial if tells_serial(description) and bench.unit.serial != ASK else ""
+
+
+def _refuse_an_index_that_cannot_be_told(bench: Bench, description: StreamDescription) -> None:
+    """Raise `InputError` where the first index move could only fail, hours into the night."""
+    where, codes = f"{bench.source or bench.name}: imu", bench.position_codes
+    if bench.imu.positioner != "indexing":
+        return
+    if description.commands is None or description.commands.index is None:
+        raise InputError(f"{where}.positioner: {description.name} has no index command; write positioner: operator")
+    for label, code in codes.items():
+        twin = next(other for other in codes if codes[other] == code)
+        if twin != label:
+            raise InputError(f"{where}.codes: positions {twin} and {label} are both the unit's number {code}")

@@ -19,28 +19,10 @@ class ClosedPort:
         """The port as the bench file names it."""
         return self._url
 
-    def write(self, data: bytes) -> NoReturn:  # noqa: ARG002 - the signature of a transport
-        """Say why not."""
-        self._refuse()
-
-    def read_available(self) -> NoReturn:
-        """Say why not."""
-        self._refuse()
-
-    def read(self, size: int, timeout_s: float) -> NoReturn:  # noqa: ARG002
-        """Say why not."""
-        self._refuse()
-
-    def read_until(self, terminator: bytes, timeout_s: float) -> NoReturn:  # noqa: ARG002
-        """Say why not."""
-        self._refuse()
-
-    def drain(self) -> NoReturn:
-        """Say why not."""
-        self._refuse()
-
     def close(self) -> None:
         """Do nothing: nothing is open."""
 
-    def _refuse(self) -> NoReturn:
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise TransportError(str(self._reason)) from self._reason
+
+    write = read_available = read = read_until = drain = _refuse

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
 from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
-from hil.bench.assemble import LiveBench, build_bench, port_is_missing
+from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
@@ -29,7 +29,7 @@ from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import left_hot_or_cold
 from procedures.collect import join
-from procedures.plan import Plan, StepKind, make_plan
+from procedures.plan import Plan, Step, StepKind, make_plan
 
 _LISTEN_S = 2.0
 _BYTES_PER_SAMPLE = 160.0  # samples in Parquet and raw bytes, compressed; measured on simulated nights, rounded up
@@ -41,24 +41,29 @@ _NIGHTS_PER_YEAR = 365.0
 
 @dataclass(frozen=True)
 class Preflight:
-    """What was found. `missing_ports` are paths of the bench file that this machine does not have: bad input."""
+    """What was found."""
 
     findings: Sequence[Finding]
-    missing_ports: Sequence[str] = field(default_factory=tuple)
+
+    @property
+    def wrong(self) -> Sequence[Finding]:
+        """What a night must not begin with."""
+        return [finding for finding in self.findings if not finding.good]
 
     @property
     def good(self) -> bool:
         """True where a night may begin."""
-        return all(finding.good for finding in self.findings)
+        return not self.wrong
 
 
-def preflight(sweep: Sweep | None, bench: Bench, folder: Path) -> Preflight:
-    """Look at everything that can be looked at; `folder` is where the night would be written.
+def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> Preflight:
+    """Look at everything that can be looked at; `folder` is where the night is, or would be, written.
 
-    Without a sweep, what depends on one (its temperatures, how long it takes) is left out. Raises `InputError` where
-    the bench file's descriptions cannot be used.
+    Without a sweep, what depends on one (its temperatures, how long it takes) is left out; `done` are the keys of the
+    steps that need not be done any more. Raises `InputError` where the bench file's descriptions cannot be used.
     """
     plan = None if sweep is None else make_plan(sweep.procedure())
+    left = None if plan is None else [step for step in plan.steps if step.key not in done]
     closed: dict[str, DeviceError] = {}
     ask = None if bench.imu.positioner == "indexing" else _nobody
     with build_bench(bench, ask=ask, unopened=closed.__setitem__) as live:
@@ -68,13 +73,12 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path) -> Preflight:
             *([] if {"chamber.port", "chamber.ramp_port"} & set(closed) else _guarded(live, "chamber", _chamber)),
             _limits(sweep, live),
             *_wear(plan, sweep, bench),
-            _disk(plan, live, folder),
+            _disk(left, live, folder),
             _clock(live),
-            _duration(plan, live),
+            _duration(left, live),
             *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
-    missing = [f"{key}: {port}" for key, port in _urls(bench) if port_is_missing(port)]
-    return Preflight(findings, missing)
+    return Preflight(findings)
 
 
 def check_document(found: Preflight, *, simulated: bool) -> dict[str, Any]:
@@ -91,12 +95,6 @@ def _nobody(question: str, timeout_s: float) -> None:
     """Nobody is asked: nothing moves here."""
 
 
-def _urls(bench: Bench) -> list[tuple[str, str]]:
-    """Return key and port of everything that the bench file connects."""
-    urls = [("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)]
-    return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
-
-
 def _guarded(live: LiveBench, subject: Device, look: Callable[[LiveBench], Iterator[Finding]]) -> Iterator[Finding]:
     """Turn a device's failure into a finding, so that the other devices are still looked at."""
     try:
@@ -106,7 +104,7 @@ def _guarded(live: LiveBench, subject: Device, look: Callable[[LiveBench], Itera
 
 
 def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]:
-    for key, url in _urls(live.bench):
+    for key, url in ports_of(live.bench):
         if key in closed:
             yield Finding(key, False, str(closed[key]), closed_port_advice(url))
         elif url.startswith(SIMULATED_SCHEME):
@@ -129,6 +127,7 @@ def _unit_and_stream(live: LiveBench) -> Iterator[Finding]:
 
 def _unit(live: LiveBench) -> Iterator[Finding]:
     found = live.devices.imu.identify()
+    live.devices.refuse_undeclared_simulation(*vars(found).values())
     told = " ".join(part for part in (found.model, found.serial, found.firmware) if part)
     yield Finding("unit", True, told or "a unit that does not say who it is")
 
@@ -206,6 +205,7 @@ def _index(live: LiveBench) -> Iterator[Finding]:
 def _chamber(live: LiveBench) -> Iterator[Finding]:
     chamber = live.devices.chamber
     identity, reading = chamber.identify(), chamber.read()
+    live.devices.refuse_undeclared_simulation(identity.model)
     inside, why = _air(live, reading)
     yield Finding(
         "chamber",
@@ -298,13 +298,14 @@ def _wear(plan: Plan | None, sweep: Sweep | None, bench: Bench) -> Iterator[Find
     yield Finding("wear", True, told, advice)
 
 
-def _disk(plan: Plan | None, live: LiveBench, folder: Path) -> Finding:
+def _disk(left: Sequence[Step] | None, live: LiveBench, folder: Path) -> Finding:
     collects_s = _UNKNOWN_NIGHT_S
-    if plan is not None:
-        collects_s = sum(step.duration_s for step in plan.steps if step.position is not None)
+    if left is not None:
+        collects_s = sum(step.duration_s for step in left if step.position is not None)
     needed = _SPARE_BYTES + collects_s * live.devices.imu.sample_rate_hz * _BYTES_PER_SAMPLE
+    needed += 1e6 * live.bench.interlocks.disk_low_mb  # with less than that left the night would end
     free = shutil.disk_usage(folder).free
-    wanted = "wanted" if plan is not None else "wanted for 24 h of samples"
+    wanted = "wanted" if left is not None else "wanted for 24 h of samples"
     advice = "" if free > needed else "free some space, or run from a folder on another disk"
     message = f"{free / 1e9:.1f} GB free in {folder}, {needed / 1e9:.1f} GB {wanted}"
     return Finding("disk", free > needed, message, advice)
@@ -326,11 +327,12 @@ def _clock(live: LiveBench) -> Finding:
     return Finding("clock", True, f"{told}, not synchronised", advice)
 
 
-def _duration(plan: Plan | None, live: LiveBench) -> Finding:
-    if plan is None:
+def _duration(left: Sequence[Step] | None, live: LiveBench) -> Finding:
+    if left is None:
         return Finding("duration", True, "no sweep was given", "add --sweep SWEEP to see when it would end")
-    ends = live.devices.clock.utc() + timedelta(seconds=plan.total_s)
-    hours, minutes = divmod(round(plan.total_s / 60.0), 60)
+    left_s = sum(step.duration_s for step in left)
+    ends = live.devices.clock.utc() + timedelta(seconds=left_s)
+    hours, minutes = divmod(round(left_s / 60.0), 60)
     simulated = " (simulated time)" if live.simulated else ""
     when = f"{ends:%Y-%m-%d %H:%M} UTC" if live.simulated else f"{ends.astimezone():%a %d %b %H:%M}"
     return Finding("duration", True, f"{hours} h {minutes:02d} min; begun now, it ends {when}{simulated}")

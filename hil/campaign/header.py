@@ -18,7 +18,7 @@ from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "pose"}
+    | {"verdicts", "pose", "identity"}
 )
 
 
@@ -36,6 +36,7 @@ class Header:
     centrifuge: bool
     series_block_s: float | None
     verdicts: Mapping[int, Judgement]
+    identity: Mapping[str, str]
     pose: PoseTolerance
     extra: tuple[str, ...] = field(default=())
 
@@ -59,6 +60,7 @@ def read_header(path: Path) -> Header:
         centrifuge=_flag(path, keys, "centrifuge"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
+        identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
         pose=_pose(path, _mapping(path, keys, "pose")),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )

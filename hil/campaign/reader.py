@@ -105,6 +105,7 @@ def read_campaign(folder: Path | str) -> Campaign:
         series_files=series,
         series_block_s=header.series_block_s,
         verdicts=header.verdicts,
+        identity=header.identity,
         pose=header.pose,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it

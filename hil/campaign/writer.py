@@ -74,6 +74,8 @@ def write_campaign(
 
 def _header(campaign: Campaign) -> str:
     keys: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
+    if campaign.identity:
+        keys["identity"] = dict(campaign.identity)
     if campaign.simulated:
         keys["simulated"] = True
     if campaign.centrifuge:

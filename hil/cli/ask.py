@@ -33,15 +33,22 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
 class TerminalQuestions:
     """A `procedures.attended.Terminal`: shows the questions of a night, and hears answers without ever waiting."""
 
-    def put(self, question: str, timeout_s: float) -> None:
-        """Show the question."""
-        messages().print(f"{question}  [yes/no, within {hours_minutes(timeout_s)}]")
+    _wants_words = False
 
-    def answer(self) -> bool | None:
-        """Return the answer, or None while there is none. Anything but yes or no is asked again."""
+    def put(self, question: str, timeout_s: float, *, wants_words: bool = False) -> None:
+        """Show the question."""
+        self._wants_words = wants_words
+        wanted = "type it, then Enter" if wants_words else "yes/no"
+        messages().print(f"{question}  [{wanted}, within {hours_minutes(timeout_s)}]")
+
+    def answer(self) -> bool | str | None:
+        """Return the answer, or None while there is none. Anything but yes or no is asked again, unless words count."""
         if not _in_foreground() or not select.select([sys.stdin], [], [], 0.0)[0]:
             return None
-        answer = sys.stdin.readline().strip().lower()
+        line = sys.stdin.readline().strip()
+        answer = line.lower()
+        if self._wants_words:
+            return line or None
         if answer in _YES | _NO:
             return answer in _YES
         if answer:

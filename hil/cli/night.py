@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from drivers.clock import SystemClock
 from hil.cli.ask import TerminalQuestions
+from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
@@ -38,6 +41,11 @@ WithWatchdog = Annotated[
     bool, typer.Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
+Operator = Annotated[str, typer.Option("--operator", help="Who carries it out, for the record.", show_default="you")]
+Note = Annotated[str, typer.Option("--note", help="A remark, for the record.", show_default=False)]
+Despite = Annotated[
+    str, typer.Option("--despite", help="Why to go on although hil check says NOT; recorded.", show_default=False)
+]
 
 
 def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
@@ -67,104 +75,63 @@ def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     )
 
 
-def check(
-    target: Annotated[
-        str,
-        typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False),
-    ],
-    bench: Annotated[
-        str | None, typer.Option("--bench", help="The bench, where the argument is the sweep.", show_default=False)
-    ] = None,
-    sweep: Annotated[
-        str | None, typer.Option("--sweep", help="What is to be run: a sweep file, or a name.", show_default=False)
-    ] = None,
-    as_json: JsonFlag = False,
-) -> int:
-    """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
-
-    `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
-    """
-    from hil.bench.preflight import check_document, preflight
-    from hil.config import check_sweep_against_bench
-
-    asked, on = _bench_and_sweep(target, bench, sweep)
-    if asked is not None:
-        check_sweep_against_bench(asked, on)
-    found = preflight(asked, on, Path.cwd())
-    if as_json:
-        print_json(check_document(found, simulated=on.simulated))
-    else:
-        console = results()
-        console.print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
-        for finding in found.findings:
-            console.print(f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}")
-            if finding.advice:
-                console.print(f"     {'note' if finding.good else 'TO DO'}: {finding.advice}")
-    if found.missing_ports:
-        raise InputError(f"{on.source or on.name}: {'; '.join(found.missing_ports)}: there is no such port here")
-    return Exit.DONE if found.good else Exit.STOPPED_SAFE
-
-
-def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple[Sweep | None, Bench]:
-    """Read what `hil check` was given, in whichever of its forms."""
-    from hil.config import load_bench, load_sweep
-
-    if bench is not None:
-        if sweep is not None:
-            raise InputError(
-                f"{target} cannot be a third: write hil check BENCH --sweep SWEEP, or hil check SWEEP --bench BENCH"
-            )
-        return load_sweep(target), load_bench(bench)
-    try:
-        on = load_bench(target)
-    except InputError as error:
-        if not _is_sweep(target):
-            raise
-        raise InputError(
-            f"{target} is a sweep, not a bench; write hil check BENCH --sweep {target}, or hil check {target} "
-            "--bench BENCH"
-        ) from error
-    return (None if sweep is None else load_sweep(sweep)), on
-
-
-def _is_sweep(name: str) -> bool:
-    from hil.config import load_sweep
-
-    try:
-        load_sweep(name)
-    except InputError:
-        return False
-    return True
-
-
 def run(
     sweep: SweepName,
     bench: BenchName,
     out: Annotated[
-        Path,
+        str,
         typer.Option(
-            "--out", help="The night's folder; must not exist yet. {date} stands for today's (UTC).", show_default=False
+            "--out",
+            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's.",
         ),
-    ],
+    ] = "night-{serial}-{date}",
+    serial: Annotated[
+        str, typer.Option("--serial", help="The unit's serial number, typed or scanned.", show_default=False)
+    ] = "",
+    operator: Operator = "",
+    note: Note = "",
+    despite: Despite = "",
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
     quiet: Quiet = False,
     speed: Speed = None,
     watchdog: WithWatchdog = True,
 ) -> int:
-    """Carry out a sweep. Ctrl-C brings the chamber to its safe state; `hil resume` carries on."""
-    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
+    """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
+    from hil.bench.assemble import clock_of
+    from hil.config import load_bench, load_sweep
+    from hil.config.frames import load_frames, must_be_typed
+    from hil.night import Remarks
+    from hil.night.folder import refuse_existing
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
-    out = Path(str(out).replace("{date}", f"{SystemClock().utc():%Y-%m-%d}"))
-    check_sweep_against_bench(asked, on)
-    warn(cautions(asked, on))
+    on = on.of_unit(serial) if serial else on
+    folder = _folder(out, on)
+    refuse_existing(folder)
+    if must_be_typed(on, load_frames(on)) and (
+        yes or not sys.stdin.isatty() or (on.clock == "virtual" and speed is None)
+    ):
+        raise InputError(
+            f"{on.source}: unit.serial: ask: the unit does not tell its own and nobody can be asked; give --serial"
+        )
+    clock_of(on, speed=speed)
+    wrong = look_first(asked, on, folder, despite)
     if not on.simulated and not yes:
         steps = make_plan(asked.procedure())
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         if not _confirmed():
             raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
-    return _end(_start(asked, on, out, quiet=quiet, speed=speed, watchdog=watchdog))
+    told = {"who": operator, "remarks": Remarks(note, wrong, despite), "speed": speed}
+    return _end(_start(asked, on, folder, quiet=quiet, watchdog=watchdog, **told))
+
+
+def _folder(name: str, bench: Bench) -> Path:
+    """Return the night's folder: what nobody knows yet of the unit, its model or the bench's name stands for."""
+    from hil.config.bench import ASK
+
+    unit = bench.unit.serial if bench.unit.serial != ASK else ""
+    shown = re.sub(r"[^\w.+-]+", "-", unit or bench.unit.model or bench.name)
+    return Path(name.replace("{date}", f"{SystemClock().utc():%Y-%m-%d}").replace("{serial}", shown))
 
 
 def _confirmed() -> bool:
@@ -174,26 +141,40 @@ def _confirmed() -> bool:
         return False
 
 
-def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: WithWatchdog = True) -> int:
+def resume(
+    folder: Folder,
+    operator: Operator = "",
+    note: Note = "",
+    despite: Despite = "",
+    quiet: Quiet = False,
+    speed: Speed = None,
+    watchdog: WithWatchdog = True,
+) -> int:
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
-    from hil.config.recorded import bench_of_record
-    from hil.night import resume_night
+    from hil.config.recorded import configuration_of
+    from hil.files.lock import living_owner
+    from hil.night import Remarks, resume_night
     from hil.records import reading
 
-    with reading(folder) as journal:
-        on = bench_of_record(journal.night.configuration)
+    with reading(folder) as journal, tempfile.TemporaryDirectory(prefix="hil-") as files:
+        on, asked = configuration_of(journal.night.configuration, Path(files))
+        done, owner = journal.completed().keys(), living_owner(folder)
+        left = len(done) < len(journal.plan.steps) and not journal.found and owner is None
+        wrong = look_first(asked, on, folder, despite, done) if left else []
+    remarks, who = Remarks(note, wrong, despite), operator or None
     with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
-        ended = resume_night(folder, progress=progress, terminal=TerminalQuestions(), speed=speed)
+        told = TerminalQuestions()
+        ended = resume_night(folder, who=who, progress=progress, terminal=told, speed=speed, remarks=remarks)
     return _end(ended)
 
 
 def _start(
-    sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, speed: float | None = None, watchdog: bool = True
+    sweep: Sweep, bench: Bench, out: Path, *, quiet: bool, watchdog: bool = True, **options: Any
 ) -> NightOutcome:
     from hil.night import start_night
 
     with _watching(out, bench, quiet=quiet, watchdog=watchdog) as progress:
-        return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), speed=speed)
+        return start_night(out, sweep, bench, progress=progress, terminal=TerminalQuestions(), **options)
 
 
 def _end(ended: NightOutcome) -> int:
@@ -229,35 +210,20 @@ def status(
     watch: Annotated[bool, typer.Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
 ) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
+    from hil.cli.watch import look_at, say
     from hil.cli.watch import watch as keep_looking
-    from hil.records.status import night_status
 
     if watch and as_json:
         raise InputError("--watch is for people, --json for programs: give one of them")
     if watch:
         keep_looking(folder, results())
-    document = night_status(folder)
+    document, now = look_at(folder)
     if as_json:
         print_json(document)
     else:
-        console = results()
-        mark = "  SIMULATED" if document["simulated"] else ""
-        console.print(f"{folder}: {document['state']}{mark}")
-        console.print(f"{document['steps_done']} of {document['steps_total']} steps")
-        done, total = document["self_calibrations_done"], document["self_calibrations_total"]
-        console.print(f"{done} of {total} self-calibrations")
-        if document["reason"]:
-            console.print(f"reason: {document['reason']}")
-        if document.get("prompt"):
-            console.print(f"ASKS: {document['prompt']['question']} (hil confirm {folder}, or --no)")
-        working = document["state"] in {"running", "paused"}
-        if working and document["eta_utc"]:
-            console.print(f"expected end {datetime.fromisoformat(document['eta_utc']):%Y-%m-%d %H:%M} UTC")
-        for line in document["missing"]:
-            console.print(f"{'to do' if working else 'missing'}: {line}")
-        for line in document["problems"]:
-            console.print(f"problem: {line}")
+        say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
+    well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
     return Exit.DONE if well else Exit.INCOMPLETE
 
 

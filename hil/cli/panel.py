@@ -14,6 +14,7 @@ from procedures.progress import Snapshot
 from procedures.words import hours_minutes, step_in_words
 
 _WIDEST_BAR = 40
+_OLD_S = 45.0  # a chamber is asked more often
 
 
 class Panel:
@@ -44,12 +45,13 @@ def _table(now: Snapshot) -> Table:
     table.add_column(overflow="fold")
     table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
     table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
-    for label, text in _rows(now):
+    for label, text in rows(now):
         table.add_row(label, Text(harmless(text)))
     return table
 
 
-def _rows(now: Snapshot) -> Iterator[tuple[str, str]]:
+def rows(now: Snapshot) -> Iterator[tuple[str, str]]:
+    """Yield the name and the words of everything that a night shows at one moment."""
     again = f" (attempt {now.attempt})" if now.attempt > 1 else ""
     yield "now", f"{step_in_words(now.step)}{again}{', ' + now.note if now.note else ''}"
     left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
@@ -66,7 +68,9 @@ def _temperatures(now: Snapshot) -> str:
     parts = []
     if now.chamber_degC is not None:
         target = "" if now.setpoint_degC is None else f" (setpoint {now.setpoint_degC:.1f})"
-        parts.append(f"chamber {now.chamber_degC:.1f}{target}")
+        old = now.chamber_age_s or 0.0
+        late = f", {hours_minutes(old)} old" if old > _OLD_S else ""
+        parts.append(f"chamber {now.chamber_degC:.1f}{target}{late}")
     parts += [f"sensor {number} {value:.1f}" for number, value in now.unit_degC.items()]
     return ", ".join(parts) or "not read yet"
 

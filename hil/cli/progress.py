@@ -77,9 +77,6 @@ class TerminalProgress(Progress):
         self._title = plan.title if not done else f"{plan.title} (resumed, {len(done)} steps were done)"
         self._live.start()
 
-    def step_began(self, step: Step, attempt: int) -> None:
-        """Nothing to do: the next update shows it."""
-
     def update(self, snapshot: Snapshot) -> None:
         """Keep the newest state; the panel draws itself."""
         self._snapshot = snapshot

@@ -13,7 +13,6 @@ from hil.errors import InputError
 
 if TYPE_CHECKING:
     from hil.campaign import Campaign
-    from hil.report.against import Comparison
     from hil.report.content import ReportContent
     from hil.report.night import NightContent
     from hil.report.tables import TableFormat
@@ -62,6 +61,7 @@ def write_report(source: Path, out: Path | None = None, against: Path | None = N
 
 
 def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path, ReportContent]:
+    from hil.report.against import compare
     from hil.report.content import gather
     from hil.report.page import write_page
 
@@ -75,7 +75,7 @@ def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path
     if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
         raise InputError(f"{path}: the report is written as .html; give a name that ends so")
     warn(tuple(campaign.warnings))
-    comparison = None if against is None else _comparison(campaign, night, against)
+    comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
     try:
         write_page(content, path)
@@ -89,7 +89,8 @@ def _campaign(source: Path, night: NightContent | None) -> Campaign:
     from hil.campaign import Campaign
 
     if night is not None and not night.collects:
-        return Campaign(night.title, "recorded by hil; no collect was completed", {}, simulated=night.simulated)
+        source_words = "recorded by hil; no collect was completed"
+        return Campaign(night.title, source_words, {}, simulated=night.simulated, identity=night.identity)
     return read_source(source)
 
 
@@ -98,13 +99,6 @@ def _night(source: Path) -> NightContent | None:
     from hil.report.night import night_content
 
     return night_content(source) if (source / JOURNAL_NAME).is_file() else None
-
-
-def _comparison(campaign: Campaign, night: NightContent | None, against: Path) -> Comparison:
-    from hil.report.against import compare
-
-    earlier, before = read_source(against), _night(against)
-    return compare(campaign, earlier, night.unit if night else "", before.unit if before else "")
 
 
 COMMANDS = (report,)

@@ -35,6 +35,9 @@ def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S, as_json: JsonFlag = Fa
 def confirm(
     folder: Folder,
     no: Annotated[bool, typer.Option("--no", help="Refuse instead.")] = False,
+    text: Annotated[
+        str, typer.Option("--text", help="The answer, where words are asked for.", show_default=False)
+    ] = "",
     why: Why = "",
     wait: Wait = _WAIT_S,
     as_json: JsonFlag = False,
@@ -49,7 +52,7 @@ def confirm(
     kind = RequestKind.REFUSE if no else RequestKind.CONFIRM
     if not as_json:
         results().print(prompt.message)
-    return _ask(folder, kind, why, wait, prompt=number, as_json=as_json)
+    return _ask(folder, kind, text or why, wait, prompt=number, as_json=as_json)
 
 
 def _ask(folder: Path, kind: RequestKind, why: str, wait_s: float, *, as_json: bool, prompt: int | None = None) -> int:

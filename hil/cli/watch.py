@@ -1,8 +1,8 @@
-"""`hil status --watch`: a night from another shell, live on a terminal, line by line where nobody looks at one."""
+"""`hil status`: a night from another shell, once or, with `--watch`, until it ends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -12,50 +12,84 @@ from rich.console import Console
 from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
-from hil.cli.panel import Panel
-from hil.files.lock import living_owner
+from hil.cli.panel import Panel, rows
+from hil.errors import Damaged
 from hil.records import reading
-from hil.records.heartbeat import read_heartbeat
-from hil.records.live import age_s, read_live, snapshot_of
-from hil.records.status import night_status
-from procedures.plan import Step
+from hil.records.live import snapshot_of
+from hil.records.status import in_brief, night_status
 from procedures.progress import Snapshot
-from procedures.words import hours_minutes, step_in_words
 
 EVERY_S = 1.0
 _WORKING = ("running", "paused")
+_MOST_LEFT = 6
+_HEAD, _TAIL = 170, 50  # of a long line
 
 
 def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
     """Show a night until it ends, or until Ctrl-C. Raises `InputError` where the folder holds none."""
     clock = clock or SystemClock()
-    with reading(folder) as journal:
-        steps = journal.steps_by_key()
     drawn = console.is_terminal and not console.is_dumb_terminal
     with suppress(KeyboardInterrupt), _panel(console) if drawn else _lines(console) as show:
         while True:
-            status = night_status(folder)
-            step = steps.get(status["step"] or "")
-            status["step"] = step_in_words(step) if step else ""
-            now, status["old"] = _snapshot(folder, steps)
+            status, now = look_at(folder)
             show(folder, status, now)
             if status["state"] not in _WORKING:
                 return
             clock.sleep(EVERY_S)
 
 
-def _snapshot(folder: Path, steps: Mapping[str, Step]) -> tuple[Snapshot | None, str]:
-    """Return what the controller at work shows, or None where none is, or it has shown nothing yet; and how old it is.
+def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
+    """Return hil.status/1 of a night, with its verdict where it has ended, and what its controller shows now, if any.
 
-    The age is in words, and empty where it is as it should be.
+    Raises `InputError` where the folder holds no night.
     """
-    owner, live = living_owner(folder), read_live(folder)
-    if owner is None or live is None or live["pid"] != owner.pid:
-        return None, ""
-    beat = read_heartbeat(folder)
-    silent_s, old = age_s(live, beat if beat and beat.pid == owner.pid else None, SystemClock().utc())
-    told = f"The controller has shown nothing for {hours_minutes(silent_s)}. What is below is that old."
-    return snapshot_of(live, steps), told if old else ""
+    from hil.analysis.night_verdict import night_solutions, night_verdict
+
+    status, verdict = night_status(folder), None
+    if status["state"] not in _WORKING:
+        try:
+            verdict = vars(night_verdict(status["state"], night_solutions(folder)))
+        except Damaged as damage:
+            verdict = {"verdict": "ERROR", "reason": str(damage)}
+    status["verdict"] = verdict
+    if status["now"] is None:
+        return status, None
+    with reading(folder) as journal:
+        return status, snapshot_of(status["now"], journal.steps_by_key())
+
+
+def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Console) -> None:
+    """Print once how it stands: what is wrong first and in red, then what goes on, then what is missing."""
+    verdict = status["verdict"]
+    mark = "  SIMULATED" if status["simulated"] else ""
+    judged = f", {verdict['verdict']}" if verdict else ""
+    console.print(f"{folder}: {status['state']}{judged}{mark}")
+    working, ended = status["state"] in _WORKING, f"{status['state']}: {status['reason']}"
+    bad = [*(f"PROBLEM: {line}" for line in status["problems"]), status["old"]]
+    bad.append("" if working or status["state"] == "complete" else ended)
+    bad.append(f"{verdict['verdict']}: {verdict['reason']}" if verdict and verdict["verdict"] != "PASS" else "")
+    for line in filter(None, bad):
+        console.print(_cut(line), style="bold red")
+    for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
+        console.print(line)
+    done, total = status["self_calibrations_done"], status["self_calibrations_total"]
+    console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
+    if now is not None and working:
+        for label, text in rows(now):
+            console.print(_cut(f"{label}: {text}"))
+    elif working and status["eta_utc"]:
+        console.print(f"now: {status['step_in_words'] or 'beginning'}")
+        console.print(f"expected end {datetime.fromisoformat(status['eta_utc']):%Y-%m-%d %H:%M} UTC")
+    for name, text in status["identity"].items():
+        console.print(f"{name}: {text}")
+    left = in_brief(status["missing"])
+    for line in left[:_MOST_LEFT]:
+        console.print(_cut(f"{'to do' if working else 'missing'}: {line}"))
+    if len(left) > _MOST_LEFT:
+        console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
+    if not working:
+        again = "" if status["state"] == "complete" else f"; hil resume {folder} carries on"
+        console.print(f"hil report {folder} shows it all{again}")
 
 
 Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
@@ -81,7 +115,7 @@ def _lines(console: Console) -> Iterator[Show]:
     def show(folder: Path, status: dict[str, Any], now: Snapshot | None) -> None:  # noqa: ARG001 - one signature
         nonlocal last
         mark = " SIMULATED" if status["simulated"] else ""
-        parts = (f"{status['state']}{mark}", status["step"], status["reason"], _trouble(folder, status))
+        parts = (f"{status['state']}{mark}", status["step_in_words"], status["reason"], _trouble(folder, status))
         line = ": ".join(part for part in parts if part)
         if line != last:
             at = datetime.fromisoformat(status["last_utc"])
@@ -94,11 +128,19 @@ def _lines(console: Console) -> Iterator[Show]:
 
 
 def _trouble(folder: Path, status: dict[str, Any]) -> str:
-    """Return what must be seen first: data that are old, a question, a pause."""
-    if status["old"]:
-        return str(status["old"])
-    if status["prompt"]:
-        return f"ASKS: {status['prompt']['question']} (hil confirm {folder}, or --no)"
-    if status["paused"]:
-        return f"paused by {status['paused']['by']} (hil continue {folder})"
-    return ""
+    """Return what must be seen first: what is wrong, data that are old, a question, a pause."""
+    return "\n".join([*map(_cut, status["problems"]), *filter(None, (status["old"], _asked(folder, status)))])
+
+
+def _cut(line: str) -> str:
+    """Return what can be read at a glance: how it begins and how it ends; what a device said is between."""
+    return line if len(line) <= _HEAD + _TAIL else f"{line[:_HEAD]} … {line[-_TAIL:]}"
+
+
+def _asked(folder: Path, status: dict[str, Any]) -> str:
+    """Return what waits for somebody: a question, or a pause."""
+    prompt, paused = status["prompt"], status["paused"]
+    if prompt:
+        how = f"hil confirm {folder}{' --text …' if prompt['wants_words'] else ''}, or --no"
+        return f"ASKS: {prompt['question']} ({how})"
+    return f"paused by {paused['by']} (hil continue {folder})" if paused else ""

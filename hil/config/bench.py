@@ -53,8 +53,16 @@ def _plain_name(value: str) -> str:
     return value
 
 
+ASK = "ask"
+_LABEL = re.compile(r"[^\W_][ -~]{0,59}")
+"""What may be a serial number: a line that fits on a label."""
+
+
 class UnitSection(Section):
-    """The unit under test as its label says; the controller refuses another one."""
+    """The unit under test as its label says; the controller refuses another one.
+
+    `serial: ask` has whoever begins a night type or scan it, where the unit does not tell its own.
+    """
 
     model: str
     serial: str
@@ -191,6 +199,17 @@ class Bench(Section):
     def simulated(self) -> bool:
         """True where the devices are simulated, in process or behind a port: the data must say so."""
         return self.simulation is not None
+
+    def of_unit(self, serial: str) -> Bench:
+        """Return the bench with the unit whose serial number somebody read; raise `InputError` for an impossible one.
+
+        A bench file that names another is not overruled.
+        """
+        if not _LABEL.fullmatch(serial):
+            raise InputError(f"{serial[:80]!r} is no serial number: one line of at most 60 plain characters")
+        if self.unit.serial not in ("", ASK, serial):
+            raise InputError(f"{self._source}: unit.serial: it says {self.unit.serial}, and {serial} was typed; which?")
+        return self.model_copy(update={"unit": self.unit.model_copy(update={"serial": serial})})
 
     def sensor(self, number: int) -> Sensor:
         """Return a sensor's layout, as the equation and campaigns use it."""

@@ -38,6 +38,7 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         "sweep": parse_yaml(sweep.text, sweep.source),
         "imu": read_text(bench.imu_description),
     }
+    document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
     if bench.simulation_model is not None:
         document["model"] = read_text(bench.simulation_model)
     if bench.chamber_description is not None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
+from hil.analysis.night_verdict import night_verdict
 from hil.dashboard.curves import NightCurves
 from hil.dashboard.results import ResultsSoFar
 from hil.errors import InputError
@@ -79,6 +80,16 @@ class NightFacts:
         return {**fresh, **self._curves.changes()}
 
     @property
+    def report(self) -> Path:
+        """Where `hil report` leaves the night's report."""
+        return self.folder / "report.html"
+
+    def _verdict(self) -> Part:
+        if self._results.damage:
+            return {"verdict": "ERROR", "reason": self._results.damage.removeprefix("ERROR: ")}
+        return vars(night_verdict(self._status["state"], self._results.solutions))
+
+    @property
     def working(self) -> bool:
         """True while a controller is at work."""
         return self._owner is not None
@@ -96,7 +107,6 @@ class NightFacts:
                 self._about = _about(journal)
                 self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
             controllers = journal.controllers()
-            self._status["killed"] = bool(controllers) and controllers[-1].ended is None and owner is None
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
             self._status["pausing"] = _pausing(journal) if self._status["state"] == "running" else None
             for event in journal.events(self._last_event):
@@ -115,24 +125,18 @@ class NightFacts:
         key = now["step"] if now else status["step"]
         silent_s, old = self._age(now)
         return {
+            **status,
             **self._about,
             "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
             "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
-            "killed": status["killed"],
+            "verdict": None if status["state"] in _WORKING else self._verdict(),
+            "report": self.report.is_file(),
             "age_s": None if silent_s is None else round(silent_s),
             "old": old,
-            "steps_done": status["steps_done"],
-            "steps_total": status["steps_total"],
-            "self_calibrations_done": status["self_calibrations_done"],
-            "self_calibrations_total": status["self_calibrations_total"],
             "missing": status["missing"] if self._owner is None else [],
             "finishing_utc": now["finishing_utc"] if now else status["eta_utc"],
-            "last_utc": status["last_utc"],
             "step": self._steps.get(key) if key else None,
-            "paused": status["paused"],
-            "pausing": status["pausing"],
-            "prompt": status["prompt"],
             "now": _now(now) if now else None,
         }
 
@@ -170,12 +174,10 @@ def _now(live: Part) -> Part:
 
 def _about(journal: JournalReader) -> Part:
     """Return what stays the same all night."""
-    bench = _section(_configuration(journal), "bench")
-    unit = _section(bench, "unit")
+    bench = _configuration(journal).get("bench")
     return {
         "title": journal.night.title,
-        "bench": str(bench.get("name", "")),
-        "unit": " ".join(str(value) for value in unit.values()),
+        "bench": str(bench.get("name", "")) if isinstance(bench, dict) else "",
         "simulated": journal.night.simulated,
         "began_utc": journal.night.began_utc.isoformat(),
     }
@@ -187,11 +189,6 @@ def _configuration(journal: JournalReader) -> Part:
         return parse_yaml(journal.night.configuration, "the night's configuration")
     except InputError:
         return {}
-
-
-def _section(document: Part, name: str) -> Part:
-    found = document.get(name)
-    return found if isinstance(found, dict) else {}
 
 
 def _pausing(journal: JournalReader) -> str | None:

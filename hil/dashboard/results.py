@@ -8,10 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hil.errors import Damaged, InputError
+from hil.analysis.night_verdict import night_solutions
+from hil.errors import Damaged
 from hil.records import JournalReader
-from hil.records.export import campaign_of_night
-from hil.solve import solve_campaign
+from hil.solve import RunSolution
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
@@ -23,6 +23,7 @@ class ResultsSoFar:
         self._folder = folder
         self.damage = ""  # which records are not what was written, so that no parameters are shown
         self._solved: tuple[int, ...] = ()
+        self.solutions: list[RunSolution] = []
         self._solutions: dict[int, list[dict[str, Any]]] = {}
 
     def read(self, journal: JournalReader) -> list[dict[str, Any]]:
@@ -48,16 +49,14 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
-        self.damage = ""
+        self.damage, self.solutions = "", []
         try:
-            solutions = solve_campaign(campaign_of_night(self._folder))
+            self.solutions = night_solutions(self._folder)
         except Damaged as damage:
             self.damage = f"ERROR: {damage}"
             return {}
-        except InputError:
-            return {}  # too little for a campaign, or a night that a later version recorded
         rows: dict[int, list[dict[str, Any]]] = {}
-        for each in solutions:
+        for each in self.solutions:
             rows.setdefault(each.run or 0, []).append(
                 {
                     "sensor": each.sensor,

@@ -4,6 +4,7 @@
 |---|---|
 | `GET /` and `GET /page/...` | the page and its files: nothing of any night |
 | `GET /api/stream` | server-sent events: everything, then once a second what changed |
+| `GET /report/KEY/NIGHT` | the report that `hil report` left in the night's folder; KEY stands in the stream |
 | `POST /api/ask` | pause, continue, abort, confirm, refuse: `{night, kind, who, why, prompt}` |
 
 There is nothing else, and no other method.
@@ -37,6 +38,7 @@ from hil.records.requests import request as ask_controller
 
 _STATIC = str(files("hil.dashboard") / "static")
 _UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once
+_STILL = {"content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"}
 _LARGEST_BODY = 8192
 _LONGEST_NAME, _LONGEST_WHY = 60, 200
 _ANSWER_S = 5.0
@@ -63,6 +65,13 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
             return _refused("the token is needed to read")
         return StreamingResponse(_events(watcher), media_type="text/event-stream", headers=_UNBUFFERED)
 
+    async def report(request: Request) -> Response:
+        try:
+            found = watcher.night(request.path_params["night"]).report
+        except InputError as error:
+            return _refused(str(error), 404)
+        return FileResponse(found, headers=_STILL) if found.is_file() else _refused("there is no report yet", 404)
+
     async def ask(request: Request) -> Response:
         if not access.may_ask(request.headers):
             return _refused("the token is not right")
@@ -80,6 +89,7 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
         Route("/", page, methods=["GET"]),
         Route("/api/stream", stream, methods=["GET"]),
         Route("/api/ask", ask, methods=["POST"]),
+        Route(f"{watcher.reports}{{night:path}}", report, methods=["GET"]),
         Mount("/page", StaticFiles(directory=_STATIC)),
     ]
     return Guard(Starlette(routes=routes, lifespan=watching), access)
@@ -147,8 +157,8 @@ async def _events(watcher: Watcher) -> AsyncIterator[bytes]:
             yield await updates.get()
 
 
-def _refused(why: str) -> Response:
-    return JSONResponse({"error": why}, status_code=401, headers={"www-authenticate": "Bearer"})
+def _refused(why: str, status: int = 401) -> Response:
+    return JSONResponse({"error": why}, status_code=status, headers={"www-authenticate": "Bearer"})
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -205,7 +215,7 @@ def _line(document: dict[str, Any], name: str, longest: int) -> str:
 
 def _ask(watcher: Watcher, asked: Asked) -> dict[str, Any]:
     """Put the request into the journal, and wait for the answer for a while: `accepted` is null where none came."""
-    folder = watcher.folder_of(asked.night)
+    folder = watcher.night(asked.night).folder
     number = ask_controller(folder, asked.kind, f"{asked.who} (live page)", asked.why, prompt=asked.prompt)
     answered = wait_for_answer(folder, number, _ANSWER_S)
     return {"accepted": answered.accepted, "answer": answered.answer}

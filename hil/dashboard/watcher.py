@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import secrets
 import threading
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
@@ -47,6 +48,7 @@ class Watcher:
         self._everything_wanted = False  # set in the loop, read in the thread
         self._wake = threading.Event()
         self._ended = False
+        self.reports = f"/report/{secrets.token_urlsafe(16)}/"  # told to pages that may read, and guessed by nobody
         self._thread = threading.Thread(target=self._run, name="hil dashboard watcher", daemon=True)
 
     def start(self) -> None:
@@ -60,12 +62,12 @@ class Watcher:
         self._wake.set()
         self._thread.join()
 
-    def folder_of(self, identity: str) -> Path:
-        """Return the folder of a night that is shown; raise `InputError` where it is none of them."""
+    def night(self, identity: str) -> NightFacts:
+        """Return a night that is shown; raise `InputError` where it is none of them."""
         night = self._nights.get(identity)
         if night is None:
             raise InputError(f"{identity}: there is no such night on this page")
-        return night.folder
+        return night
 
     @asynccontextmanager
     async def page(self) -> AsyncIterator[asyncio.Queue[bytes]]:
@@ -164,6 +166,7 @@ class Watcher:
             "shown": self._shown() if not problem else [],
             "not_shown": self._not_shown,
             "problem": problem,
+            "reports": self.reports,
             "nights": nights,
         }
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

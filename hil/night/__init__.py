@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hil.night.remarks import Remarks
 from hil.night.run import NightOutcome, resume_night, start_night
 
-__all__ = ["NightOutcome", "resume_night", "start_night"]
+__all__ = ["NightOutcome", "Remarks", "resume_night", "start_night"]

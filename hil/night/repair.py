@@ -23,7 +23,7 @@ from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.lock import living_owner
-from hil.night.run import whole_or_nothing
+from hil.night.folder import whole_or_nothing
 from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, DamagedBlock, checked_bytes

@@ -19,13 +19,12 @@ from __future__ import annotations
 
 import contextlib
 import getpass
-import glob
 import os
 import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -38,17 +37,16 @@ from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
-from hil.errors import InputError
-from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
-from hil.files.lock import FolderLock, process_start
+from hil.files.lock import FolderLock
+from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
+from hil.night.remarks import Remarks, ask_serial
 from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
-from hil.records.journal import JOURNAL_NAME
 from hil.records.live import LiveFiles
 from hil.records.rows import Night
 from procedures.attended import Attendant, Terminal
@@ -62,7 +60,6 @@ from procedures.sweep_outcome import SweepOutcome, SweepState
 CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
-
 
 _LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
@@ -95,16 +92,17 @@ def start_night(
     terminal: Terminal | None = None,
     speed: float | None = None,
     opened: Callable[[LiveBench], None] | None = None,
+    remarks: Remarks | None = None,
 ) -> NightOutcome:
     """Begin a night in the new `folder` and carry it out; returns when it has ended, whichever way.
 
     `seed` takes the place of the bench file's for a simulation; `terminal` shows the questions to the operator of a
     bench without indexing, which stand in the journal too; `speed` lets a simulated night be watched, so many times as
-    fast as real time; `opened` is told the bench once it is open. Raises `InputError` for bad input and `DeviceError`
-    for a port that cannot be opened; nothing is left behind then.
+    fast as real time; `opened` is told the bench once it is open; `remarks` are for the record. Raises `InputError` for
+    bad input and `DeviceError` for a port that cannot be opened; nothing is left behind then.
     """
     target = Path(folder)
-    _refuse_existing(target)
+    refuse_existing(target)
     check_sweep_against_bench(sweep, bench)
     text = configuration_text(bench, sweep, seed)
     plan = make_plan(sweep.procedure())
@@ -124,7 +122,11 @@ def start_night(
                 raise
         clock, raw = live.devices.clock, resolved.record.raw
         with live, SqliteJournal.open(target, clock=clock, who=who, keep_raw=raw) as journal:
-            journal.event("night-begins", f"{who} began the night", sweep=sweep.source, bench=bench.source)
+            unit, said = resolved.unit.model_dump(), remarks or Remarks()
+            evidence = {"sweep": sweep.source, "bench": bench.source, "unit": unit, "note": said.note}
+            told = f"{who} began the night{f': {said.note}' if said.note else ''}"
+            journal.event("night-begins", told, **evidence)
+            said.record(journal, who)
             return _carry_out(journal, live, attendant, who, progress, stop, opened)
 
 
@@ -138,6 +140,7 @@ def resume_night(
     down_s: float = SIMULATED_DOWN_TIME_S,
     speed: float | None = None,
     opened: Callable[[LiveBench], None] | None = None,
+    remarks: Remarks | None = None,
 ) -> NightOutcome:
     """Carry on the night in `folder`, with the configuration with which it began.
 
@@ -177,7 +180,9 @@ def resume_night(
         held.enter_context(live)
         clock, raw = live.devices.clock, bench.record.raw
         journal = held.enter_context(SqliteJournal.open(folder, clock=clock, who=who, keep_raw=raw, lock=lock))
-        _record_resumption(journal, who, night, len(done), last_s)
+        said = remarks or Remarks()
+        _record_resumption(journal, who, night, len(done), last_s, said.note)
+        said.record(journal, who)
         for number, what in damaged.items():
             keys = {step.key for step in plan.self_calibrations[number]} & withdrawn
             journal.withdraw(keys, f"done again, because samples were damaged: {what}")
@@ -186,14 +191,15 @@ def resume_night(
         return _carry_out(journal, live, attendant, who, progress, stop, opened)
 
 
-def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float) -> None:
+def _record_resumption(journal: SqliteJournal, who: str, night: Night, done: int, last_s: float, note: str) -> None:
     """Say who carries on, after how long, and whether with another program than the one that began."""
     down_s = journal.now_s() - last_s
     total = len(journal.plan.steps)
     message = f"{who} carried on with {done} of {total} steps done, {down_s / 60.0:.0f} min after the last record"
+    message += f": {note}" if note else ""
     now, before = versions(), night.versions or {}
     changed = {name: [before.get(name), now[name]] for name in now if before.get(name) != now[name]}
-    journal.event("night-resumed", message, down_s=down_s, done=done, changed_versions=changed)
+    journal.event("night-resumed", message, down_s=down_s, done=done, changed_versions=changed, note=note)
 
 
 def _carry_out(
@@ -241,6 +247,7 @@ def _carry_out(
             powered_on=_powered_on(live),
             control=journal,
             attendant=attendant,
+            first=lambda: ask_serial(journal, live, attendant),
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
@@ -317,48 +324,6 @@ def versions() -> dict[str, str]:
     """Return the versions of what a result may depend on."""
     libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
-
-
-def _refuse_existing(folder: Path) -> None:
-    if folder.is_dir() and not any(folder.iterdir()):
-        return
-    if folder.exists():
-        what = "it holds a night already" if (folder / JOURNAL_NAME).exists() else "it exists and is not empty"
-        raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
-
-
-@contextlib.contextmanager
-def whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
-
-    Raises `InputError` where it cannot be made.
-    """
-    above = target.resolve().parent
-    there = next(folder for folder in (above, *above.parents) if folder.exists())
-    if not there.is_dir():
-        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
-    made: list[Path] = []
-    partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
-    try:
-        made = make_folders(RealDisk(), above)
-        _clear_away(above, target.name)
-        partial.mkdir()
-        yield partial
-        RealDisk().rename(partial, target)
-    except (OSError, sqlite3.OperationalError) as error:
-        raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        remove_folders(made)
-    RealDisk().synchronise_folder(above)
-
-
-def _clear_away(above: Path, name: str) -> None:
-    """Remove the unfinished folders of this name whose process died while it made them."""
-    for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
-        number = left.name.rpartition("-")[2]
-        if number.isdecimal() and not process_start(int(number)):
-            shutil.rmtree(left, ignore_errors=True)
 
 
 def _made(folder: Path) -> Path:

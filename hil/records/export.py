@@ -26,6 +26,7 @@ from hil.config.recorded import bench_of_record
 from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
+from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
@@ -192,6 +193,7 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
         verdicts=_verdicts(journal),
+        identity=night_identity(journal),
         pose=bench.pose,
     )
     return judged_by_its_records(campaign), rows

@@ -9,9 +9,12 @@ is incomplete, whatever was going on.
 
 from __future__ import annotations
 
+import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +22,23 @@ from drivers.clock import SystemClock
 from hil.files.lock import Owner, living_owner
 from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
+from hil.records.identity import night_identity
+from hil.records.live import age_s, read_live
 from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
-from hil.records.rows import Attempt, Controller
+from hil.records.rows import Attempt, Controller, Event
+from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.safe_air import Left, Word
+from procedures.words import hours_minutes, step_in_words
 
 _UNSAFE = "safe-state-not-reached"
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
+
+_KEPT_FREE_BYTES = 20e6
+_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
@@ -52,6 +62,7 @@ class _Facts:
     damage: Sequence[str]  # what of the journal is not as it was written
     lost: Sequence[LostBlock]
     beat: Heartbeat | None  # of the living owner
+    events: Sequence[Event]
 
     @classmethod
     def of(cls, journal: JournalReader, owner: Owner | None) -> _Facts:
@@ -62,7 +73,16 @@ class _Facts:
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
         return cls(
-            journal, owner, journal.plan, attempts, done, newest, journal.found, lost_blocks(journal, read=False), beat
+            journal,
+            owner,
+            journal.plan,
+            attempts,
+            done,
+            newest,
+            journal.found,
+            lost_blocks(journal, read=False),
+            beat,
+            journal.events(),
         )
 
     @property
@@ -95,9 +115,11 @@ def _document(facts: _Facts) -> dict[str, Any]:
     night, plan = facts.journal.night, facts.plan
     state, reason = _state(facts)
     runs = plan.self_calibrations
-    present = _present(facts) if state in {"running", "paused"} else None
-    heartbeat = facts.journal.last_heartbeat()
-    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
+    working = state in {"running", "paused"}
+    present = _present(facts) if working else None
+    standing, over = _troubles(facts)
+    killed = facts.owner is None and facts.controller is not None and facts.controller.ended is None
+    left = _left(facts.journal)
     return {
         "schema": "hil.status/1",
         "state": state,
@@ -107,22 +129,22 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "steps_total": len(plan.steps),
         "self_calibrations_done": sum(all(step.key in facts.done for step in steps) for steps in runs.values()),
         "self_calibrations_total": len(runs),
-        "eta_utc": _eta(facts, present) if state in {"running", "paused"} else None,
+        "eta_utc": _eta(facts, present) if working else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
+        "identity": night_identity(facts.journal, facts.events),
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
-        "readings": dict(heartbeat.readings) if heartbeat else {},
+        "step_in_words": step_in_words(facts.journal.steps_by_key()[present.step_key]) if present else "",
+        **_readings(facts, working=working),
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
         "chamber": left.word.value if left else None,
-        "problems": [
-            *facts.damage,
-            *map(str, facts.lost),
-            *([f"{left}; go to the chamber"] if left and not left.safe else []),
-            *([forsaken] if forsaken else []),
-        ],
+        "killed": killed,
+        "problems": [*_unsafe(facts, left), *standing, *facts.damage, *map(str, facts.lost)]
+        + (_filling(facts) if working else []),
+        "over": over,
     }
 
 
@@ -133,6 +155,59 @@ def _left(journal: JournalReader) -> Left | None:
             usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
             return Left(Word(event.evidence.get("chamber", usual)), event.message)
     return None
+
+
+def _unsafe(facts: _Facts, left: Left | None) -> list[str]:
+    """What the chamber's safe state still waits for, where it was not reached."""
+    forsaken = forsaken_chamber(facts.journal) if facts.owner is None else ""
+    told = [f"{left}; go to the chamber"] if left is not None and not left.safe else []
+    return [*told, *([forsaken] if forsaken else [])]
+
+
+def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
+    """Return what stands and what is over, of the newest controller."""
+    newest = facts.controller
+    if newest is None:
+        return [], []
+    last = facts.attempts[-1].step_key if facts.attempts else ""
+    events = [event for event in facts.events if event.controller == newest.number]
+    now, over = troubles(facts.journal.night, events, facts.last_s, "" if last in facts.done else last)
+    return (now if newest.ended is None and facts.owner is not None else []), over
+
+
+def _filling(facts: _Facts) -> list[str]:
+    """Say where the disk has less room than the rest of the night takes, at the rate of what is done."""
+    collects = facts.plan.of_kind(StepKind.COLLECT)
+    done_s = sum(step.duration_s for step in collects if step.key in facts.done)
+    left_s = sum(step.duration_s for step in collects) - done_s
+    needed = left_s * sum(row.block.size for row in facts.journal.blocks()) / done_s if done_s else 0.0
+    free = shutil.disk_usage(facts.journal.folder).free
+    if free >= needed + _KEPT_FREE_BYTES:
+        return []
+    return [f"the disk is filling: {free / 1e6:.0f} MB are free, the rest of the night takes {needed / 1e6:.0f} MB"]
+
+
+def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
+    """Return the newest temperatures (°C) and rates (deg/hr), and how old each is (s) while a controller shows them.
+
+    `now` is all that it shows (hil.live/1), `old` says how old that is, in words, where it is too old.
+    """
+    beat, folder = facts.journal.last_heartbeat(), facts.journal.folder
+    readings: dict[str, float] = dict(beat.readings) if beat else {}
+    ages = dict.fromkeys(readings, facts.last_s - beat.at_s) if beat and working else {}
+    rates: dict[str, float] = {}
+    live, told = read_live(folder), ""
+    live = live if live and working and facts.owner is not None and live["pid"] == facts.owner.pid else None
+    if live is not None:
+        age, old = age_s(live, facts.beat, SystemClock().utc())
+        told = f"The controller has shown nothing for {hours_minutes(age)}. What is below is that old." if old else ""
+        air = {name: live[name] for name in ("chamber_degC", "setpoint_degC") if live[name] is not None}
+        unit = {f"unit_{number}_degC": value for number, value in live["unit_degC"].items()}
+        rates = live["rates_now_deg_per_hr"] | live["rates_deg_per_hr"]
+        readings |= air | unit
+        ages |= dict.fromkeys(air, age + (live.get("chamber_age_s") or 0.0)) | dict.fromkeys([*unit, *rates], age)
+    ages = {name: round(s, 1) for name, s in ages.items()}
+    return {"readings": readings, "rates_deg_per_hr": rates, "ages_s": ages, "now": live, "old": told}
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
@@ -153,6 +228,7 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
     return {
         "prompt": prompt.evidence["prompt"],
         "question": prompt.message,
+        "wants_words": bool(prompt.evidence.get("wants_words")),
         "since_utc": night.utc(prompt.at_s).isoformat(),
         "until_utc": night.utc(until_s).isoformat(),
     }
@@ -225,6 +301,18 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
             parts = [_step_in_words(each) + reasons.get(each.key, "") for each in lacking]
             sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
     return sentences
+
+
+def in_brief(missing: Sequence[str]) -> list[str]:
+    """Return what is missing with neighbours that are wholly missing at one temperature in one line."""
+    told: list[str] = []
+    for whole, group in groupby(missing, key=lambda line: (found := _WHOLE.fullmatch(line)) and found["at"]):
+        lines = list(group)
+        if whole and len(lines) > 1:
+            first, last = (_WHOLE.sub(r"\g<run>", lines[place]) for place in (0, -1))
+            lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
+        told += lines
+    return told
 
 
 def _step_in_words(step: Step) -> str:

@@ -86,14 +86,11 @@ class Comparison:
 _Groups = Mapping[float | None, Sequence[RunSolution]]
 
 
-def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit: str = "") -> Comparison:
-    """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C).
-
-    `unit` and `earlier_unit` are what the units said of themselves, empty where nothing is known.
-    """
+def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
+    """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
     now, before = _by_temperature(campaign), _by_temperature(earlier)
     differences: list[Difference] = []
-    remarks = list(_units(unit, earlier_unit))
+    remarks = list(_units(_unit(campaign), _unit(earlier)))
     for sensor, groups in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
@@ -155,6 +152,10 @@ def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[st
         if key in now and key in before and abs(now[key] - before[key]) > apart:
             what = key.removesuffix("_deg")
             yield f"The {what} is {now[key]:g} deg now and was {before[key]:g}: was the bench moved, or is one wrong?"
+
+
+def _unit(campaign: Campaign) -> str:
+    return " ".join(campaign.identity[name] for name in ("model", "serial") if name in campaign.identity)
 
 
 def _units(unit: str, earlier_unit: str) -> Iterator[str]:

@@ -84,7 +84,7 @@ class NightContent:
     reason: str = ""
     asked: str = ""
     done: str = ""
-    unit: str = ""
+    identity: Mapping[str, str] = field(default_factory=dict)  # as `night_identity` has it
     self_calibrations: tuple[int, int] = (0, 0)  # done, asked for
     missing: Sequence[str] = ()
     judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
@@ -120,7 +120,7 @@ def night_content(folder: Path) -> NightContent:
             reason=str(status["reason"]),
             asked=_asked(journal.plan),
             done=_done(journal, status),
-            unit=" ".join(str(identity.get("imu", {}).get(name) or "") for name in ("model", "serial")).strip(),
+            identity=status["identity"],
             self_calibrations=(status["self_calibrations_done"], status["self_calibrations_total"]),
             missing=list(status["missing"]),
             judgements={

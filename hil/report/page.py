@@ -11,13 +11,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hil.files.durable import RealDisk, write_durably
+from hil.records.status import in_brief
 from hil.report.against import Comparison, Difference
 from hil.report.content import ReportContent
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
 from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import sensor_view
-from hil.report.statements import assumed, cannot_tell, good, headline, in_brief, summary
+from hil.report.statements import assumed, cannot_tell, good, headline, summary
 
 _MOST_IN_WORDS = 20
 _LONGEST_RUNNING = 90
@@ -64,6 +65,8 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "title": campaign.title,
         "running_title": _in_style(shorten(campaign.title, _LONGEST_RUNNING, placeholder=" …")),
         "subtitle": campaign.source,
+        "identity": {name: text for name, text in campaign.identity.items() if name != "despite"},
+        "despite": campaign.identity.get("despite", ""),
         "simulated": campaign.simulated,
         "verdict": verdict,
         "good": sentence,

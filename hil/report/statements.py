@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -18,8 +16,6 @@ _WANDER = (
     "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
     "standard errors (the scatter from run to run shows it)"
 )
-
-_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")  # as `hil status` says it
 
 _THREE_COLLECTS = (
     "Six equations, six unknowns: no residual is left, so these collects cannot contradict the model.",
@@ -81,18 +77,6 @@ def good(content: ReportContent) -> tuple[str, str]:
         Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
     }
     return str(worst), words[worst]
-
-
-def in_brief(missing: Sequence[str]) -> list[str]:
-    """Return what is missing with neighbours that are wholly missing at one temperature in one line."""
-    told: list[str] = []
-    for whole, group in groupby(missing, key=lambda line: (found := _WHOLE.fullmatch(line)) and found["at"]):
-        lines = list(group)
-        if whole and len(lines) > 1:
-            first, last = (_WHOLE.sub(r"\g<run>", lines[place]) for place in (0, -1))
-            lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
-        told += lines
-    return told
 
 
 def _missing(content: ReportContent) -> str:

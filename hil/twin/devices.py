@@ -15,7 +15,7 @@ from drivers.simulators.chambers.catalogue import (
     ramp_port_of,
 )
 from drivers.simulators.unit import IndexSettings, SimulatedImu
-from hil.config.bench import Bench
+from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 from hil.model import load_model
 from hil.twin.setpoints import LoggedPlant
@@ -95,7 +95,9 @@ def simulate_devices(
         description,
         unit,
         rate_hz=rate_hz,
-        identity=ImuIdentity(bench.unit.model, bench.unit.serial, "simulated"),
+        identity=ImuIdentity(
+            bench.unit.model, "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial, "simulated"
+        ),
         index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
         faults=settings.imu_faults,
         starts_s=begins_s,

@@ -156,7 +156,7 @@ class Sitter:
         self._clock, self._answer, self._after_s, self._broken = clock, answer, after_s, broken
         self.asked_s, self.ended = None, []
 
-    def put(self, question, timeout_s):
+    def put(self, question, timeout_s, wants_words=False):
         if self._broken:
             raise OSError(5, "Input/output error")
         self.asked_s = self._clock.now()

@@ -34,7 +34,10 @@ export class Asking {
     $("ask-yes").disabled = true; // for a moment: the second half of a double click must not answer
     clearTimeout(this.ready);
     this.ready = setTimeout(() => ($("ask-yes").disabled = false), DOUBLE_CLICK_MS);
-    $("ask-why-label").hidden = kind === "continue" || kind === "confirm";
+    const words = kind === "confirm" && Boolean(prompt && prompt.wants_words);
+    $("ask-why-label").hidden = (kind === "continue" || kind === "confirm") && !words;
+    $("ask-why-label").firstChild.textContent = words ? "Your answer, typed or scanned " : "Why (may stay empty) ";
+    $("ask-why").required = words;
     $("ask-who").value = localStorage.getItem("hil-who") || "";
     $("ask-why").value = "";
     $("ask-token").value = this.stream.token;

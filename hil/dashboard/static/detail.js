@@ -2,7 +2,7 @@
 
 import { AverageChart, TemperatureChart, temperatureStyle } from "./charts.js";
 import { results } from "./results.js";
-import { stateOf } from "./state.js";
+import { identityOf, reportLink, stateOf } from "./state.js";
 import { points } from "./store.js";
 import { capital, channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError } from "./words.js";
 
@@ -33,7 +33,8 @@ export class Detail {
   }
 
   // Show a night; `changed` names the parts to write anew, null all of them.
-  show(id, night, changed) {
+  show(id, night, changed, reports = this.reports) {
+    this.reports = reports;
     const all = changed === null || id !== this.id;
     if (id !== this.id) this.makeChannels([]); // the curves in them are another night's
     this.id = id;
@@ -62,7 +63,12 @@ export class Detail {
     put("done", `${head.steps_done} of ${head.steps_total} steps done, ${calibrations}`);
     $("progress").max = Math.max(head.steps_total, 1);
     $("progress").value = head.steps_done;
-    put("about", [head.bench && `bench ${head.bench}`, head.unit, `began ${dateTime(head.began_utc)}`].filter(Boolean).join(" · "));
+    put("about", [head.bench && `bench ${head.bench}`, identityOf(head), `began ${dateTime(head.began_utc)}`].filter(Boolean).join(" · "));
+    put("verdict", head.verdict ? `${head.verdict.verdict}: ${sentence(head.verdict.reason)}` : "");
+    $("verdict").className = `verdict ${head.verdict ? head.verdict.verdict : ""}`;
+    put("over", (head.over || []).map((line) => `Over: ${sentence(line)}`).join(" · "));
+    const report = reportLink(this.id, head, this.reports);
+    $("report").replaceChildren(...(report ? [report] : head.working ? [] : [`hil report makes the report of this night.`]));
     this.showPrompt(head);
     $("controls").hidden = !head.working;
     $("pause").hidden = head.state === "paused";

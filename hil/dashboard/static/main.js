@@ -52,9 +52,9 @@ function show(changed) {
   const many = [...store.nights.values()].some(asks) ? `asks · ${name}` : `${name} · hil`;
   document.title = night ? `${asks(night) || night.head.step || night.head.state} · ${name}` : many;
   if (night) {
-    if (changed === null || changed.has(id) || detail.id !== id) detail.show(id, night, changed && changed.get(id));
+    if (changed === null || changed.has(id) || detail.id !== id) detail.show(id, night, changed && changed.get(id), store.reports);
   } else if (changed === null || changed.size) {
-    showCards($("cards"), store.nights);
+    showCards($("cards"), store.nights, store.reports);
     detail.id = null;
   }
   banner(night);

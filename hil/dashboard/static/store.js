@@ -7,6 +7,7 @@ export class Store {
     this.utc = null;
     this.notShown = 0;
     this.problem = "";
+    this.reports = "";
   }
 
   // Take one frame in; return the names of the parts that changed, by night, or null where other nights are shown, or
@@ -16,6 +17,7 @@ export class Store {
     this.utc = frame.utc;
     this.notShown = frame.not_shown;
     this.problem = frame.problem;
+    this.reports = frame.reports;
     if (frame.problem) return new Map();
     const before = [...this.nights.keys()].join("\n");
     const changed = new Map();

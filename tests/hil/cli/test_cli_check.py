@@ -216,7 +216,7 @@ def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: An
         ended = hil("check", path, "--json")
     found = told(ended)
     assert ended.returncode == 2
-    assert "chamber.port: /dev/ttyNONE7" in ended.stderr
+    assert "chamber.port: the port /dev/ttyNONE7 does not exist" in ended.stderr
     assert found["unit"]["good"] is True
     assert found["stream"]["good"] is True
     assert found["chamber.port"]["good"] is False

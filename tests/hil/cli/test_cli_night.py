@@ -120,15 +120,22 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
         "eta_utc": "2026-03-01T05:59:43.559+00:00",
         "missing": ["self-calibration 1 at 23.0 °C: all of it"],
         "problems": [],
+        "over": [],
+        "old": "",
+        "prompt": None,
+        "paused": None,
+        "verdict": None,
+        "identity": {"serial": "014"},
+        "step_in_words": "soaking",
     }
-    monkeypatch.setattr("hil.records.status.night_status", lambda _folder: told)
+    monkeypatch.setattr("hil.cli.watch.look_at", lambda _folder: (told, None))
     running = hil("status", tmp_path)
     assert running.returncode == 0
-    assert "expected end 2026-03-01 05:59 UTC\nto do: self-calibration 1" in running.stdout
+    assert "now: soaking\nexpected end 2026-03-01 05:59 UTC\nserial: 014\nto do: self-calibration 1" in running.stdout
     told |= {"state": "aborted", "reason": "stopped by SIGTERM", "eta_utc": None}
     stopped = hil("status", tmp_path)
     assert stopped.returncode == 4
-    assert "reason: stopped by SIGTERM\n" in stopped.stdout
+    assert "aborted: stopped by SIGTERM\n" in stopped.stdout
     assert "missing: self-calibration 1" in stopped.stdout
 
 

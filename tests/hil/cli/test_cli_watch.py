@@ -12,7 +12,7 @@ from rich.console import Console
 
 from drivers.clock import SystemClock, VirtualClock
 from hil.cli.app import run
-from hil.cli.watch import watch
+from hil.cli.watch import look_at, say, watch
 from hil.records import SqliteJournal
 from hil.records.live import LiveFiles
 from hil.records.rows import Night
@@ -130,3 +130,24 @@ def test_the_command_says_afterwards_what_became_of_the_night(
     assert run(["status", folder, "--watch", "--json"]) == 2
     assert "one of them" in capsys.readouterr().err
     assert run(["status", f"{folder}/none", "--watch"]) == 2
+
+
+def test_what_is_wrong_is_said_first_and_in_red_then_what_it_does(journal: SqliteJournal) -> None:
+    """The step, temperatures and rates as in the JSON; long sentences of devices are cut in the middle."""
+    _shown(journal, journal.plan)
+    journal.begin(journal.plan.steps[1])
+    journal.event("interlock-suspected", f"chamber-lost: the chamber does not answer: {'x' * 500} (in 120 s)")
+    console = _console(terminal=True)
+    console.width, console._highlight = 300, False
+    status, now = look_at(journal.folder)
+    say(journal.folder, status, now, console)
+    first, second, *rest = console.file.getvalue().splitlines()
+    assert first.endswith(": running  SIMULATED")
+    assert second.startswith("\x1b[1;31mPROBLEM: the chamber does not answer: xxx")
+    assert " … " in second
+    assert "since 17:00:00 UTC" in second
+    assert len(second) < 260
+    assert "now: chamber to 20.0 °C, ramping" in rest
+    assert "°C: chamber 19.5 (setpoint 20.0)" in rest
+    assert "operator: rk" in rest
+    assert status["readings"]["chamber_degC"] == 19.5

@@ -300,7 +300,7 @@ def test_a_folder_whose_name_is_no_text_hides_no_other_night(night: Watched, tmp
     watcher.look()
     shown = json.loads(watcher.frame({})[6:])["shown"]
     assert {each.encode().decode() for each in shown} == {"a", "b\\xff"}
-    assert watcher.folder_of("b\\xff").is_dir()
+    assert watcher.night("b\\xff").folder.is_dir()
 
 
 def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(night: Watched, tmp_path: Path) -> None:

@@ -89,7 +89,8 @@ def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
     column = next(n for n in ("setpoint_degC", "chamber_degC", "temperature_degC") if n in conditions.columns)
     hotter = replace(conditions, columns={**conditions.columns, column: conditions.columns[column] + 500.0})
     moved = replace(first, sensors={2: replace(first.sensors[2], conditions=hotter)})
-    found = compare(moved, first, "MFS 1", "MFS 2")
+    one, other = ({"model": "MFS", "serial": serial} for serial in ("1", "2"))
+    found = compare(replace(moved, identity=one), replace(first, identity=other))
     assert not found.differences
     assert found.sentence.startswith("nothing can be compared")
     assert sum("has no such temperature" in each for each in found.remarks) == 8

@@ -1,0 +1,37 @@
+"""Whether a night is good: the worst of how it was measured, how it was solved, and whether it is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from hil.errors import Damaged, InputError
+from hil.records.export import campaign_of_night
+from hil.solve import RunSolution, solve_campaign
+from procedures.verdict import Judgement, Verdict, combine
+from procedures.words import counted
+
+
+def night_solutions(folder: Path) -> list[RunSolution]:
+    """Return what `hil solve` does of a night; nothing where too little is there.
+
+    Raises `Damaged` where its records are not what was written.
+    """
+    try:
+        return list(solve_campaign(campaign_of_night(folder)))
+    except Damaged:
+        raise
+    except InputError:  # or one that a later version recorded
+        return []
+
+
+def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:
+    """Return the verdict on a night that has ended in `state` (of hil.status/1), with its first reason."""
+    judged = [Judgement(each.verdict, f"sensor {each.sensor}, run {each.run}: {each.reason}") for each in solutions]
+    nothing = Judgement(Verdict.INCONCLUSIVE, "nothing was solved")
+    whole = max(judged, key=lambda each: each.severity, default=nothing)
+    bad = sum(each.verdict is whole.verdict for each in judged)
+    if whole.verdict is not Verdict.PASS and bad:
+        whole = Judgement(whole.verdict, f"{bad} of {counted(len(judged), 'solution')}; the first is {whole.reason}")
+    missing = [] if state == "complete" else [Judgement(Verdict.INCONCLUSIVE, "something is missing")]
+    return combine([whole, *missing], passed="everything that was asked for is there, and within its limits")

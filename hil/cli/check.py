@@ -1,0 +1,122 @@
+"""The look before anything moves: `hil check`, and the same look, in the same words, before `hil run` and `resume`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from drivers.errors import DeviceError
+from hil.cli.exit_status import Exit
+from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from hil.bench.finding import Finding
+    from hil.bench.preflight import Preflight
+    from hil.config import Bench, Sweep
+
+
+def check(
+    target: Annotated[
+        str,
+        typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False),
+    ],
+    bench: Annotated[
+        str | None, typer.Option("--bench", help="The bench, where the argument is the sweep.", show_default=False)
+    ] = None,
+    sweep: Annotated[
+        str | None, typer.Option("--sweep", help="What is to be run: a sweep file, or a name.", show_default=False)
+    ] = None,
+    as_json: JsonFlag = False,
+) -> int:
+    """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
+
+    `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
+    """
+    from hil.bench.assemble import check_ports
+    from hil.bench.preflight import check_document
+
+    asked, on = _bench_and_sweep(target, bench, sweep)
+    found = _look(asked, on, Path.cwd())
+    if as_json:
+        print_json(check_document(found, simulated=on.simulated))
+    else:
+        results().print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
+        _show(results(), found.findings)
+    check_ports(on)  # one that is not there is bad input
+    return Exit.DONE if found.good else Exit.STOPPED_SAFE
+
+
+def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Collection[str] = ()) -> list[str]:
+    """Look as `hil check` does, and raise `DeviceError` where it says NOT, unless there is a reason to go on `despite`.
+
+    Return what is gone on despite of, in the words of `hil check`. Raises `InputError` as that does.
+    """
+    from hil.bench.assemble import check_ports
+
+    check_ports(bench)
+    found = _look(sweep, bench, folder, done)
+    _show(messages(), found.wrong)
+    if found.wrong and not despite:
+        subjects = ", ".join(finding.subject for finding in found.wrong)
+        raise DeviceError(
+            f"not begun, and nothing was moved or set, because hil check says NOT: {subjects}; put that right, or give "
+            'a reason for the record: --despite "…"'
+        )
+    return [f"{finding.subject}: {finding.message}" for finding in found.wrong]
+
+
+def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> Preflight:
+    from hil.bench.lock import bench_lock
+    from hil.bench.preflight import preflight
+    from hil.config import cautions, check_sweep_against_bench
+
+    if sweep is not None:
+        check_sweep_against_bench(sweep, bench)
+        warn(cautions(sweep, bench))
+    there = next(above for above in (folder.absolute(), *folder.absolute().parents) if above.is_dir())
+    with bench_lock(bench, folder):
+        return preflight(sweep, bench, there, done)
+
+
+def _show(console: Console, findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        console.print(f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}")
+        if finding.advice:
+            console.print(f"     {'note' if finding.good else 'TO DO'}: {finding.advice}")
+
+
+def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple[Sweep | None, Bench]:
+    """Read what `hil check` was given, in whichever of its forms."""
+    from hil.config import load_bench, load_sweep
+
+    if bench is not None:
+        if sweep is not None:
+            raise InputError(
+                f"{target} cannot be a third: write hil check BENCH --sweep SWEEP, or hil check SWEEP --bench BENCH"
+            )
+        return load_sweep(target), load_bench(bench)
+    try:
+        on = load_bench(target)
+    except InputError as error:
+        if not _is_sweep(target):
+            raise
+        raise InputError(
+            f"{target} is a sweep, not a bench; write hil check BENCH --sweep {target}, or hil check {target} "
+            "--bench BENCH"
+        ) from error
+    return (None if sweep is None else load_sweep(sweep)), on
+
+
+def _is_sweep(name: str) -> bool:
+    from hil.config import load_sweep
+
+    try:
+        load_sweep(name)
+    except InputError:
+        return False
+    return True

@@ -1,0 +1,56 @@
+"""What people say of a night for its records: a note, a reason to go on, the serial number of a unit that is silent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hil.bench import LiveBench
+from hil.config.frames import must_be_typed
+from hil.errors import InputError
+from hil.records import SqliteJournal
+from hil.records.identity import night_identity
+from procedures.attended import Attendant
+from procedures.interlocks import InterlockTripped
+
+_SERIAL_S = 3600.0  # for which the question for a serial number stands
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What whoever begins or carries on a night says for the record: a note, and why they went on despite a NOT.
+
+    `despite` are the findings of `hil check` that were passed over, `why` the reason that was given.
+    """
+
+    note: str = ""
+    despite: Sequence[str] = ()
+    why: str = ""
+
+    def record(self, journal: SqliteJournal, who: str) -> None:
+        """Write down what was passed over; the note stands with the beginning."""
+        if self.despite:
+            told = f"{who} went on despite what hil check called NOT ({'; '.join(self.despite)}): {self.why}"
+            journal.event("despite", told, who=who, why=self.why, findings=list(self.despite))
+
+
+def ask_serial(journal: SqliteJournal, live: LiveBench, attendant: Attendant) -> None:
+    """Have somebody type the serial number of a unit that does not tell it, unless it is known; before anything moves.
+
+    Raises `InterlockTripped` where nobody does.
+    """
+    if not must_be_typed(live.bench, live.description) or "serial" in night_identity(journal):
+        return
+    question = f"Type or scan the serial number of the unit ({live.bench.unit.model}): it does not tell its own."
+    while True:
+        serial, who = attendant.words(question, _SERIAL_S)
+        if not serial:
+            raise InterlockTripped("serial-number", "nobody typed the unit's serial number; hil run takes --serial")
+        try:
+            unit = live.bench.of_unit(serial).unit
+        except InputError as error:
+            question = f"{error}. Once more: the serial number of the unit?"
+        else:
+            told = f"the serial number of the unit is {unit.serial}, as {who} typed it"
+            journal.event("unit-serial", told, serial=unit.serial, who=who)
+            return
