@@ -7,18 +7,24 @@ be tried again), `InterlockTripped` and `StopRequested` from the polls inside.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
+from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
+from drivers.imu import ImuIdentity
 from procedures.collect import Times, WrongPose, take_collect
 from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.restabilisation import restabilise
+from procedures.safe_air import Left, watch_air
 from procedures.settings import CollectSettings, InterlockSettings, Restabilisation
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import Watch
+
+_READ_S = 100.0  # longer than one look at a chamber that does not answer takes
 
 
 @dataclass
@@ -48,7 +54,7 @@ class Actions:
         self._interlocks = interlocks
         self._recorded = recorded
         self._state = BenchState(power_on_s=power_on_s)
-        self._unit: object = None  # who the unit said it was, in this run
+        self._ramp_degC_per_min = 3.0
         self.chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
         self._actions: Mapping[StepKind, Callable[[Step], StepResult]] = {
             StepKind.IDENTIFY: self._identify,
@@ -71,12 +77,10 @@ class Actions:
         except WrongDevice:
             self.chamber_refused = True
             raise
-        unit = self._devices.imu.identify()
         recorded = self._recorded.get(step.key)
-        before = self._unit or (recorded.data.get("imu") if recorded else None)
-        if before is not None and before != vars(unit):
-            raise WrongDevice(f"the unit answers as {vars(unit)}, the sweep began with {before}")
-        self._unit = dict(vars(unit))
+        if self._watch.unit is None and recorded and "imu" in recorded.data:
+            self._watch.unit = ImuIdentity(**recorded.data["imu"])
+        unit = self._watch.same_unit()
         self._devices.refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
         self._devices.chamber.prepare()
         self._watch.forget_stream()
@@ -87,7 +91,8 @@ class Actions:
         """Command the chamber and wait until its air arrives in the band; a ramp that takes too long is a fault."""
         target_degC = _needed(step.temperature_degC)
         from_degC = self._command(step, target_degC)
-        expected_s = 60.0 * abs(target_degC - from_degC) / step.parameters["ramp_degC_per_min"]
+        self._ramp_degC_per_min = step.parameters["ramp_degC_per_min"]
+        expected_s = 60.0 * abs(target_degC - from_degC) / self._ramp_degC_per_min
         allowed_s = self._interlocks.ramp_factor * expected_s + self._interlocks.ramp_extra_s
         began_s = self._watch.now_s
         self._watch.note = f"ramping to {target_degC:.1f} °C"
@@ -174,8 +179,23 @@ class Actions:
         """Leave the chamber as it may be left."""
         self._watch.commanded(None)
         self._state.setpoint_degC = None
-        self._devices.chamber.safe_state()
-        return StepResult(Outcome.DONE, "the chamber is in its safe state")
+        left = self.watch_air(self._devices.chamber.safe_state())
+        if not left.safe:
+            raise InterlockTripped("chamber-not-safe", left.reason)
+        return StepResult(Outcome.DONE, str(left), {"chamber": left.word.value})
+
+    def watch_air(self, safe: SafeState) -> Left:
+        """Look at the air until it shows that the safe state acts; nothing but the chamber can end that."""
+        watch, told = self._watch, list[str]()
+
+        def waiting(seen: str) -> None:
+            watch.alive(watch.polling.interval_s + _READ_S)
+            with suppress(Exception):  # a journal that fails must not end the look at the chamber
+                (watch.tell if told else watch.event)("safe-state-commanded", seen)
+            told.append(seen)
+
+        chamber, clock = self._devices.chamber, self._devices.clock
+        return watch_air(chamber, clock, safe, watch.polling, waiting, self._ramp_degC_per_min)
 
 
 def _needed(temperature_degC: float | None) -> float:

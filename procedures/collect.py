@@ -98,27 +98,41 @@ def reduce_collect(
         "conditions": kept.conditions(imu.conditions),
         "counts": dict(vars(samples.counts)),
     }
-    judgements = [*_enough(n, expected, missing, samples.counts, settings), *kept.judge(imu.sensors, average, index)]
+    number = _enough(samples, n, expected, missing, imu.sample_rate_hz, settings)
+    judgements = [*number, *kept.judge(imu.sensors, average, index)]
     judgement = combine(judgements, passed="complete, stationary, no drift that matters")
     return data, judgement
 
 
 def _missing(samples: SampleBlock, n: int, expected: int, sample_rate_hz: float) -> int:
     """Return how many samples are missing: by the unit's own counter, by gaps in time, and by their number."""
-    short = expected - n
-    if short <= max(_EDGE_SAMPLES, _RATE_TOLERANCE * expected):
-        short = 0
+    short = expected - n if _differs(n, expected) else 0
     not_finite = len(samples) - n
     return max(samples.counts.lost, missing_in_gaps(samples.time_s, sample_rate_hz), short, not_finite)
 
 
+def _differs(n: int, expected: int) -> bool:
+    return abs(expected - n) > max(_EDGE_SAMPLES, _RATE_TOLERANCE * expected)
+
+
 def _enough(
-    n: int, expected: int, missing: int, counts: StreamCounts, settings: CollectSettings
+    samples: SampleBlock, n: int, expected: int, missing: int, sample_rate_hz: float, settings: CollectSettings
 ) -> Iterable[Judgement]:
-    """Judge the number of samples."""
+    """Judge the number of samples. Evenly spread and none lost, it is the unit's rate that is not the description's."""
     fraction = max(1.0 - missing / expected, 0.0) if expected else 0.0
-    if n < _WORTH_AVERAGING or fraction < settings.minimum_fraction:
-        bad = counts.bad_checksum + counts.bad_delimiter
+    counts = samples.counts
+    bad = counts.bad_checksum + counts.bad_delimiter
+    sends_hz = len(samples) / expected * sample_rate_hz if expected else 0.0
+    gaps = bad or counts.lost or missing_in_gaps(samples.time_s, sends_hz)
+    even = n == len(samples) > _WORTH_AVERAGING and not gaps
+    if _differs(n, expected) and (n > expected or even):
+        few_or_many = not settings.minimum_fraction <= n / max(expected, 1) <= 1.0 / settings.minimum_fraction
+        yield Judgement(
+            Verdict.INCONCLUSIVE if few_or_many else Verdict.MARGINAL,
+            f"{n} of {expected} expected samples: the unit sends at {sends_hz:.4g} Hz, the description says "
+            f"{sample_rate_hz:g}; write its rate under imu.rate",
+        )
+    elif n < _WORTH_AVERAGING or fraction < settings.minimum_fraction:
         yield Judgement(
             Verdict.INCONCLUSIVE,
             f"{missing} of {expected} samples are missing ({bad} frames damaged, {counts.lost} lost); "

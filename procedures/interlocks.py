@@ -15,7 +15,8 @@ from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from procedures.settings import InterlockSettings
 
-_EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come
+_EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come …
+_SLOWEST_S = 2.0  # … and one of a unit that is set to another rate
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _stream_lost(look: Look) -> str | None:
     bad = look.counts.bad_checksum + look.counts.bad_delimiter
     if look.samples:
         return f"{bad} of {bad + look.samples} frames of the unit are damaged" if bad > look.samples else ""
-    if look.stream_span_s * look.sample_rate_hz < _EXPECTED_FRAMES:
+    if look.stream_span_s < max(_EXPECTED_FRAMES / look.sample_rate_hz, _SLOWEST_S):
         return None
     return f"no good frame from the unit for {look.stream_span_s:.1f} s ({bad} damaged)"
 

@@ -11,8 +11,8 @@ events, never as a second result): a chamber cools while the controller is dead,
 
 **The promise of the safe state.** Whatever ends a run (its end, a device, an interlock, a stop request, a full disk,
 an error in this program), `_leave` runs and brings the chamber to its safe state *before* it writes anything, because
-the journal may be what failed. It tries for minutes where the chamber does not answer, and the outcome says whether it
-succeeded.
+the journal may be what failed. It tries for minutes where the chamber does not answer, looks at the air until that
+shows that the chamber does what it acknowledged (`safe_air`), and the outcome says: SAFE, NOT SAFE or NOT KNOWN.
 Only a chamber that is not the one the bench file names is left alone. SIGKILL is the watchdog's to answer.
 """
 
@@ -34,6 +34,7 @@ from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent
 from procedures.requests import Control, PauseAsked
 from procedures.runaway import rate_interlocks
+from procedures.safe_air import Left, Word, not_commanded
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.sign_of_life import SignOfLife
 from procedures.stop import StopRequest, StopRequested
@@ -124,8 +125,7 @@ class Sequencer:
         except BaseException as error:  # an interrupt that nobody turned into a stop request
             self._leave(error)
             raise
-        safe_reason = self._leave(cause)
-        return self._outcome(cause, safe_reason)
+        return self._outcome(cause, self._leave(cause))
 
     def _sweep(self) -> None:
         """Do every step that is not DONE, restoring first what it stands on."""
@@ -163,9 +163,9 @@ class Sequencer:
         """Tell a setpoint at which nothing is measured."""
         return not any(step.kind is StepKind.COLLECT for step in self._plan.steps[setpoint.index :])
 
-    def _leave(self, cause: BaseException | None) -> str:
-        """Reach the safe state, then close the journal's open step and record why. Return why it was not reached."""
-        problem = self._make_safe(cause)
+    def _leave(self, cause: BaseException | None) -> Left:
+        """Reach the safe state, then close the journal's open step and record why. Return how the chamber is left."""
+        left = self._make_safe(cause)
         reason = why(cause)
         try:
             if self._open is not None:
@@ -174,47 +174,46 @@ class Sequencer:
             if cause is not None:
                 kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
                 self._watch.event(kind, reason, **(self._watch.evidence() if kind == "interlock" else {}))
-            if problem:
-                self._watch.event("safe-state-not-reached", problem)
-            elif self._touched:
-                self._watch.event("safe-state", "the chamber is in its safe state")
+            if self._touched:
+                kind = "safe-state" if left.safe else "safe-state-not-reached"
+                self._watch.event(kind, left.reason, chamber=left.word.value)
         except Exception as failure:
             # The journal itself failed. Nothing more can be recorded; the outcome carries the first cause.
             if cause is not None:
                 cause.add_note(f"and the journal could not record it: {failure}")
-        return problem
+        return left
 
-    def _make_safe(self, cause: BaseException | None) -> str:
-        """Command the safe state, with retries; return why it was not reached, or nothing."""
+    def _make_safe(self, cause: BaseException | None) -> Left:
+        """Command the safe state, with retries, and look at what the air does; return how the chamber is left."""
         if not self._touched or StepKind.SAFE_STATE in self._in_effect:
-            return ""
+            return Left(reason="the air has shown that it is in its safe state")
         if self._actions.chamber_refused:
-            return f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
+            why_not = f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
+            return Left(Word.NOT_KNOWN, why_not)
         problem = ""
         give_up_s = self._devices.clock.now() + self._polling.safe_state_s
         while True:
             self._watch.alive(_SAFE_STATE_SILENCE_S)
             try:
-                self._devices.chamber.safe_state()
+                return self._actions.watch_air(self._devices.chamber.safe_state())
             except Exception as failure:
                 said, problem = bool(problem), f"the chamber could not be brought to its safe state: {failure}"
-            else:
-                return ""
+                left = not_commanded(failure, problem)
             if not said:
                 with suppress(Exception):  # trying goes on whether or not this can be recorded
                     self._watch.event("safe-state-retry", f"{problem}; {why(cause)}")
             left_s = give_up_s - self._devices.clock.now()
             if left_s <= 0.0:
-                return problem
+                return left
             self._watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
             self._devices.clock.sleep(max(self._polling.retry_wait_s, _LEAST_WAIT_S))
 
-    def _outcome(self, cause: Exception | None, safe_reason: str) -> SweepOutcome:
+    def _outcome(self, cause: Exception | None, left: Left) -> SweepOutcome:
         missing = tuple(step.key for step in self._plan.steps if step.key not in self._done)
         if cause is not None:
             state, reason = state_after(cause), why(cause)
-        elif safe_reason:
-            state, reason = SweepState.FAILED, safe_reason
+        elif not left.safe:
+            state, reason = SweepState.FAILED, left.reason
         elif missing:
             state, reason = SweepState.INCOMPLETE, f"{len(missing)} steps are missing, the first is {missing[0]}"
         else:
@@ -226,8 +225,7 @@ class Sequencer:
             steps_total=len(self._plan.steps),
             missing=missing,
             counts=dict(self._counts),
-            safe=not safe_reason,
-            safe_reason=safe_reason,
+            left=left,
             error=cause if state in (SweepState.FAILED, SweepState.ERROR) else None,
         )
 

@@ -176,6 +176,7 @@ class Polling:
     device_attempts: int = 3  # tries of a step that a device refuses, before the night ends safely
     retry_wait_s: float = 5.0
     safe_state_s: float = 300.0  # how long the safe state is tried for, where the chamber does not answer
+    safe_air_s: float = 900.0  # how long the air is then looked at, until it shows that the chamber does as it was told
 
     def __post_init__(self) -> None:
         _require_possible(self, "polling")

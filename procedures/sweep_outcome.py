@@ -10,6 +10,7 @@ from enum import StrEnum
 from drivers.errors import DeviceError
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome
+from procedures.safe_air import Left
 from procedures.stop import StopRequested
 
 
@@ -25,7 +26,7 @@ class SweepState(StrEnum):
 
 @dataclass(frozen=True)
 class SweepOutcome:
-    """What became of a run: state, reason, counts, what is missing, and whether the chamber is in its safe state."""
+    """What became of a run: state, reason, counts, what is missing, and how the chamber was left."""
 
     state: SweepState
     reason: str
@@ -33,8 +34,7 @@ class SweepOutcome:
     steps_total: int
     missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
     counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
-    safe: bool = True
-    safe_reason: str = ""  # why the safe state was not reached
+    left: Left = field(default_factory=Left)  # the chamber
     error: BaseException | None = None  # for the log, where the state is failed or error
 
 

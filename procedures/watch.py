@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from drivers.chambers import ChamberReading
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SampleBlock
+from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.samples import rate_fields, rate_means
 from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
@@ -35,6 +35,7 @@ from procedures.stuck_rates import Unchanged
 
 _WALL_JUMP_S = 5.0
 _HOLD_CEILING_S = 3600.0
+_IDENTITY_S = 10.0  # more than a unit is given to say who it is
 _TICK_S = 1e-6  # sleeping for less may not move a clock at all
 
 
@@ -80,7 +81,7 @@ class Watch:
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, lambda kind, message: self.event(kind, message, **self.evidence()))
-        self._polling = polling
+        self.polling = polling
         self._progress = progress
         self._position: Position | None = None
         self._chamber_s = -np.inf
@@ -91,6 +92,7 @@ class Watch:
         self._last_frame_s = clock.now()
         self._wall_off_s = 0.0  # as it was last recorded
         self.look: Look | None = None
+        self.unit: ImuIdentity | None = None  # who the unit said it was
         self.commanded_degC: float | None = None
         self.arrived = False
         self.note = ""
@@ -178,6 +180,19 @@ class Watch:
         self._last_frame_s = self.now_s
         return counts
 
+    def same_unit(self) -> ImuIdentity:
+        """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
+        self.alive(_IDENTITY_S)
+        imu, began = self._devices.imu, self.unit
+        try:
+            self.unit = found = imu.identify()
+        except WrongDevice as error:
+            raise WrongDevice(f"{error}; the night began with {began}" if began else str(error)) from error
+        if began not in (None, found):
+            self.unit = began
+            raise WrongDevice(f"the unit behind {imu.port} is now {found}, the night began with {began}")
+        return found
+
     def wait(self, until_s: float) -> Iterator[tuple[Look, SampleBlock]]:
         """Yield a look and the samples drained with it at each poll, until the clock shows `until_s`.
 
@@ -186,7 +201,7 @@ class Watch:
         """
         while True:
             remaining_s = until_s - self.now_s
-            self._devices.clock.sleep(min(self._polling.read_interval_s, max(remaining_s, 0.0)))
+            self._devices.clock.sleep(min(self.polling.read_interval_s, max(remaining_s, 0.0)))
             yield self.poll()
             if self.now_s >= until_s - _TICK_S:
                 return
@@ -210,12 +225,12 @@ class Watch:
 
     def look_again(self) -> Look:
         """Wait for one read interval and return the look after it."""
-        *_, (look, _) = self.wait(self.now_s + self._polling.read_interval_s)
+        *_, (look, _) = self.wait(self.now_s + self.polling.read_interval_s)
         return look
 
     def poll(self) -> tuple[Look, SampleBlock]:
         """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
-        self.alive(self._polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
+        self.alive(self.polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
         block, span_s, stream_error = self._drain()
@@ -261,6 +276,8 @@ class Watch:
         except DeviceError as failure:
             block, error = SampleBlock(np.empty(0), {}), str(failure)
         self._stream += block.counts
+        if self._devices.imu.unsure and len(block) and self.unit and not self.resting:
+            block, error = SampleBlock(np.empty(0), {}), self._who_is_back()
         now_s = self.now_s
         # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
         # from the last frame, not from the last drain.
@@ -270,9 +287,19 @@ class Watch:
         self._drained_s = now_s
         return block, span_s, error
 
+    def _who_is_back(self) -> str:
+        """Ask who is behind the port since the stream was lost, before its samples count; return why nobody says so."""
+        try:
+            self.event("unit-back", f"the unit's stream was lost and is back; it is {self.same_unit()}, as before")
+        except WrongDevice:
+            raise
+        except DeviceError as failure:
+            return f"it was lost and is back, and the unit does not say who it is: {failure}"
+        return ""
+
     def _read_chamber(self) -> tuple[ChamberReading | None, str]:
         """Return a new reading where one is due, else None, and what failed."""
-        if self.now_s - self._chamber_s < self._polling.interval_s - 1e-6:
+        if self.now_s - self._chamber_s < self.polling.interval_s - 1e-6:
             return None, ""
         self._chamber_s = self.now_s
         try:
@@ -295,11 +322,11 @@ class Watch:
     # Telling
 
     def _heartbeat(self, look: Look) -> None:
-        if self._position is None or look.time_s - self._heartbeat_s < self._polling.heartbeat_s:
+        if self._position is None or look.time_s - self._heartbeat_s < self.polling.heartbeat_s:
             return
         self._heartbeat_s = look.time_s
         readings = {f"unit_{number}_degC": value for number, value in look.unit_degC.items()}
-        if look.chamber is not None and look.time_s - self._answered_s <= self._polling.heartbeat_s:
+        if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
         self._journal.heartbeat(self._position.step, readings)
         self._compare_clocks()
@@ -312,7 +339,7 @@ class Watch:
             self._wall_off_s = off_s
 
     def _snapshot(self, look: Look, block: SampleBlock) -> None:
-        if self._position is None or look.time_s - self._progress_s < self._polling.progress_s:
+        if self._position is None or look.time_s - self._progress_s < self.polling.progress_s:
             return
         since_s, self._progress_s = look.time_s - self._progress_s, look.time_s
         frames, self._shown_ok = self._stream.ok - self._shown_ok, self._stream.ok

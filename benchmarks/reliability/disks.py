@@ -58,7 +58,7 @@ def too_small(folder: Path, size_kb: int, ended_full: list[int]) -> Iterator[str
     if outcome.state == "complete":
         return
     ended_full.append(size_kb)
-    if "full" not in outcome.reason or "NOT SAFE" in outcome.reason:
+    if "full" not in outcome.reason or outcome.exit_status in (5, 6):
         yield f"ended with {outcome.reason}"
     yield from _damage(night)
     mounted(folder, f"size={_ROOM_KB}k", again=True)

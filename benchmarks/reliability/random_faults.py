@@ -11,6 +11,8 @@ from procedures.plan import Plan
 
 _OFTEN: Mapping[Device, int] = {"imu": 4, "chamber": 4, "disk": 1, "clock": 1, "controller": 1}
 """How often each device is chosen; no operator, for nobody is asked on a bench that indexes."""
+NEVER = frozenset({"no_answer", "wrong_position", "not_carried_out", "exchanged"})
+"""What is not drawn: no controller can survive it, and what it leads to is tested where it is said."""
 _AT_A_STEP = 0.3  # so often a fault waits for a step
 _FOR_EVER = 0.15  # so often it lasts for the rest of the night
 _SHORTEST_S, _LONGEST_S = 5.0, 3600.0
@@ -34,7 +36,7 @@ def draw_faults(
 
 def _fault(draw: random.Random, plan: Plan, longest_s: float | None) -> Fault:
     (device,) = draw.choices(list(_OFTEN), weights=list(_OFTEN.values()))
-    name = draw.choice(list(CATALOGUE[device]))
+    name = draw.choice([each for each in CATALOGUE[device] if each not in NEVER])
     kind = CATALOGUE[device][name]
     waits = draw.random() < _AT_A_STEP
     at = draw.choice(plan.steps).key if waits else f"{draw.uniform(0.0, plan.total_s):.0f} s"

@@ -39,7 +39,7 @@ class ChamberOptions:
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     `framing` is that of Modbus, the driver's own where it is None.
     `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are. `dead_man_s`
-    arms the controller's own timer.
+    arms the controller's own timer, which it need not have unless `dead_man_asked`.
     """
 
     limits: ChamberLimits
@@ -53,6 +53,7 @@ class ChamberOptions:
     framing: Framing | None = None
     description: Path | None = None
     dead_man_s: float | None = None
+    dead_man_asked: bool = True
     layout: AsciiLayout | None = None
 
 
@@ -89,6 +90,7 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
         native_margin_degC=options.native_margin_degC,
         celsius_confirmed=options.celsius_confirmed,
         dead_man_s=options.dead_man_s,
+        dead_man_asked=options.dead_man_asked,
     )
 
 

@@ -77,8 +77,8 @@ class Chamber(Protocol):
     def set_temperature(self, setpoint_degC: float) -> None:
         """Set, read back and compare the setpoint; raise `SetpointOutOfLimits` before anything is sent."""
 
-    def safe_state(self) -> None:
-        """Bring the chamber to the state in which it may be left alone (as the bench file defines it)."""
+    def safe_state(self) -> SafeState:
+        """Bring the chamber to the state in which it may be left alone (as the bench file defines it); return that."""
 
     def close(self) -> None:
         """Release the port without changing the chamber's state."""

@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from drivers.chambers.controller import Controller, DeadManController
 from drivers.clock import Clock
-from drivers.errors import CommandRefused
+from drivers.errors import CommandRefused, ProtocolError
 
 _RENEWED_WITHIN = 0.25  # of its time, so that a renewal which fails can be tried anew
 
 
 class DeadMan:
-    """The timer of one controller; `seconds` None for none at all. What it does raises what the controller raises."""
+    """The timer of one controller; `seconds` None for none at all. What it does raises what the controller raises.
 
-    def __init__(self, controller: Controller, clock: Clock, seconds: float | None) -> None:
+    One that nobody asked for (`asked` False) is armed where the controller has one, and otherwise done without.
+    """
+
+    def __init__(self, controller: Controller, clock: Clock, seconds: float | None, *, asked: bool = True) -> None:
+        self._asked = asked
         self._controller = controller
         self._clock = clock
         self._seconds = seconds
@@ -29,8 +33,14 @@ class DeadMan:
         if self._seconds is None:
             return
         controller = self._controller
-        if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._seconds)):
-            raise CommandRefused(f"{controller.device} has no timer of its own; take dead_man out of the bench file")
+        try:
+            if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._seconds)):
+                missing = f"{controller.device} has no timer of its own"
+                raise CommandRefused(f"{missing}; take dead_man out of the bench file")
+        except (CommandRefused, ProtocolError):
+            if self._asked:
+                raise
+            return
         self._armed_at_s = self._clock.now()
 
     def renew(self) -> None:

@@ -14,7 +14,7 @@ import math
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
-from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading
+from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.setpoints import clamped
 from drivers.chambers.wear import wear_of
 from drivers.clock import Clock
@@ -113,10 +113,10 @@ class RampedChamber:
         self._write(_towards(self._begins_degC, setpoint_degC, _LEAST_STEP_DEGC))
         self._target = setpoint_degC
 
-    def safe_state(self) -> None:
+    def safe_state(self) -> SafeState:
         """End the ramp and bring the chamber to its safe state."""
         self._target = None
-        self._chamber.safe_state()
+        return self._chamber.safe_state()
 
     def close(self) -> None:
         """Release the port; the chamber goes on as it is."""

@@ -74,6 +74,7 @@ class SupervisedChamber:
         celsius_confirmed: bool = False,
         watch: WatchSettings | None = None,
         dead_man_s: float | None = None,
+        dead_man_asked: bool = True,
     ) -> None:
         if safe.temperature_degC is not None:
             representable_setpoint(safe.temperature_degC, limits, controller.resolution_degC)
@@ -81,7 +82,7 @@ class SupervisedChamber:
             raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
         self._controller = controller
         self._clock = clock
-        self._dead_man = DeadMan(controller, clock, dead_man_s)
+        self._dead_man = DeadMan(controller, clock, dead_man_s, asked=dead_man_asked)
         self._limits = limits
         self._native = NativeLimits(controller, limits, native_margin_degC)
         self._safe = safe
@@ -202,7 +203,7 @@ class SupervisedChamber:
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 
-    def safe_state(self) -> None:
+    def safe_state(self) -> SafeState:
         """Bring the chamber to the bench file's safe state, trying as often as a read is tried.
 
         May be called at any time, before `identify` and after any error. What already is safe is left alone. What
@@ -212,10 +213,12 @@ class SupervisedChamber:
         self._dead_man.rest()
         self._begin()
         give_up_s = self._clock.now() + _SAFE_STATE_S
-        for attempt in range(1, _ATTEMPTS + 1):
+        attempt = 0
+        while True:
+            attempt += 1
             try:
                 self._reach_safe_state()
-                return
+                return self._safe
             except DeviceError as error:
                 if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
                     tried = "1 attempt" if attempt == 1 else f"{attempt} attempts"

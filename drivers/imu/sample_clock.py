@@ -2,7 +2,8 @@
 
 The counter gives even spacing; the arrival tells where on the clock it belongs. A frame can arrive late, never early,
 so that the earliest arrivals are the right ones: the offset between counter and clock is the least that was seen, let
-go slowly (`_DRIFT`) because the unit's oscillator is not the bench's.
+go slowly (`_DRIFT`) because the unit's oscillator is not the bench's. A unit that is set to another rate is followed
+at the rate that it has, so that its samples are where they were taken, however wrong the description is.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ IntArray = NDArray[np.int64]
 
 _DRIFT = 200e-6  # s/s; crystal oscillators are within 100 ppm each
 _RESTART_S = 2.0  # a counter so far ahead of the clock was not counting: it began anew
+_MEASURED_S = 20.0  # over which the rate is measured …
+_AGREED = 0.02  # … twice, to the same result …
+_ANOTHER_RATE = 0.04  # … before it is believed: no oscillator is so far off
 _SILENCE_S = 1.0  # without a counter, frames so late mean that others were lost before them
 
 
@@ -26,8 +30,10 @@ class SampleClock:
 
     def __init__(self, rate_hz: float, turn_frames: int | None) -> None:
         self._period_s = 1.0 / rate_hz
+        self._measured = (-np.inf, 0, np.inf)  # since when, from which frame on, and the period that came out before
         self._turn_frames = turn_frames
         self._offset_s: float | None = None
+        self.anew = True  # whether the newest frames were placed without regard to those before them
         self._shift = 0  # frames that the counter did not show
         self._last_sequence = 0
         self._last_time_s = -np.inf
@@ -40,6 +46,8 @@ class SampleClock:
         turns of the counter that passed unseen in an outage (positive), or frames that only a counter that began anew
         seems to have skipped (negative).
         """
+        self._follow(int(sequence[-1]), arrival_s)
+        self.anew = self._offset_s is None
         numbers = sequence + self._shift
         correction = 0
         if self._offset_s is None:
@@ -60,6 +68,19 @@ class SampleClock:
         self._last_time_s = float(times_s[-1])
         self._last_arrival_s = arrival_s
         return times_s, correction if self._turn_frames is not None else 0
+
+    def _follow(self, newest: int, arrival_s: float) -> None:
+        """Count by the rate that the unit has, where that is another one than the description's for long enough."""
+        began_s, first, before_s = self._measured
+        passed_s, frames = arrival_s - began_s, newest - first
+        if 0.0 <= passed_s < _MEASURED_S and frames >= 0:
+            return
+        period_s = passed_s / frames if frames > 0 else np.inf
+        self._measured = (arrival_s, newest, period_s)
+        if frames <= 0 or abs(period_s - before_s) > _AGREED * period_s:
+            return
+        if abs(period_s - self._period_s) > _ANOTHER_RATE * period_s:
+            self._period_s, self._offset_s = period_s, None
 
     def _correction(self, late_s: float) -> int:
         """Return by how many frames the sequence is behind the clock, given how late the newest frame seems."""

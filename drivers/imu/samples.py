@@ -41,6 +41,10 @@ class ImuIdentity:
     serial: str = ""
     firmware: str = ""
 
+    def __str__(self) -> str:
+        serial = f"S/N {self.serial}" if self.serial else ""
+        return " ".join(part for part in (self.model, serial, self.firmware) if part)
+
 
 @dataclass(frozen=True)
 class SensorChannels:
@@ -88,6 +92,14 @@ class Imu(Protocol):
     @property
     def sample_rate_hz(self) -> float:
         """The nominal rate of the stream."""
+
+    @property
+    def port(self) -> str:
+        """The port behind which it is."""
+
+    @property
+    def unsure(self) -> bool:
+        """Whether its stream was lost since it was identified, so that another unit may be there."""
 
     def identify(self) -> ImuIdentity:
         """Ask or wait for the unit's identity; raise `DeviceTimeout` where no good frame arrives."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout, ProtocolError, WrongDevice
+from drivers.errors import DeviceError, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoded import Decoded
@@ -25,6 +25,7 @@ from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock, SensorChan
 from drivers.transports import Transport
 from drivers.transports.live_reader import LiveReader
 
+LOST_S = 2.0  # without a frame, or missing by its counter: what is behind the port by then may be another unit
 _ASK_AGAIN = 3  # times that the identity is asked for within the time-out
 
 
@@ -80,6 +81,8 @@ class StreamImu:
         counter = description.frames[self._roles.frame].counter
         self._sample_clock = SampleClock(self._rate_hz, None if counter is None else counter.modulus // counter.step)
         self._interrupted = True  # the next samples do not continue the ones before
+        self._last_s = 0.0  # when the newest sample was taken
+        self.unsure = False  # whether the stream was lost since the unit said who it is
         self._index_status: IndexStatus | None = None
         self._sensors = {
             number: SensorChannels(
@@ -115,7 +118,11 @@ class StreamImu:
 
     def read_block(self) -> SampleBlock:
         """Decode what has arrived since the last call; never waits, perhaps empty."""
-        raw = self._transport.read_available()
+        try:
+            raw = self._transport.read_available()
+        except DeviceError:
+            self.unsure = True
+            raise
         return self._block(raw, self._clock.now())
 
     def discard(self) -> StreamCounts:
@@ -150,6 +157,7 @@ class StreamImu:
             found = self._identity_in(decoded)
             if found is not None:
                 self._refuse_wrong(found)
+                self.unsure = False
                 return found
         raise DeviceTimeout(self._no_identity(arrived, counts))
 
@@ -181,6 +189,10 @@ class StreamImu:
         if not len(batch):
             return decoded, np.empty(0)
         times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
+        gap_s = float(np.diff(times_s, prepend=self._last_s).max())
+        jumped = correction != 0 and decoded.counts.lost > LOST_S * self._rate_hz
+        self.unsure |= jumped or (gap_s > LOST_S and not self._sample_clock.anew)
+        self._last_s = float(times_s[-1])
         if correction and not self._interrupted:
             lost = max(0, decoded.counts.lost + correction)
             decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))

@@ -23,6 +23,7 @@ class ImuFault(StrEnum):
     STALL = "stall"  # the stream stops
     FROZEN = "frozen"  # every value stays as it is; counter and checksum go on
     SPIN_FAULT = "spin_fault"  # a rotor is not at speed, and the status says so
+    EXCHANGED = "exchanged"  # another unit is there, with a serial number and a counter of its own
     SILENT_IDENTITY = "silent_identity"  # the identity is asked for in vain
     INDEX_REFUSED = "index_refused"  # an index command only sets the fault bit
     INDEX_NEVER_FINISHES = "index_never_finishes"  # an index move begins and does not end

@@ -26,6 +26,7 @@ from drivers.simulators.index import SimulatedIndex
 
 FloatArray = NDArray[np.float64]
 _COUNTER_AHEAD = 5
+_ANOTHER_COUNTER = 12345
 _LONGEST_LINE = 128  # bytes without a line end before they are thrown away, as a small command buffer would
 
 
@@ -133,7 +134,7 @@ class SimulatedImu:
             return False
         if commands.identify is not None and line == commands.line(commands.identify):
             if not self._faults.active(ImuFault.SILENT_IDENTITY, now_s):
-                self._outbox.append(self._identity_frame())
+                self._outbox.append(self._identity_frame(self._faults.active(ImuFault.EXCHANGED, now_s)))
             return True
         for label, code in self._index.positions.items():
             if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
@@ -143,12 +144,12 @@ class SimulatedImu:
                 return True
         return False
 
-    def _identity_frame(self) -> bytes:
+    def _identity_frame(self, another: bool) -> bytes:
         role = self._roles.identity
         if role is None or role.frame is None:
             return b""
         texts = {role.model: self._identity.model}
-        texts |= {role.serial: self._identity.serial} if role.serial else {}
+        texts |= {role.serial: self._identity.serial + "B" * another} if role.serial else {}
         texts |= {role.firmware: self._identity.firmware} if role.firmware else {}
         return encode_rows(FrameLayout(self._description, role.frame), texts, 1).tobytes()
 
@@ -170,7 +171,13 @@ class SimulatedImu:
         counter = self._layout.description.counter
         if counter is not None:
             ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
+            ahead = ahead + _ANOTHER_COUNTER * self._faults.during(ImuFault.EXCHANGED, times_s)
             columns[counter.field] = ((numbers + ahead) * counter.step) % counter.modulus
+        time = self._layout.description.time
+        if time is not None and counter is None:
+            ticks = np.floor(times_s / time.resolution + 1e-6) % (time.modulus or 2.0**63)
+            field = self._layout.description.all_fields[time.field]
+            columns[time.field] = ticks * field.scale + field.offset
         if self._roles.index is not None:
             self._write_index(self._roles.index, columns, times_s)
         return encode_rows(self._layout, columns, len(numbers))

@@ -58,8 +58,10 @@ class SerialTransport(BufferedTransport):
         parity: str = "N",
         stopbits: float = 1,
         low_latency: bool = True,
+        on_close: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(clock)
+        self._on_close = on_close
         self._url = url
         self._settings: dict[str, Any] = {
             "baudrate": baudrate,
@@ -91,9 +93,10 @@ class SerialTransport(BufferedTransport):
         return self._guarded(lambda port: bool(_ready(port, self._clock, timeout_s)))
 
     def close(self) -> None:
-        """Release the port. Closing twice is allowed."""
+        """Release the port, and tell `on_close`. Closing twice is allowed."""
         self._closed = True
         self._release()
+        self._on_close()
 
     def _fill(self) -> None:
         """Take over what the operating system holds."""
@@ -144,26 +147,12 @@ class SerialTransport(BufferedTransport):
                 port.close()
 
 
-def open_port(
-    url: str,
-    *,
-    clock: Clock,
-    baudrate: int = 115200,
-    bytesize: int = 8,
-    parity: str = "N",
-    stopbits: float = 1,
-    low_latency: bool = True,
-) -> SerialTransport:
-    """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot."""
-    return SerialTransport(
-        url,
-        clock=clock,
-        baudrate=baudrate,
-        bytesize=bytesize,
-        parity=parity,
-        stopbits=stopbits,
-        low_latency=low_latency,
-    )
+def open_port(url: str, *, clock: Clock, baudrate: int = 115200, **line: Any) -> SerialTransport:
+    """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot.
+
+    `line` is the rest of what `SerialTransport` takes.
+    """
+    return SerialTransport(url, clock=clock, baudrate=baudrate, **line)
 
 
 def _ready(port: Any, clock: Clock, timeout_s: float) -> bool:

@@ -9,14 +9,14 @@ devices and cannot tell.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -33,9 +33,9 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
-from drivers.transports.port_owner import owned
 from drivers.transports.serial_port import existing_ports
 from hil.bench.closed_port import ClosedPort
+from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.frames import load_frames, tells_serial
 from hil.config.ports import SIMULATED_SCHEME
@@ -121,7 +121,7 @@ def build_bench(
         ports = _Ports(bench, clock, opened, unopened)
         baud = bench.imu.baud or description.baudrate
         imu_port = ports.open_stream(SerialLine(baud), lambda: simulators().imu)
-        chamber = _chamber(bench, ports, clock, simulators)
+        chamber = _chamber(bench, ports, clock, simulators, night=True)
         imu = StreamImu(
             imu_port,
             description,
@@ -169,7 +169,7 @@ def open_chamber(bench: Bench) -> LiveChamber:
         return simulate_devices(bench, load_frames(bench), begins_s=clock.now())
 
     with ExitStack() as opened:
-        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated)
+        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
         opened.pop_all()
     return LiveChamber(bench, clock, chamber)
 
@@ -220,16 +220,8 @@ class _Ports:
             port: Transport = self.simulated.setdefault(
                 key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
             )
-        elif line.data_bits == 8 and line.parity == "N":
-            port = self._real(key, url, lambda: open_port(url, clock=self._clock, baudrate=line.baud))
         else:
-            port = self._real(
-                key,
-                url,
-                lambda: open_port(
-                    url, clock=self._clock, baudrate=line.baud, bytesize=line.data_bits, parity=line.parity
-                ),
-            )
+            port = self._real(key, url, {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity})
         self._opened.callback(port.close)
         return port
 
@@ -247,13 +239,18 @@ class _Ports:
         """Open the chamber's second port, or what it simulates."""
         if url.startswith(SIMULATED_SCHEME):
             return MemoryTransport(device(), self._clock, url)
-        port = self._real("chamber.ramp_port", url, lambda: open_port(url, clock=self._clock))
+        port = self._real("chamber.ramp_port", url, {})
         self._opened.callback(port.close)
         return port
 
-    def _real(self, key: str, url: str, open_transport: Callable[[], Transport]) -> Transport:
+    def _real(self, key: str, url: str, line: Mapping[str, Any]) -> Transport:
         try:
-            return owned(url, open_transport)
+            release = port_lock(url)
+            try:
+                return open_port(url, clock=self._clock, on_close=release, **line)
+            except BaseException:
+                release()
+                raise
         except TransportError as error:
             if self._unopened is None:
                 raise
@@ -273,7 +270,9 @@ def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | Non
     return PacedClock(speed, start_utc)
 
 
-def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench]) -> Chamber:
+def _chamber(
+    bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench], *, night: bool
+) -> Chamber:
     section = bench.chamber
     port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
     ramp_port = None if section.ramp_port is None else ports.open_ramp(section.ramp_port, lambda: simulated().ramp_port)
@@ -288,7 +287,8 @@ def _chamber(bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], 
         ramp_port=ramp_port,
         framing=section.framing,
         description=bench.chamber_description,
-        dead_man_s=section.dead_man,
+        dead_man_s=section.night_dead_man if night else section.dead_man,
+        dead_man_asked=section.dead_man is not None,
         layout=section.layout,
     )
     try:

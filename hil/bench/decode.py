@@ -84,9 +84,7 @@ class _Summary:
     def __init__(self, description: StreamDescription) -> None:
         self.counts = StreamCounts()
         self._habits = {
-            name: CounterHabit(name, frame.counter)
-            for name, frame in description.frames.items()
-            if frame.counter is not None
+            name: CounterHabit(name, frame, description.sample_rate_hz) for name, frame in description.frames.items()
         }
         self._frames = dict.fromkeys(description.frames, 0)
         self._first: tuple[str, FrameBatch, int] | None = None

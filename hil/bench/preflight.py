@@ -23,9 +23,11 @@ from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.clock_check import EARLIEST, synchronised
+from hil.bench.decode_advice import wrong_counter
 from hil.bench.finding import Finding
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
+from hil.config.sweep import left_hot_or_cold
 from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, make_plan
 
@@ -74,6 +76,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
             _disk(left, live, folder),
             _clock(live),
             _duration(left, live),
+            *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
     return Preflight(findings)
 
@@ -145,7 +148,8 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
         f"{samples} samples in {_LISTEN_S:g} s ({rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected), {bad} bad or lost"
     )
     enough = abs(rate_hz - imu.sample_rate_hz) <= max(_MOST_OFF_RATE * imu.sample_rate_hz, 2.0 / _LISTEN_S)
-    yield Finding("stream", enough and not bad, told, _stream_advice(samples, bad, enough=enough))
+    miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
+    yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
     if samples:
         yield from at_rest(live, heard)
         yield from _unit_temperature(live, heard)
@@ -250,9 +254,11 @@ def _native_limits(reading: ChamberReading) -> Finding:
 
 def _left_alone(bench: Bench) -> Finding:
     """Say what the chamber does when this computer dies."""
-    if bench.chamber.dead_man is not None:
-        told = f"its own timer stops the chamber {bench.chamber.dead_man / 60.0:g} min after nobody looks any more"
-        return Finding("left alone", True, told)
+    given, armed = bench.chamber.dead_man, bench.chamber.night_dead_man
+    if armed is not None:
+        told = f"its own timer stops the chamber {armed / 60.0:g} min after nobody looks any more"
+        advice = "" if given else "armed where it has the option; dead_man: 3 h under chamber insists on it"
+        return Finding("left alone", True, told if given else f"{told}, where it has one", advice)
     if CHAMBER_DRIVERS[bench.chamber.driver].dead_man:
         advice = "let its own timer stop it: dead_man: 3 h under chamber"
     else:

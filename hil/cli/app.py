@@ -31,7 +31,8 @@ from hil.cli.output import always_writable
 app = typer.Typer(
     name="hil",
     help="Run a gyro self-calibration bench by itself: chamber, collects, matrix solution, report.",
-    epilog="Exit status: 0 done, 1 failed or aborted, 2 bad input, 3 stopped with the bench safe, 4 incomplete.",
+    epilog="Exit status: 0 done, 1 failed or aborted, 2 bad input, 3 stopped with the bench safe, 4 incomplete, "
+    "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

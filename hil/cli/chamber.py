@@ -41,14 +41,16 @@ def chamber(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the chamber is set.")] = False,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Read a bench's chamber, set its temperature, or bring it to its safe state; the unit is left alone.
 
     `set` is refused outside the bench's limits, asks before it drives a real chamber, and reads back. `stop` is the
-    bench file's safe state, and never asks. What is sent is logged on standard error, with who and when.
+    bench file's safe state; it never asks, and ends when the air shows it, or with status 5 (NOT SAFE) or 6 (NOT
+    KNOWN). What is sent is logged on standard error, with who and when.
     """
     from hil.bench import open_chamber
     from hil.config import load_bench
+    from procedures.safe_air import Left, watch_air
 
     on = load_bench(bench)
     if action is Action.SET:
@@ -58,14 +60,18 @@ def chamber(
         raise InputError(f"{action.value} takes no temperature, and {temperature!r} was given")
     if action is not Action.READ:
         _warn_of_others(on)
+    left = Left()
     with open_chamber(on) as live:
         if action is Action.SET:
             _set(live, target)
         elif action is Action.STOP:
-            _logged(live).safe_state()
-            messages().print(f"{on.name}: the safe state ({on.chamber.safe_state.words}) is reached and confirmed")
-        identity, reading = live.chamber.identify(), live.chamber.read()
-        _show(on, action, identity, reading, as_json=as_json)
+            safe = _logged(live).safe_state()
+            left = watch_air(live.chamber, live.clock, safe, on.polling, messages().print)
+            messages().print(f"{on.name}: {left}")
+        if left.safe:
+            identity, reading = live.chamber.identify(), live.chamber.read()
+            _show(on, action, identity, reading, as_json=as_json)
+    return left.exit_status(0)
 
 
 def _target(given: str | None, bench: Bench) -> float:

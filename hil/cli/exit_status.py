@@ -29,6 +29,8 @@ class Exit(IntEnum):
     BAD_INPUT = 2
     STOPPED_SAFE = 3
     INCOMPLETE = 4
+    CHAMBER_NOT_SAFE = 5
+    CHAMBER_NOT_KNOWN = 6
 
 
 def with_status(command: Callable[..., int | None]) -> Callable[..., None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,7 @@ from drivers.clock import Clock, SystemClock
 from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, messages
 from hil.errors import InputError
+from hil.files.lock import LOCK_NAME
 from procedures.plan import Plan
 from procedures.progress import Silent, Snapshot
 
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
     from hil.night.watchdog import Watched
     from procedures.stop import StopRequest
 
-_LOOKED_AFTER_EVERY_S = 60.0
+_LOOK_S = 0.5  # for a night that begins
+_ANEW_S = 5.0  # between two starts: one that cannot start costs little
 
 
 def watchdog(
@@ -34,11 +37,12 @@ def watchdog(
     ] = None,
     timeout: Annotated[float, typer.Option("--timeout", help="Seconds of silence that are borne.", min=2.0)] = 60.0,
     kill: Annotated[bool, typer.Option(help="Kill a controller that lives and is silent.")] = True,
+    nights: Annotated[bool, typer.Option("--nights", help="DIR holds nights: wait for one to begin there.")] = False,
 ) -> int:
     """Watch a night from another process; bring its chamber to the safe state when its controller dies or hangs.
 
-    Ends with status 0 when the controller has ended by itself, 3 when the watchdog made the chamber safe, 1 when it
-    could not: then somebody must go to the chamber.
+    Ends with status 0 when the controller has ended by itself, 3 when the watchdog made the chamber safe, 5 when it
+    is NOT SAFE, 6 when that is NOT KNOWN: then somebody must go to the chamber.
     """
     from hil.config import load_bench
     from hil.config.recorded import configuration_of
@@ -47,6 +51,11 @@ def watchdog(
 
     stop = StopRequest()
     with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
+        while nights and not stop.requested:
+            folder, nights = next(((each, False) for each in _begun(folder)), (folder, True))
+            SystemClock().sleep(_LOOK_S)
+        if nights:
+            return Exit.DONE
         if bench is None:
             with open_readonly(folder) as journal:
                 on = configuration_of(journal.night.configuration, Path(named_files))[0]
@@ -55,6 +64,11 @@ def watchdog(
         watched = _watch(folder, on, timeout, kill=kill, stop=stop)
     _say(watched.message)
     return watched.exit_status
+
+
+def _begun(folder: Path) -> Iterator[Path]:
+    """Yield the nights in `folder` whose controller is at work, or died: one that ends takes its name off its lock."""
+    return (lock.parent for lock in folder.glob(f"*/{LOCK_NAME}") if lock.stat().st_size)
 
 
 def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopRequest) -> Watched:
@@ -78,7 +92,7 @@ def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopReq
 class WatchdogBeside(Silent):
     """Starts `hil watchdog` for a night once there is something to watch; it outlives the terminal and the controller.
 
-    One that ends before the night does is started anew, once a minute at most. What it says goes into watchdog.log in
+    One that ends before the night does is started anew, at once. What it says goes into watchdog.log in
     the night's folder.
     """
 
@@ -94,7 +108,7 @@ class WatchdogBeside(Silent):
 
     def update(self, snapshot: Snapshot) -> None:  # noqa: ARG002 - an onlooker's
         """Look whether it lives: nobody else would miss it before it is needed."""
-        if self._started is None or self._clock.now() - self._started_s < _LOOKED_AFTER_EVERY_S:
+        if self._started is None or self._clock.now() - self._started_s < _ANEW_S:
             return
         if self._started.poll() is not None:
             _say(f"warning: the watchdog has ended (status {self._started.returncode}); another one is started")

@@ -16,6 +16,8 @@ from hil.files.strict import Section, validated_inside
 from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
 from procedures.words import listed
 
+_USUAL_DEAD_MAN_S = 3 * 3600.0
+
 
 def _off_is_a_word(value: object) -> object:
     return "off" if value is False else value  # YAML 1.1 reads an unquoted off as false
@@ -85,8 +87,9 @@ class ChamberSection(Section):
     Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
     given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
     `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
-    timer; at least 10 min, because it is renewed only now and then. `description` is the file of a `box`: a chamber
-    without a driver of its own. `layout` says what the values and bits of an ASCII-2 chamber are.
+    timer; at least 10 min, because it is renewed only now and then; null for not at all (`night_dead_man`).
+    `description` is the file of a `box`: a chamber without a driver of its own. `layout` says what the values and
+    bits of an ASCII-2 chamber are.
     """
 
     driver: Annotated[str, AfterValidator(_chamber_driver)]
@@ -114,6 +117,13 @@ class ChamberSection(Section):
         shipped = CHAMBER_DRIVERS[self.driver].line
         parity = shipped.parity if self.parity is None else _PARITIES[self.parity]
         return SerialLine(self.baud or shipped.baud, self.data_bits or shipped.data_bits, parity)
+
+    @property
+    def night_dead_man(self) -> float | None:
+        """The timer of a night, s: the file's, or 3 h for a real chamber that may have one and need not hold."""
+        may = CHAMBER_DRIVERS[self.driver].dead_man and not self.port.startswith(SIMULATED_SCHEME)
+        usual = _USUAL_DEAD_MAN_S if may and self.safe_state.action != "hold" else None
+        return self.dead_man if "dead_man" in self.model_fields_set else usual
 
     @property
     def terminator_bytes(self) -> bytes | None:

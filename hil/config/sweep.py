@@ -17,6 +17,7 @@ from hil.errors import InputError
 from hil.files.strict import Section, find_config, near, parse_yaml, read_text, validated
 from hil.files.units import Celsius, CelsiusPerMinute
 from procedures.plan import make_plan
+from procedures.safe_air import ROOM_DEGC
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 from procedures.words import counted
 
@@ -143,11 +144,20 @@ def _refuse_one_position_repeated(sweep: Sweep, bench: Bench) -> None:
 
 
 def cautions(sweep: Sweep, bench: Bench) -> list[str]:
-    """Say what is allowed but deserves a second look: collects that cannot support every parameter."""
+    """Say what is allowed but deserves a second look: collects that cannot support every parameter, an end at 60 °C."""
+    ending = [f"{sweep.source}: final: {each}" for each in [left_hot_or_cold(sweep, bench)] if each]
     different = list(dict.fromkeys(sweep.positions))
     rotors = [number for number in bench.sensors if bench.sensor(number).is_rotor]
     if len(different) >= 3 or not rotors:
-        return []
+        return ending
     count = counted(len(different), "different position")
     listed = f"{sweep.source}: positions: {', '.join(sweep.positions)}"
-    return [f"{listed} is {count}; bias, GS and MU of a two-channel sensor need three"]
+    return [f"{listed} is {count}; bias, GS and MU of a two-channel sensor need three", *ending]
+
+
+def left_hot_or_cold(sweep: Sweep, bench: Bench) -> str:
+    """Say that the night ends where nobody should open the chamber; empty where it does not."""
+    last, safe = sweep.temperatures[-1], bench.chamber.safe_state
+    if sweep.final is not None or safe.temperature_degC is not None or ROOM_DEGC[0] <= last <= ROOM_DEGC[1]:
+        return ""
+    return f"the night ends in {safe.words} with the chamber at {last:.1f} °C; better: final: 23 degC, in the sweep"

@@ -13,7 +13,7 @@ from typing import Any, Protocol, TextIO
 
 import structlog
 
-from drivers.chambers import Chamber, ChamberLimits, ChamberReading
+from drivers.chambers import Chamber, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
 from drivers.positioners.positioner import Positioner
@@ -124,10 +124,10 @@ class LoggedChamber:
         self._log.say("chamber: set temperature", {"setpoint_degC": setpoint_degC})
         self._chamber.set_temperature(setpoint_degC)
 
-    def safe_state(self) -> None:
+    def safe_state(self) -> SafeState:
         """Bring the chamber to its safe state."""
         self._log.say("chamber: safe state", {})
-        self._chamber.safe_state()
+        return self._chamber.safe_state()
 
     def close(self) -> None:
         """Release the port."""

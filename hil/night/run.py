@@ -70,7 +70,8 @@ class NightOutcome:
     """How a night, or the part of it that one controller carried out, ended.
 
     `state` is that of hil.status/1: complete, incomplete, aborted or failed. `exit_status` is 0 where every planned
-    step is done, 3 where an interlock or a device ended it with the chamber in its safe state, else 1.
+    step is done, 3 where an interlock or a device ended it with the chamber in its safe state, 5 and 6 where the
+    chamber is NOT SAFE or that is NOT KNOWN, else 1.
     """
 
     folder: Path
@@ -293,9 +294,8 @@ def _looked_at_every_s(live: LiveBench, polling: Polling) -> float:
 
 def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
     state = "failed" if ended.state is SweepState.ERROR else ended.state.value
-    reason = ended.reason if ended.safe else f"{ended.reason}; THE CHAMBER IS NOT SAFE: {ended.safe_reason}"
-    safely = ended.state is SweepState.FAILED and ended.safe
-    status = 0 if ended.state is SweepState.COMPLETE else 3 if safely else 1
+    reason = ended.reason if ended.left.safe else f"{ended.reason}; {ended.left}"
+    status = ended.left.exit_status({SweepState.COMPLETE: 0, SweepState.FAILED: 3}.get(ended.state, 1))
     return NightOutcome(folder, state, reason, status)
 
 

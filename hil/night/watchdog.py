@@ -36,6 +36,7 @@ from hil.files.lock import LOCK_NAME, FolderLock, Owner, living_owner, read_owne
 from hil.records import SqliteJournal, open_readonly
 from hil.records.heartbeat import SILENCE_BORNE_S, read_heartbeat
 from hil.records.requests import who_asks
+from procedures.safe_air import Left, not_commanded, watch_air
 from procedures.stop import StopRequest
 
 _CHAMBER_S = 9.0  # to open the port and be sure of the safe state: what a slow chamber's pacing takes
@@ -69,7 +70,7 @@ class Patience:
 
 @dataclass(frozen=True)
 class Watched:
-    """How a watch ended. Status 0: the controller ended by itself; 3: the chamber was made safe; 1: it could not be."""
+    """How a watch ended. Status 0: the controller ended by itself; 1: nobody could end it; else `Left.exit_status`."""
 
     message: str
     exit_status: int
@@ -209,40 +210,40 @@ class Watchdog:
         with lock or nullcontext():
             try:
                 with bench_lock(self._bench, self._folder):
-                    problem = self._make_safe(why)
+                    left = self._make_safe(why)
             except InputError as error:
                 return Watched(f"{why}, and its bench is not its own any more, so it was left alone: {error}", 0)
-            done = f"could not bring the chamber to its safe state: {problem}; GO TO THE CHAMBER"
-            message = f"{why}; the watchdog {done if problem else 'brought the chamber to its safe state'}"
-            self._record(lock, message, why, problem)
-            return Watched(message, 1 if problem else 3)
+            done = f"could not bring the chamber to its safe state. {left}; GO TO THE CHAMBER"
+            message = f"{why}; the watchdog {'brought the chamber to its safe state' if left.safe else done}"
+            self._record(lock, message, why, left)
+            return Watched(message, left.exit_status(3))
 
-    def _make_safe(self, why: str) -> str:
-        """Try for minutes, or until it is told to end; return why the safe state was not reached, or nothing."""
+    def _make_safe(self, why: str) -> Left:
+        """Try for minutes, or until it is told to end, and look at the air; return how the chamber is left."""
         self._say(f"{why}; the chamber is being brought to its safe state")
         until_s = self._clock.now() + self._patience.safe_state_s
         while True:
             try:
                 # Opened anew each time: the dead controller's port may take a moment to be free.
                 with open_chamber(self._bench) as live:
-                    live.chamber.safe_state()
+                    safe = live.chamber.safe_state()
+                    return watch_air(live.chamber, self._clock, safe, self._bench.polling, self._say)
             except (DeviceError, InputError) as error:
-                problem = str(error)
-            else:
-                return ""
-            self._say(f"not yet: {problem}")
+                left = not_commanded(error, str(error))
+            self._say(f"not yet: {left.reason}")
             if self._clock.now() >= until_s or self._stop.requested:
-                return problem
+                return left
             self._clock.sleep(self._patience.retry_s)
 
-    def _record(self, lock: FolderLock | None, message: str, why: str, problem: str) -> None:
+    def _record(self, lock: FolderLock | None, message: str, why: str, left: Left) -> None:
         """Write into the journal what was done; a journal that fails must not hide it."""
         if lock is None:
             return
         try:
             with SqliteJournal.open(self._folder, clock=self._clock, who=f"watchdog of {who_asks()}", lock=lock) as it:
                 it.event("watchdog", message, why=why)
-                it.event("safe-state-not-reached" if problem else "safe-state", problem or "by the watchdog")
+                kind = "safe-state" if left.safe else "safe-state-not-reached"
+                it.event(kind, f"by the watchdog: {left.reason}", chamber=left.word.value)
                 it.finish(f"failed: {message}")
         except (sqlite3.Error, OSError, InputError) as error:
             with suppress(OSError):

@@ -23,7 +23,7 @@ from hil.errors import InputError
 from hil.files.lock import living_owner
 from hil.records import schema as journal_schema
 from hil.records.ledger import Ledger
-from hil.records.reader import JOURNAL_NAME, open_readonly
+from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
 
@@ -92,6 +92,19 @@ def who_asks() -> str:
     return f"{user}@{socket.gethostname()}"
 
 
+def forsaken_chamber(journal: JournalReader) -> str:
+    """Say in what state a controller that died left its chamber, and what to do; empty where the last one has ended."""
+    controllers, beat, folder = journal.controllers(), journal.last_heartbeat(), journal.folder
+    if not controllers or controllers[-1].ended is not None:
+        return ""
+    setpoint = None if beat is None else beat.readings.get("setpoint_degC")
+    where = "" if setpoint is None else f", at {setpoint:.1f} °C when it was last heard of"
+    return (
+        f"THE CHAMBER MAY STILL BE CONDITIONING{where}; hil watchdog {folder} brings it to its safe state, hil resume "
+        f"{folder} carries on"
+    )
+
+
 def _require_controller(folder: Path, kind: RequestKind) -> None:
     """Raise `InputError`, saying what can be done instead, where nobody would hear the request."""
     if not (folder / JOURNAL_NAME).is_file():
@@ -99,12 +112,9 @@ def _require_controller(folder: Path, kind: RequestKind) -> None:
     if living_owner(folder) is not None:
         return
     with open_readonly(folder) as journal:
-        controllers = journal.controllers()
+        controllers, forsaken = journal.controllers(), forsaken_chamber(journal)
     nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
-    if controllers and controllers[-1].ended is None:
-        raise InputError(
-            f"{nobody}: it was killed, or lost its power, and THE CHAMBER MAY STILL BE CONDITIONING; hil watchdog "
-            f"{folder} brings it to its safe state, hil resume {folder} carries on"
-        )
+    if forsaken:
+        raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}")
     how = f" (the last one ended: {controllers[-1].ended})" if controllers else ""
     raise InputError(f"{nobody}{how}; hil status {folder} says what became of it, hil resume {folder} carries on")

@@ -25,12 +25,15 @@ from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.identity import night_identity
 from hil.records.live import age_s, read_live
 from hil.records.reader import JournalReader, reading
+from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
+from procedures.safe_air import Left, Word
 from procedures.words import hours_minutes, step_in_words
 
+_UNSAFE = "safe-state-not-reached"
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
@@ -115,7 +118,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
     working = state in {"running", "paused"}
     present = _present(facts) if working else None
     standing, over = _troubles(facts)
-    killed = facts.owner is None and facts.controller is not None and facts.controller.ended is None
+    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
         "schema": "hil.status/1",
         "state": state,
@@ -136,21 +139,27 @@ def _document(facts: _Facts) -> dict[str, Any]:
         **_readings(facts, working=working),
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
-        "killed": killed,
-        "problems": [*_unsafe(facts, killed=killed), *standing, *facts.damage, *map(str, facts.lost)]
-        + (_filling(facts) if working else []),
+        "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
+        "chamber": left.word.value if left else None,
+        "problems": [
+            *([forsaken] if forsaken else []),
+            *([f"{left}; go to the chamber"] if left and not left.safe else []),
+            *standing,
+            *facts.damage,
+            *map(str, facts.lost),
+            *(_filling(facts) if working else []),
+        ],
         "over": over,
     }
 
 
-def _unsafe(facts: _Facts, *, killed: bool) -> list[str]:
-    """What the chamber's safe state still waits for, where it was not reached."""
-    folder = facts.journal.folder
-    if killed:
-        told = "THE CHAMBER MAY STILL BE CONDITIONING: the controller is dead, it was killed or lost its power"
-        return [f"{told}; hil watchdog {folder} makes it safe, hil resume {folder} carries on"]
-    event = facts.journal.standing("safe-state-not-reached", "safe-state")
-    return [] if event is None else [f"THE CHAMBER IS NOT SAFE: {event.message}; go to the chamber"]
+def _left(journal: JournalReader) -> Left | None:
+    """How the newest controller, or its watchdog, left the chamber; None where that has not come yet."""
+    for event in (journal.standing(_UNSAFE, "safe-state"), journal.standing("safe-state", _UNSAFE)):
+        if event is not None:
+            usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
+            return Left(Word(event.evidence.get("chamber", usual)), event.message)
+    return None
 
 
 def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:

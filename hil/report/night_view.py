@@ -50,7 +50,10 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
     used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
     troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
     resyncs = counted(total["resyncs"], "resync")
-    share = f" ({math.floor(10_000 * used / expected) / 100:.2f} %)" if expected else ""  # 100 % is all of them
+    most = min(used, expected)  # an edge sample more is no more than all of them
+    share = f" ({math.floor(10_000 * most / expected) / 100:.2f} %)" if expected else ""
+    if used > expected + 2 * len(collects):
+        share = f", {used / max(expected, 1) - 1.0:.2%} more than the description's rate gives: the unit is faster"
     return (
         f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "
         f"{total['duplicate']} twice, {total['timed_out']} late, {resyncs}, "

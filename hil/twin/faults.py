@@ -41,6 +41,7 @@ _OF_THE_CHAMBER: Mapping[str, ChamberFaultKind] = {
     "sensor_break": ChamberFaultKind.SENSOR_BROKEN,
     "setpoint_not_followed": ChamberFaultKind.PLANT_DEAD,
 }
+_EXCHANGED_IN_S = 8.0
 
 
 class FullDisk(RealDisk):
@@ -143,6 +144,8 @@ class FaultInjector(Silent):
         kind = _OF_THE_UNIT.get(fault.kind) or ImuFault(fault.kind)
         share = fault.amount if fault.meaning.size else 1.0
         self._devices.imu.inject(FaultWindow(kind, begins_s, ends_s, share))
+        if kind is ImuFault.EXCHANGED:
+            self._devices.imu.inject(FaultWindow(ImuFault.STALL, begins_s, begins_s + _EXCHANGED_IN_S))
 
     def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:

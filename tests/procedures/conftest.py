@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.chambers import ChamberLimits, ChamberReading
+from drivers.chambers import ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
@@ -50,6 +50,8 @@ class FakeChamber:
         self.safe_fails = 0
         self.dead = False  # the controller died: nothing it would still do reaches the chamber
         self.stuck = False
+        self.state = SafeState("hold", 23.0)
+        self.lies = False  # acknowledges the safe state and goes on as it was
         self.ramp_degC_per_min = 3.0
         self.alarm: Callable[[float], tuple[str, ...]] = lambda t: ()
         self.silent: Callable[[float], bool] = lambda t: False
@@ -86,15 +88,17 @@ class FakeChamber:
         self.air_degC()
         self.setpoint_degC = setpoint_degC
 
-    def safe_state(self) -> None:
+    def safe_state(self) -> SafeState:
         if self.dead:
-            return
+            return self.state
         self.safe_calls += 1
         if self.safe_fails:
             self.safe_fails -= 1
             raise DeviceTimeout("the chamber at sim://chamber sent nothing within 1 s")
         self.safe = True
-        self.set_temperature(23.0)
+        if not self.lies:
+            self.set_temperature(23.0)
+        return self.state
 
     def close(self) -> None:
         pass
@@ -112,6 +116,7 @@ class FakeImu:
             2: SensorChannels({"RA": "rate_A2"}, {"A": "accel_A2"}, "rotor_2_degC", {"spin_period_us": "spin_2_us"})
         }
         self.serial = "7"
+        self.port, self.unsure = "sim://imu", False
         self._sent = clock.now()
         self._k = 0
         self._unit, self._unit_at = chamber.air_degC(), clock.now()
@@ -129,6 +134,7 @@ class FakeImu:
         return self._unit
 
     def identify(self) -> ImuIdentity:
+        self.unsure = False
         return ImuIdentity("FAKE", self.serial)
 
     def read_block(self) -> SampleBlock:

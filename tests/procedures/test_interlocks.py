@@ -51,7 +51,7 @@ BAD = {
     "setpoint-changed": (_air(20.0, setpoint_degC=20.5), SETTINGS.setpoint_grace_s),
     "setpoint-not-followed": (_air(23.5), SETTINGS.follow_grace_s),
     "unit-limits": (replace(GOOD, unit_degC={1: 20.0, 2: 91.0}), SETTINGS.unit_limit_grace_s),
-    "stream-lost": (replace(GOOD, samples=0, counts=StreamCounts()), SETTINGS.stream_loss_s),
+    "stream-lost": (replace(GOOD, samples=0, counts=StreamCounts(), stream_span_s=2.5), SETTINGS.stream_loss_s),
     "stream-frozen": (replace(GOOD, frozen_s={"2.RA": 31.0, "2.RB": 90.0}), 0.5 * SETTINGS.frozen_s),
     "disk-low": (replace(GOOD, disk_free_mb=1.0), SETTINGS.disk_grace_s),
 }

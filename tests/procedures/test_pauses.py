@@ -109,7 +109,7 @@ def test_an_interlock_ends_a_pause_too(bench, new_bench):
     at_s = _began(new_bench(), SOAK) + 100.0
     bench.chamber.alarm = lambda t: ("HIGH",) if t > at_s + 500.0 else ()
     outcome = bench.run(control=Asked(bench.clock, (at_s, PAUSE)))
-    assert (outcome.state, outcome.safe) == (SweepState.FAILED, True)
+    assert (outcome.state, outcome.left.safe) == (SweepState.FAILED, True)
     assert outcome.reason.startswith("chamber-alarm")
     assert bench.clock.now() < at_s + 1000.0
 
@@ -136,7 +136,7 @@ def test_another_unit_that_was_connected_in_a_pause_is_refused(bench, new_bench)
 
     outcome = bench.run(control=Swapped(bench.clock, (at_s, PAUSE), (at_s + 2000.0, GO_ON)))
     assert outcome.state is SweepState.FAILED
-    assert "the unit answers as" in outcome.reason
+    assert "is now FAKE S/N 8, the night began with FAKE S/N 7" in outcome.reason
 
 
 def test_an_abort_is_heard_at_the_next_poll_also_in_a_pause(bench, new_bench):

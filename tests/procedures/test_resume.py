@@ -124,7 +124,7 @@ def test_another_unit_is_refused_on_resume(bench):
     bench.imu.serial = "8"
     outcome = bench.run()
     assert outcome.state is SweepState.FAILED
-    assert "the sweep began with" in outcome.reason
+    assert "the unit behind sim://imu is now FAKE S/N 8, the night began with FAKE S/N 7" in outcome.reason
     assert bench.chamber.safe
 
 

@@ -25,7 +25,7 @@ def test_a_clean_sweep_does_every_step_once_in_order_and_ends_safe(bench):
     assert bench.record.begins == [step.key for step in bench.plan.steps]
     assert [key for key, _, _ in bench.record.ends] == bench.record.begins
     assert outcome.counts == {Outcome.DONE: len(bench.plan.steps)}
-    assert outcome.safe
+    assert outcome.left.safe
     assert bench.chamber.safe
     assert bench.chamber.safe_calls == 1
 
@@ -112,8 +112,8 @@ def test_nothing_is_sent_to_a_chamber_that_is_not_the_benchs(bench, monkeypatch)
     monkeypatch.setattr(bench.chamber, "identify", refuse)
     outcome = bench.run()
     assert outcome.state is SweepState.FAILED
-    assert not outcome.safe
-    assert "nothing was sent" in outcome.safe_reason
+    assert not outcome.left.safe
+    assert "nothing was sent" in outcome.left.reason
     assert bench.chamber.safe_calls == 0
 
 

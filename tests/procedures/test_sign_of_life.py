@@ -33,7 +33,7 @@ def test_a_safe_state_that_has_to_be_tried_again_and_again_is_no_silence(bench):
     bench.chamber.alarm = lambda t: ("HIGH",) if t > 700.0 else ()
     heard = Heard(bench.clock)
     outcome = bench.run(vital=heard)
-    assert outcome.safe
+    assert outcome.left.safe
     leaving = [silent_s for time_s, silent_s in heard.signs if time_s > 700.0 + bench.interlocks.alarm_grace_s]
     assert len(leaving) >= 20
     assert leaving[-1] >= 60.0

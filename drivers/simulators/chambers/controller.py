@@ -41,6 +41,7 @@ class ChamberFaultKind(StrEnum):
     SENSOR_BROKEN = "sensor_broken"  # reads `reading`
     RUNAWAY = "runaway"  # conditions, but `astray_degC` beyond its setpoint
     PLANT_DEAD = "plant_dead"  # takes setpoints and does not follow them
+    NOT_CARRIED_OUT = "not_carried_out"  # acknowledges and shows what it is told, and goes on as it was
 
 
 OF_A_REPLY = frozenset(
@@ -115,6 +116,7 @@ class SimulatedController(ABC):
         self._pending: list[tuple[float, bytes]] = []
         self._ready_at_s = begins_s
         self._sensor_degC: float | None = None
+        self._obeyed = True
         self._condition(begins_s)
 
     def inject(self, fault: ChamberFault) -> None:
@@ -265,6 +267,8 @@ class SimulatedController(ABC):
                 self._sensor_degC = fault.reading
             case ChamberFaultKind.RUNAWAY:
                 self._plant.go_astray(fault.astray_degC, fault.begins_s)
+            case ChamberFaultKind.NOT_CARRIED_OUT:
+                self._obeyed = False
             case _:
                 self._plant.kill(fault.begins_s)
 
@@ -288,6 +292,9 @@ class SimulatedController(ABC):
                 self._plant.go_astray(0.0, fault.ends_s)
             case ChamberFaultKind.PLANT_DEAD:
                 self._plant.revive(fault.ends_s)
+            case ChamberFaultKind.NOT_CARRIED_OUT:
+                self._obeyed = True
+                self._condition(fault.ends_s)
             case _:
                 pass  # what was forgotten stays forgotten
 
@@ -301,7 +308,8 @@ class SimulatedController(ABC):
 
     def _condition(self, at_s: float) -> None:
         """Tell the plant what mode and setpoint mean for it."""
-        self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
+        if self._obeyed:
+            self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
 
     def _bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
         """Bound how fast the air is moved from the next setpoint on; 0 for not at all."""

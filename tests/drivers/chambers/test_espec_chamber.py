@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
@@ -111,6 +113,19 @@ def test_the_dead_man_is_not_renewed_once_the_safe_state_was_asked_for() -> None
     bench.clock.sleep(1800.0)
     bench.chamber.read()
     assert bench.device.timer_ends_s == ends_s
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_timer_that_nobody_asked_for_is_done_without_where_there_is_none(asked: bool) -> None:
+    """A night goes on; a bench file that insists on it is refused, and one that has it gets it either way."""
+    bench = ChamberBench("espec", dead_man_s=3600.0, dead_man_asked=asked)
+    bench.fault(Fault.REFUSED, command="TIMER ON?", times=None)
+    with pytest.raises(CommandRefused, match="take dead_man out") if asked else nullcontext():
+        bench.chamber.prepare()
+    assert (bench.device.mode == "CONSTANT") != asked
+    other = ChamberBench("espec", dead_man_s=3600.0, dead_man_asked=asked)
+    other.chamber.prepare()
+    assert other.device.timer_ends_s is not None
 
 
 def test_a_renewal_that_is_lost_is_made_good_in_time() -> None:

@@ -310,7 +310,7 @@ def test_arbitrary_bytes_mean_the_same_to_every_description_however_they_are_cut
 
 def test_a_sync_that_no_checksum_covers_is_looked_at_in_every_frame() -> None:
     """Also on the quick path, where frames of the expected type follow one another."""
-    sent = encode(shipped("aceinna"), "scaled_1", {"counter": np.arange(4)})
+    sent = encode(shipped("aceinna"), "scaled_1", {"counter": np.arange(4) * 3277})
     frames = [sent[at : at + 31] for at in range(0, len(sent), 31)]
     frames[2] = b"\x54" + frames[2][1:]
     for pieces in (frames, [b"".join(frames)]):

@@ -67,3 +67,17 @@ def test_without_a_counter_an_outage_shows_in_the_arrival() -> None:
     times_s, correction = clock.stamp(np.arange(10, 20), 31.9)
     assert correction == 0
     assert times_s == pytest.approx(np.arange(310, 320) / 10, abs=0.01)
+
+
+@pytest.mark.parametrize(("sent_hz", "placed_hz"), [(100.0, 100.0), (103.0, 100.0), (50.0, 50.0), (200.0, 200.0)])
+def test_a_unit_at_another_rate_is_followed_and_an_oscillator_that_is_off_is_not(
+    sent_hz: float, placed_hz: float
+) -> None:
+    """After two looks of 20 s the samples are as far apart as they are sent; within 4 % the description is believed."""
+    clock, number = SampleClock(100.0, 65536), 0
+    for second in range(1, 90):
+        many = int(sent_hz)
+        times_s, _ = clock.stamp(np.arange(number, number + many), float(second))
+        number += many
+    assert np.diff(times_s) == pytest.approx(1.0 / placed_hz, rel=1e-3)
+    assert times_s[-1] == pytest.approx(89.0, abs=2.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -378,3 +379,26 @@ def test_a_lost_port_is_an_error_and_a_closed_driver_stays_closed() -> None:
     bench.imu.close()
     with pytest.raises(TransportError, match="is closed"):
         bench.imu.read_block()
+
+
+def test_a_lost_stream_makes_unsure_who_is_there_until_it_is_asked_again() -> None:
+    """A port that failed, however short; two seconds without a frame; a counter that leaps without any silence."""
+    lost = {
+        "nothing": [],
+        "short": [FaultWindow(ImuFault.STALL, 20.0, 21.0)],
+        "silent": [FaultWindow(ImuFault.STALL, 20.0, 22.5)],
+        "leaps": [FaultWindow(ImuFault.EXCHANGED, 20.0)],
+        "failed": [],
+    }
+    for what, faults in lost.items():
+        bench = Bench(faults)
+        if what == "failed":
+            bench.transport.unplug_between(20.0, 20.5)
+        bench.imu.identify()
+        while bench.clock.now() < 30.0:
+            bench.clock.sleep(0.4)
+            with suppress(TransportError):
+                bench.imu.read_block()
+        assert bench.imu.unsure == (what not in ("nothing", "short")), what
+        bench.imu.identify()
+        assert not bench.imu.unsure

@@ -147,7 +147,7 @@ def test_real_ports_are_opened_with_their_own_baud_rates(tmp_path: Path, monkeyp
     """The bench file's, or else the frame description's."""
     opened = []
 
-    def refuse(url: str, *, clock: Clock, baudrate: int) -> Transport:
+    def refuse(url: str, *, clock: Clock, baudrate: int, **_line: object) -> Transport:
         opened.append((Path(url).name, baudrate))
         if len(opened) == 2:
             raise TransportError("enough seen")

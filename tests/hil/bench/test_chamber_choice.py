@@ -68,7 +68,7 @@ def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pyte
     asked: list[Mapping[str, Any]] = []
 
     def refuse(url: str, *, clock: Clock, **settings: Any) -> Transport:
-        asked.append(settings)
+        asked.append({key: value for key, value in settings.items() if key != "on_close"})
         raise InputError("not now")
 
     monkeypatch.setattr(hil.bench.assemble, "open_port", refuse)
@@ -81,7 +81,7 @@ def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pyte
             build_bench(parse_bench(yaml.safe_dump(document), "b.yaml"))
     assert asked == [
         {"baudrate": 9600, "bytesize": 8, "parity": "E"},
-        {"baudrate": 19200},
+        {"baudrate": 19200, "bytesize": 8, "parity": "N"},
         {"baudrate": 19200, "bytesize": 7, "parity": "O"},
     ]
 

@@ -11,7 +11,7 @@ import pytest
 SERVICES = Path(__file__).resolve().parents[3] / "configs" / "service"
 
 
-@pytest.mark.parametrize("name", ["hil-night", "hil-safe-at-boot"])
+@pytest.mark.parametrize("name", ["hil-night", "hil-safe-at-boot", "hil-watchdog"])
 def test_a_unit_runs_a_command_with_the_options_that_it_has(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Each option stands in the command's own help; no shell is in between."""
     from hil.cli.app import run
@@ -30,9 +30,18 @@ def test_a_stop_gives_the_controller_the_time_that_it_takes_for_the_safe_state()
     from procedures.settings import Polling
 
     service = _unit("hil-night.service")["Service"]
-    assert float(service["TimeoutStopSec"]) > Polling().safe_state_s + 60.0
+    usual = Polling()
+    assert float(service["TimeoutStopSec"]) > usual.safe_state_s + usual.safe_air_s + 60.0
     assert service["KillMode"] == "process"
     assert service["Restart"] == "no"
+
+
+def test_a_watchdog_that_is_killed_is_started_at_once_and_always() -> None:
+    """No waiting, no limit to how often; and a night brings it with it."""
+    unit = _unit("hil-watchdog.service")
+    assert (unit["Service"]["Restart"], unit["Service"]["RestartSec"]) == ("always", "100ms")
+    assert unit["Unit"]["StartLimitIntervalSec"] == "0"
+    assert _unit("hil-night.service")["Unit"]["Wants"] == "hil-watchdog.service"
 
 
 def _unit(name: str) -> configparser.ConfigParser:

@@ -68,7 +68,7 @@ def test_a_watchdog_that_is_told_to_end_does_not_try_on(tmp_path: Path, monkeypa
 
     began_s = clock.now()
     watched = Watchdog(night, bench, say=say, stop=stop, clock=clock).run()
-    assert watched.exit_status == 1
+    assert watched.exit_status == 6
     assert "GO TO THE CHAMBER" in watched.message
     assert clock.now() - began_s < Patience().retry_s
     assert [words for words in said if words.startswith("not yet")] == ["not yet: no answer"]

@@ -61,7 +61,7 @@ def test_a_night_that_is_not_survived_is_called_so(tmp_path: Path) -> None:
     assert found["reasons"] == {"chamber-lost": 1}
     ended = night_status(kept / "night-7" / "night")
     assert ended["state"] == "failed"
-    assert "NOT SAFE" in ended["reason"]
+    assert "NOT KNOWN" in ended["reason"]
 
 
 @pytest.mark.slow
