@@ -118,8 +118,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
     working = state in {"running", "paused"}
     present = _present(facts) if working else None
     standing, over = _troubles(facts)
-    killed = facts.owner is None and facts.controller is not None and facts.controller.ended is None
-    left = _left(facts.journal)
+    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
         "schema": "hil.status/1",
         "state": state,
@@ -140,10 +139,16 @@ def _document(facts: _Facts) -> dict[str, Any]:
         **_readings(facts, working=working),
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
+        "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
         "chamber": left.word.value if left else None,
-        "killed": killed,
-        "problems": [*_unsafe(facts, left), *standing, *facts.damage, *map(str, facts.lost)]
-        + (_filling(facts) if working else []),
+        "problems": [
+            *([forsaken] if forsaken else []),
+            *([f"{left}; go to the chamber"] if left and not left.safe else []),
+            *standing,
+            *facts.damage,
+            *map(str, facts.lost),
+            *(_filling(facts) if working else []),
+        ],
         "over": over,
     }
 
@@ -155,13 +160,6 @@ def _left(journal: JournalReader) -> Left | None:
             usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
             return Left(Word(event.evidence.get("chamber", usual)), event.message)
     return None
-
-
-def _unsafe(facts: _Facts, left: Left | None) -> list[str]:
-    """What the chamber's safe state still waits for, where it was not reached."""
-    forsaken = forsaken_chamber(facts.journal) if facts.owner is None else ""
-    told = [f"{left}; go to the chamber"] if left is not None and not left.safe else []
-    return [*told, *([forsaken] if forsaken else [])]
 
 
 def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
