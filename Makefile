@@ -43,12 +43,15 @@ floors: $(VENV)/dev.stamp  ## imports only go down: drivers, procedures, hil
 bench: $(VENV)/dev.stamp  ## the numbers in docs/benchmarks.md
 	$(BIN)/python -m pytest -q benchmarks --benchmark-only --benchmark-disable-gc -p no:randomly
 
-reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in an hour or two
+reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in a few hours
 	$(BIN)/python -m benchmarks.reliability.kill points
 	$(BIN)/python -m benchmarks.reliability.kill instants --take 200 --seed 1
 	$(BIN)/python -m benchmarks.reliability.kill twice --take 150 --seed 1
 	$(BIN)/python -m benchmarks.reliability.kill power --take 500 --seed 2
 	unshare --map-root-user --mount $(BIN)/python -m benchmarks.reliability.disks
+	$(BIN)/python -m benchmarks.reliability.flips bytes
+	$(BIN)/python -m benchmarks.reliability.flips rows
+	$(BIN)/python -m benchmarks.reliability.ledger_cost
 	$(BIN)/python -m benchmarks.reliability.long_night
 	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1
 

@@ -1,4 +1,4 @@
-"""Bad input, in one sentence that says what is wrong, where, and what to do."""
+"""Bad input, in one sentence that says what is wrong, where, and what to do; and records that are damaged."""
 
 from __future__ import annotations
 
@@ -8,3 +8,7 @@ class InputError(Exception):
 
     The message names the file, and the row, column or key where there is one.
     """
+
+
+class Damaged(InputError):
+    """Records that are not what was written, so that nothing is stated that rests on them: ERROR, exit status 4."""

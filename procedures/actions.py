@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import ImuIdentity
-from procedures.collect import Times, take_collect
+from procedures.collect import Times, WrongPose, take_collect
 from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult
@@ -166,7 +166,7 @@ class Actions:
         return StepResult(Outcome.DONE, f"at position {position}", {"position": position, "moved_s": moved_s})
 
     def _collect(self, step: Step) -> StepResult:
-        """Take a collect. FAILED, with its samples, where it gives no usable mean.
+        """Take a collect. FAILED, with its samples, where it gives no usable mean; before any where the pose is wrong.
 
         Its verdict is never better than that of the soak before it: after a resume that soak is not the one in the
         journal. `samples_verdict` is the collect's own.
@@ -174,7 +174,10 @@ class Actions:
         settings = CollectSettings.from_parameters(step.parameters)
         state = self._state
         times = Times(state.power_on_s, state.setpoint_s, state.index_s)
-        taken = take_collect(self._devices, self._watch, settings, step.position or "", times)
+        try:
+            taken = take_collect(self._devices, self._watch, settings, step.position or "", times)
+        except WrongPose as lies:
+            return StepResult(Outcome.FAILED, str(lies), {"verdict": Verdict.FAIL.value, "wrong_pose": str(lies)})
         outcome = Outcome.DONE if taken.usable else Outcome.FAILED
         own = taken.judgement
         whole = combine([own, state.soak] if state.soak else [own], passed=own.reason)

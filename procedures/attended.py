@@ -47,6 +47,7 @@ class Attendant:
         watch = self._watch
         if watch is None:
             raise ValueError("a question before the sweep has begun")
+        question = f"{watch.remark[:1].upper()}{watch.remark[1:]}. {question}" if watch.remark else question
         prompt = watch.desk.put(question, timeout_s)
         self._show(question, timeout_s)
         watch.note = question

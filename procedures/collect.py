@@ -19,7 +19,7 @@ from drivers.imu import Imu, SampleBlock, SensorChannels
 from drivers.imu.samples import FloatArray, rate_fields, rate_means
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
-from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
+from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, same_samples, slope_per_min
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import Watch
@@ -32,6 +32,10 @@ _RATE_TOLERANCE = 0.005  # of the nominal sample rate
 _WORTH_AVERAGING = 3
 _LEAST_BATCHES = 3  # polls whose means scatter enough to say something about the running mean
 _SHORT_LOSS = 0.002  # of the samples: more than this is worth a remark
+
+
+class WrongPose(Exception):
+    """The unit does not lie as the collect wants it; says how it lies."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,11 @@ class _Kept:
     ) -> Iterable[Judgement]:
         """Judge motion, drift, frozen and clipped values."""
         yield from self._index_field()
+        rates = {
+            f"sensor {n} {channel}": self.column(name) for n, c in sensors.items() for channel, name in c.rates.items()
+        }
+        for one, other in same_samples(rates):
+            yield Judgement(Verdict.FAIL, f"{one} and {other} show the very same samples: one of them is not measured")
         for number, channels in sensors.items():
             yield from self._motion(number, channels)
             for channel, name in channels.rates.items():
@@ -204,13 +213,9 @@ class _Kept:
             yield Judgement(Verdict.FAIL, f"sensor {number} moved: {largest_g:.4f} g, {limit_g:.4f} g is allowed")
 
     def _measuring(self, where: str, values: FloatArray) -> Iterable[Judgement]:
-        stuck = longest_run(values)
-        if 0.0 < self.settings.frozen_s * self.sample_rate_hz <= stuck:
-            yield Judgement(Verdict.FAIL, f"{where} did not change for {stuck} samples: it is not being measured")
-            return
-        limit = clipped(values)
-        if limit is not None:
-            yield Judgement(Verdict.FAIL, f"{where} is clipped at {limit:g} deg/hr")
+        found = not_measured(values, self.settings.frozen_s * self.sample_rate_hz)
+        if found is not None:
+            yield Judgement(found.verdict, f"{where} {found.reason}")
 
 
 def _rate(average: Average, i: int) -> dict[str, float | None]:
@@ -258,12 +263,16 @@ def take_collect(
 ) -> Collected:
     """Settle, sample and reduce a collect at the position where the unit stands.
 
-    Raises what a poll raises. A position that is not confirmed before and after is a FAIL with its reason.
+    Raises what a poll raises, and `WrongPose` before a sample is taken where the accelerations of the last second of
+    settling say that the unit does not lie as it should. A position that is not confirmed before and after, and
+    accelerations over the collect that contradict it, are a FAIL with its reason.
     """
     before = devices.positioner.position()
     watch.note = "settling"
     if settings.settle_s > 0.0:
-        _drop(watch, settings.settle_s)
+        lies = _pose(devices, position, _settled(devices.imu, watch, settings.settle_s))
+        if lies:
+            raise WrongPose(lies)
     watch.note = "sampling"
     watch.forget_stream()
     start_s = watch.now_s
@@ -275,7 +284,9 @@ def take_collect(
     samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
     data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
     after = devices.positioner.position()
-    judgement = combine([judgement, *_confirmed(position, before, after)], passed=judgement.reason)
+    lies = _pose(devices, position, samples)
+    contradicted = [Judgement(Verdict.FAIL, lies)] if lies else []
+    judgement = combine([*contradicted, judgement, *_confirmed(position, before, after)], passed=judgement.reason)
     data |= {
         "position": position,
         "start_s": started_s,
@@ -290,9 +301,24 @@ def take_collect(
     return Collected(data, judgement, samples)
 
 
-def _drop(watch: Watch, seconds: float) -> None:
-    for _ in watch.wait(watch.now_s + seconds):
-        pass
+def _settled(imu: Imu, watch: Watch, seconds: float) -> SampleBlock:
+    """Wait, and return what came last: a second of it, or what the last poll brought of that."""
+    block = SampleBlock(np.empty(0), {})
+    for _, newest in watch.wait(watch.now_s + seconds):
+        block = newest
+    last = slice(-max(round(imu.sample_rate_hz), 1), None)
+    return replace(block, time_s=block.time_s[last], fields={name: v[last] for name, v in block.fields.items()})
+
+
+def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
+    """Return in words what the unit's mean accelerations contradict of its pose, or nothing."""
+    if devices.poses is None or not len(samples):
+        return ""
+    means = {
+        number: {axis: float(np.nanmean(_column(samples, name))) for axis, name in channels.accelerations.items()}
+        for number, channels in devices.imu.sensors.items()
+    }
+    return devices.poses.contradiction(position, means)
 
 
 def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:

@@ -8,6 +8,7 @@ from drivers.chambers import Chamber
 from drivers.clock import Clock
 from drivers.imu import Imu
 from drivers.positioners.positioner import Positioner
+from procedures.pose import PoseTable
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,8 @@ class BenchDevices:
     """One clock, one unit, one chamber, and what moves the unit. Real or simulated: nothing here can tell.
 
     `simulation_declared` says that the bench file calls its devices simulated. A simulated device says so itself when
-    it is asked who it is; one that nobody declared is refused, for its data would pass for measurements.
+    it is asked who it is; one that nobody declared is refused, for its data would pass for measurements. `poses` is
+    what the unit's accelerometers should show at each position; None where it has none, or nobody knows.
     """
 
     clock: Clock
@@ -23,3 +25,4 @@ class BenchDevices:
     chamber: Chamber
     positioner: Positioner
     simulation_declared: bool = True
+    poses: PoseTable | None = None

@@ -5,12 +5,21 @@ Each returns a finding in words, or nothing. None looks at more than one propert
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
+
+from procedures.verdict import Judgement, Verdict
 
 FloatArray = NDArray[np.float64]
 
 _GAP = 1.5  # sample intervals; anything longer has lost at least one sample
+_FEW = 30  # samples: with fewer nothing is said about their noise
+_WITHIN, _SIGMAS_WITHIN = 0.9, 1.6449  # nine tenths of a normal distribution lie within so many sigmas
+_SPIKE_SIGMAS = 12.0
+_REPEATS = 0.1  # of the samples
 _CLIPPED = 0.005  # of the samples on one extreme value …
 _CLIPPED_LEAST = 5
 _CLIPPED_RATIO = 3.0  # … and this many times more than on the value next to it
@@ -53,20 +62,72 @@ def longest_run(values: FloatArray) -> int:
     return int(np.diff(edges).max())
 
 
-def clipped(values: FloatArray) -> float | None:
-    """Return the value at which a series, shape (n,), is clipped, or None.
+def same_samples(channels: Mapping[str, FloatArray]) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of channels, each (n,), whose samples agree to the last bit, or but for their sign."""
+    for (one, first), (other, second) in combinations(channels.items(), 2):
+        alive = len(first) > _FEW and np.ptp(first) > 0.0
+        if alive and (np.array_equal(first, second) or np.array_equal(first, -second)):
+            yield one, other
 
-    Clipping piles samples up on the extreme value itself: more of them than the tail of any noise, also of a coarsely
-    quantised one, would put there.
+
+def not_measured(values: FloatArray, frozen: float) -> Judgement | None:
+    """Say what contradicts that `values`, shape (n,), are a rate and its noise, sampled anew every time; None if so.
+
+    A rate shows noise of many values: it does not stand still for `frozen` samples, does not toggle, repeats itself no
+    oftener than its steps make likely, does not pile up on one extreme value, and no sample lies where noise cannot be.
     """
+    stuck = longest_run(values)
+    if 0.0 < frozen <= stuck:
+        return Judgement(Verdict.FAIL, f"did not change for {stuck} samples: it is not being measured")
+    n = len(values)
+    if n < _FEW:
+        return None
     levels, counts = np.unique(values, return_counts=True)
+    if len(levels) == 2:
+        low, high = levels
+        reason = f"shows only {low:g} and {high:g} deg/hr: what lies between is not measured"
+        return Judgement(Verdict.INCONCLUSIVE, reason)
     if len(levels) < 3:
         return None
     for end, neighbour in ((-1, -2), (0, 1)):
-        enough = max(_CLIPPED_LEAST, _CLIPPED * len(values))
-        if counts[end] >= enough and counts[end] > _CLIPPED_RATIO * counts[neighbour]:
-            return float(levels[end])
-    return None
+        if counts[end] >= max(_CLIPPED_LEAST, _CLIPPED * n) and counts[end] > _CLIPPED_RATIO * counts[neighbour]:
+            return Judgement(Verdict.FAIL, f"is clipped at {levels[end]:g} deg/hr")
+    return _spikes(values) or _repeats(values, float(np.diff(levels).min()))
+
+
+def _spikes(values: FloatArray) -> Judgement | None:
+    """Judge samples that lie where noise cannot be: they count where they move the mean by more than its error."""
+    middle = float(np.median(values))
+    apart = np.abs(values - middle)
+    spread = (
+        float(np.quantile(apart, _WITHIN)) / _SIGMAS_WITHIN
+    )  # of a coarse channel more than half may be at the median
+    far = apart > _SPIKE_SIGMAS * spread
+    if spread == 0.0 or not far.any():
+        return None
+    rest = values[~far]
+    shift = float(values.mean() - rest.mean())
+    if abs(shift) < float(rest.std()) / np.sqrt(len(rest)):
+        return None
+    reason = (
+        f"has {int(far.sum())} of {len(values)} samples up to {apart.max():.4g} deg/hr from the others, which move its "
+        f"mean by {shift:+.4g} deg/hr: look at the cable and its ground"
+    )
+    return Judgement(Verdict.FAIL, reason)
+
+
+def _repeats(values: FloatArray, step: float) -> Judgement | None:
+    """Judge how often a sample is the one before it: a channel renewed seldom has fewer samples than it sends."""
+    changes = np.diff(values)
+    changed = changes[changes != 0.0]
+    share = 1.0 - len(changed) / len(changes)
+    likely = step / (
+        float(np.sqrt(np.mean(changed**2))) * np.sqrt(2.0 * np.pi)
+    )  # that rounding to steps hides a change
+    if share <= _REPEATS + 3.0 * likely:
+        return None
+    reason = f"repeats {share:.0%} of its samples: it is renewed less often than it is sent"
+    return Judgement(Verdict.MARGINAL, reason)
 
 
 def slope_per_min(time_s: FloatArray, values: FloatArray) -> float | None:

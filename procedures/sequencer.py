@@ -309,7 +309,7 @@ class Sequencer:
             if step.kind is StepKind.COLLECT and collects_left > 0 and _not_good(result):
                 end(replace(result, outcome=Outcome.FAILED))
                 self._watch.event("retry", f"{step.key} is taken again: {result.reason}", step=step.key)
-                self._back_in_position(step)
+                self._back_in_position(step, result.data.get("wrong_pose", ""))
                 continue
             end(result)
             return result
@@ -336,11 +336,13 @@ class Sequencer:
         for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
             pass
 
-    def _back_in_position(self, step: Step) -> None:
-        """Index again where the unit is not confirmed to stand where the collect wants it."""
+    def _back_in_position(self, step: Step, wrong_pose: str) -> None:
+        """Index again where the unit is not confirmed to stand, or does not lie, as the collect wants it."""
         index = self._before(step, StepKind.INDEX)
-        if index is not None and self._devices.positioner.position() != step.position:
+        if index is not None and (wrong_pose or self._devices.positioner.position() != step.position):
+            self._watch.remark = wrong_pose
             self._restore(index)
+            self._watch.remark = ""
 
     def _now_in_effect(self, step: Step, result: StepResult) -> bool:
         """Note what the step put into effect; end the night where soaks never settle.

@@ -95,6 +95,7 @@ class Watch:
         self.commanded_degC: float | None = None
         self.arrived = False
         self.note = ""
+        self.remark = ""  # said before the next question to people: why it is asked again
         self.rates_deg_per_hr: Mapping[str, float] = {}
         self.rates_se_deg_per_hr: Mapping[str, float] = {}
         self._rate_fields = rate_fields(devices.imu.sensors)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import hil.files.durable
 import hil.records.blocks
 import hil.records.journal
 from hil.files.durable import Disk, RealDisk
-from hil.records import SqliteJournal
+from hil.records import SqliteJournal, ledger
 from hil.records import schema as journal_schema
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step
@@ -67,10 +67,8 @@ def rename_after_commit() -> None:
 
 def double_commit() -> None:
     """Commit every result twice, with nothing in the tables against it."""
-    for name, tables in list(vars(journal_schema).items()):
-        if name.startswith("_VERSION_"):
-            without = tables.replace("CREATE UNIQUE INDEX a_step_is_done_once", "CREATE INDEX a_step_is_done_once")
-            setattr(journal_schema, name, without)
+    unique, plain = (f"CREATE {kind}INDEX a_step_is_done_once" for kind in ("UNIQUE ", ""))
+    journal_schema.UPGRADES = tuple(script.replace(unique, plain) for script in journal_schema.UPGRADES)  # type: ignore
     end = SqliteJournal.end
 
     def end_twice(self: SqliteJournal, step: Step, attempt: int, result: StepResult) -> None:
@@ -93,6 +91,19 @@ def not_synchronous() -> None:
     hil.records.journal.sqlite3.connect = lambda *a, **k: connect(*a, **{"factory": Careless, **k})  # type: ignore[attr-defined]
 
 
+def head_before_commit() -> None:
+    """Say in the second file that an entry is durable before it is."""
+    enter = ledger.enter
+
+    def enter_and_say(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:
+        entry = enter(connection, written)
+        journal = Path(connection.execute("PRAGMA database_list").fetchone()[2])
+        journal.with_name(ledger.HEAD_NAME).write_bytes(ledger._head_text(*entry))
+        return entry
+
+    ledger.enter = enter_and_say
+
+
 MUTATIONS: Mapping[str, Callable[[], None]] = {
     "none": lambda: None,
     "no-fsync": no_fsync,
@@ -101,4 +112,5 @@ MUTATIONS: Mapping[str, Callable[[], None]] = {
     "rename-after-commit": rename_after_commit,
     "double-commit": double_commit,
     "not-synchronous": not_synchronous,
+    "head-before-commit": head_before_commit,
 }

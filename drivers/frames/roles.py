@@ -17,10 +17,22 @@ class _Role(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class AtRest(_Role):
+    """What the rates of a sound unit at rest are: within `full_scale`, within `bias` of zero, and as noisy as this.
+
+    A data sheet's figures in deg/hr and deg/sqrt(hr); those that are not given are not looked at.
+    """
+
+    full_scale_deg_per_hr: float | None = Field(default=None, gt=0.0)
+    bias_deg_per_hr: float | None = Field(default=None, gt=0.0)
+    angle_random_walk_deg_per_root_hr: float | None = Field(default=None, gt=0.0)
+
+
 class SensorRole(_Role):
     """One sensor: channel to field (deg/hr), axis to field (g), its own temperature field (degC), its conditions."""
 
     rates: dict[str, str] = Field(min_length=1)
+    at_rest: AtRest = AtRest()
     accelerations: dict[str, str] = Field(default_factory=dict)
     temperature: str | None = None
     conditions: dict[str, str] = Field(default_factory=dict)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.counts import StreamCounts
+from drivers.frames.roles import AtRest
 
 FloatArray = NDArray[np.float64]
 
@@ -51,13 +52,15 @@ class SensorChannels:
 
     `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
     to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
-    campaign columns that belong to this sensor alone (`spin_period_us`) to field names.
+    campaign columns that belong to this sensor alone (`spin_period_us`) to field names. `at_rest` says what the rates
+    of a sound unit are.
     """
 
     rates: Mapping[str, str]
     accelerations: Mapping[str, str] = field(default_factory=dict)
     temperature: str | None = None
     conditions: Mapping[str, str] = field(default_factory=dict)
+    at_rest: AtRest = field(default_factory=AtRest)
 
 
 def rate_fields(sensors: Mapping[int, SensorChannels]) -> Mapping[str, str]:

@@ -85,7 +85,9 @@ class StreamImu:
         self.unsure = False  # whether the stream was lost since the unit said who it is
         self._index_status: IndexStatus | None = None
         self._sensors = {
-            number: SensorChannels(sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions)
+            number: SensorChannels(
+                sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions, sensor.at_rest
+            )
             for number, sensor in self._roles.sensors.items()
         }
 

@@ -6,7 +6,7 @@ positioner.move_to("1", timeout_s=600.0)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from drivers.clock import Clock
@@ -24,13 +24,22 @@ class OperatorPositioner:
     """A `Positioner` that asks an operator. The position is unknown until, and unless, it is confirmed.
 
     `instructions` says per position how the unit is to lie; where it is given, other positions are refused. Positions
-    are asked for every time, also the one in which the unit already lies: seating it anew is the point.
+    are asked for every time, also the one in which the unit already lies: seating it anew is the point. `hands` turn a
+    simulated unit, which nobody else can.
     """
 
-    def __init__(self, ask: AskOperator, clock: Clock, *, instructions: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        ask: AskOperator,
+        clock: Clock,
+        *,
+        instructions: Mapping[str, str] | None = None,
+        hands: Callable[[str], None] | None = None,
+    ) -> None:
         self._ask = ask
         self._clock = clock
         self._instructions = dict(instructions or {})
+        self._hands = hands
         self._position: str | None = None
 
     def move_to(self, position: str, timeout_s: float) -> None:
@@ -44,6 +53,8 @@ class OperatorPositioner:
             raise DeviceError(f"the bench has no position {position}; its operator knows {known}")
         self._position = None
         asked_s = self._clock.now()
+        if self._hands is not None:
+            self._hands(position)
         answer = self._ask(self._question(position), timeout_s)
         waited_s = self._clock.now() - asked_s
         if answer is None or waited_s > timeout_s:

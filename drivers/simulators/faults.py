@@ -28,6 +28,7 @@ class ImuFault(StrEnum):
     INDEX_REFUSED = "index_refused"  # an index command only sets the fault bit
     INDEX_NEVER_FINISHES = "index_never_finishes"  # an index move begins and does not end
     INDEX_WRONG_POSITION = "index_wrong_position"  # it arrives, but elsewhere
+    INDEX_SLIPS = "index_slips"  # it says that it has arrived; the unit has not turned
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,12 @@ class SimulatedImu:
         """Let one more thing go wrong."""
         self._faults.add(window)
 
+    def turn_by_hand(self, position: str, now_s: float) -> None:
+        """Let somebody lay the unit as in `position`; its index, if it has one, knows nothing of it."""
+        self._stream(now_s)
+        begins_s = max(now_s, self._time(self._next - 1))
+        self._physics.start_move(position, begins_s, begins_s + self._index.move_s)
+
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes of command lines; a complete line is carried out at once."""
         self._stream(now_s)

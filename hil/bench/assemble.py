@@ -130,8 +130,8 @@ def build_bench(
             expected=ImuIdentity(bench.unit.model, bench.unit.serial),
         )
         faults = FaultInjector(bench.faults, clock, gone_s=gone_s)
-        positioner = _positioner(bench, imu, clock, None if ask is None else faults.answering(ask))
-        devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated)
+        positioner = _positioner(bench, imu, clock, faults, ask)
+        devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated, poses=bench.poses)
         opened.pop_all()
     in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
     if not in_process:
@@ -290,7 +290,10 @@ def _chamber(
         raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
-def _positioner(bench: Bench, imu: StreamImu, clock: Clock, ask: AskOperator | None) -> Positioner:
+def _positioner(
+    bench: Bench, imu: StreamImu, clock: Clock, faults: FaultInjector, ask: AskOperator | None
+) -> Positioner:
     if ask is not None and bench.imu.positioner == "operator":
-        return OperatorPositioner(ask, clock, instructions=bench.imu.instructions)
+        hands = faults.hands(bench.positions) if bench.imu.port.startswith(SIMULATED_SCHEME) else None
+        return OperatorPositioner(faults.answering(ask), clock, instructions=bench.imu.instructions, hands=hands)
     return IndexingPositioner(imu, clock, bench.position_codes)

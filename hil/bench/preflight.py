@@ -21,8 +21,10 @@ from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
 from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, port_is_missing
+from hil.bench.at_rest import at_rest
 from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
+from hil.bench.finding import Finding
 from hil.config import Bench, Sweep
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import left_hot_or_cold
@@ -35,19 +37,6 @@ _SPARE_BYTES = 200e6
 _MOST_OFF_RATE = 0.05
 _UNKNOWN_NIGHT_S = 24 * 3600.0  # of samples without a pause, where no sweep says how long
 _NIGHTS_PER_YEAR = 365.0
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at. `good` is False where a night must not begin like this.
-
-    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
-    """
-
-    subject: str
-    good: bool
-    message: str
-    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -163,6 +152,7 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
     yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
     if samples:
+        yield from at_rest(live, heard)
         yield from _unit_temperature(live, heard)
     yield from _index(live)
 

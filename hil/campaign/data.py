@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement
 
 EARTH_RATE_DEG_PER_HR = 15.041067
@@ -131,7 +132,8 @@ class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 
     `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series` reads
-    one when it is needed. `verdicts` says how each run was measured, where whoever recorded the campaign said so.
+    one when it is needed. `verdicts` says how each run was measured, by whoever recorded it and by what its records
+    contradict of each other (hil.campaign.plausibility); `pose` how far accelerometers may be from f.
     """
 
     title: str
@@ -147,3 +149,4 @@ class Campaign:
     series_files: Mapping[int, Path] = field(default_factory=dict)
     series_block_s: float | None = None
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
+    pose: PoseTolerance = field(default_factory=PoseTolerance)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,12 @@ import yaml
 
 from hil.campaign.data import SCHEMA, Sensor
 from hil.errors import InputError
+from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts"}
+    | {"verdicts", "pose"}
 )
 
 
@@ -34,6 +35,7 @@ class Header:
     centrifuge: bool
     series_block_s: float | None
     verdicts: Mapping[int, Judgement]
+    pose: PoseTolerance
     extra: tuple[str, ...] = field(default=())
 
 
@@ -56,6 +58,7 @@ def read_header(path: Path) -> Header:
         centrifuge=_flag(path, keys, "centrifuge"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
+        pose=_pose(path, _mapping(path, keys, "pose")),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
 
@@ -128,6 +131,18 @@ def _verdicts(path: Path, keys: Mapping[Any, Any]) -> Iterator[tuple[int, Judgem
         if said.get("verdict") not in list(Verdict):
             raise InputError(f"{where}.verdict: {said.get('verdict')!r} is none of {', '.join(Verdict)}")
         yield run, Judgement(Verdict(said["verdict"]), str(said.get("reason") or "no reason is given"))
+
+
+def _pose(path: Path, given: Mapping[Any, Any]) -> PoseTolerance:
+    """Return how far accelerometers may be from f."""
+    known = [each.name for each in fields(PoseTolerance)]
+    unknown = sorted(str(key) for key in given.keys() - set(known))
+    if unknown:
+        raise InputError(f"{path}, key pose.{unknown[0]}: this key is not known; there are {', '.join(known)}")
+    try:
+        return PoseTolerance(**{key: _number(path, f"pose.{key}", value) for key, value in given.items()})
+    except ValueError as error:
+        raise InputError(f"{path}, key {error}") from None
 
 
 def _mapping(path: Path, keys: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:

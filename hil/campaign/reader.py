@@ -20,6 +20,7 @@ import pyarrow.parquet
 
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.header import Header, read_header
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
@@ -104,10 +105,11 @@ def read_campaign(folder: Path | str) -> Campaign:
         series_files=series,
         series_block_s=header.series_block_s,
         verdicts=header.verdicts,
+        pose=header.pose,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
         read_series(campaign, collect)
-    return campaign
+    return judged_by_its_records(campaign)
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:

@@ -33,6 +33,7 @@ from hil.campaign.reader import (
 )
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
+from procedures.pose import PoseTolerance
 
 SeriesFormat = Literal["csv", "parquet"]
 
@@ -89,6 +90,8 @@ def _header(campaign: Campaign) -> str:
         keys["series"] = {"block_s": campaign.series_block_s}
     rows = [each for collects in campaign.sensors.values() for each in collects.conditions.run.tolist()]
     verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
+    if campaign.pose != PoseTolerance():
+        keys["pose"] = dict(vars(campaign.pose))
     if verdicts:
         keys["verdicts"] = {
             run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()

@@ -48,7 +48,7 @@ def solve(
     from hil.analysis.scatter.sources import campaign_signatures, overall
     from hil.model.forms import MODEL_NAMES
     from hil.solve import solve_campaign
-    from hil.solve.runs import judged_as_measured, solution_document
+    from hil.solve.runs import solution_document
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
@@ -61,7 +61,6 @@ def solve(
         from hil.solve.beside_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
-    solutions = [judged_as_measured(each, campaign.verdicts) for each in solutions]
     scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
     if as_json:
         print_json(

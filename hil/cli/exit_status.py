@@ -16,7 +16,7 @@ from pathlib import Path
 import typer
 
 from drivers.errors import DeviceError
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 
 
 class Exit(IntEnum):
@@ -50,6 +50,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
         application()
     except SystemExit as ending:
         return int(ending.code or Exit.DONE)
+    except Damaged as error:
+        return _say(f"ERROR: {error}", Exit.INCOMPLETE)
     except InputError as error:
         return _say(error, Exit.BAD_INPUT)
     except DeviceError as error:
@@ -63,7 +65,7 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
         return _say(f"the journal: {error}", Exit.FAILED)
     except sqlite3.DatabaseError as error:
-        return _say(f"the journal is damaged ({error}); hil verify says how far", Exit.BAD_INPUT)
+        return _say(f"ERROR: the journal is damaged ({error}); hil verify says how far", Exit.INCOMPLETE)
     except OSError as error:
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", Exit.FAILED)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory

@@ -1,4 +1,4 @@
-"""Commands that carry out a night: check, plan, run, resume, status, verify, demo."""
+"""Commands that carry out a night: check, plan, run, resume, status, verify, repair, demo."""
 
 from __future__ import annotations
 
@@ -178,9 +178,9 @@ def resume(folder: Folder, quiet: Quiet = False, speed: Speed = None, watchdog: 
     """Carry on with a night that was interrupted: done steps stay, the soak starts over."""
     from hil.config.recorded import bench_of_record
     from hil.night import resume_night
-    from hil.records import open_readonly
+    from hil.records import reading
 
-    with open_readonly(folder) as journal:
+    with reading(folder) as journal:
         on = bench_of_record(journal.night.configuration)
     with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
         ended = resume_night(folder, progress=progress, terminal=TerminalQuestions(), speed=speed)
@@ -277,6 +277,27 @@ def verify(folder: Folder, as_json: JsonFlag = False) -> int:
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
 
 
+def repair(
+    folder: Folder,
+    out: Annotated[Path, typer.Option("--out", help="The new folder to make.", show_default=False)],
+    as_json: JsonFlag = False,
+) -> int:
+    """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
+    from hil.night.repair import repair_night
+    from hil.records.requests import who_asks
+
+    document = repair_night(folder, out, who_asks())
+    if as_json:
+        print_json(document)
+    else:
+        console = results()
+        for what in ("restored", "lost"):
+            for line in document[what]:
+                console.print(f"{what}: {line}")
+        console.print(f"{out}: {document['steps_done']} of {document['steps_total']} steps are proven")
+    return Exit.INCOMPLETE if document["lost"] else Exit.DONE
+
+
 def demo(
     out: Annotated[Path, typer.Option("--out", help="The night's folder; an earlier demo there is replaced.")] = Path(
         "demo"
@@ -305,4 +326,4 @@ def demo(
     return ended
 
 
-COMMANDS = (demo, check, plan, run, resume, status, verify)
+COMMANDS = (demo, check, plan, run, resume, status, verify, repair)

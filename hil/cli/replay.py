@@ -7,7 +7,7 @@ from hil.cli.output import Folder, JsonFlag, print_json, results
 
 
 def replay(folder: Folder, as_json: JsonFlag = False) -> int:
-    """Compute a recorded night again from its raw bytes: every average, every solved parameter, to the digit."""
+    """Compute a recorded night again from its raw bytes: every average, to the digit."""
     from hil.night.replay import replay_night
 
     document = replay_night(folder)

@@ -17,6 +17,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
 
 from hil.campaign import Sensor
@@ -33,6 +34,7 @@ from hil.files.strict import Section, find_config, parse_yaml, read_text, valida
 from hil.files.units import Degrees, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
+from procedures.pose import PoseTable, PoseTolerance
 from procedures.settings import InterlockSettings, Polling
 
 
@@ -152,6 +154,7 @@ class Bench(Section):
     chamber: ChamberSection
     interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
     polling: Annotated[Polling, _settings(Polling)] = Polling()
+    pose: Annotated[PoseTolerance, _settings(PoseTolerance)] = PoseTolerance()
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None
@@ -197,6 +200,16 @@ class Bench(Section):
     def orientations(self, number: int) -> Mapping[str, Orientation]:
         """Return the orientation of a sensor at each position."""
         return self.sensors[number].built
+
+    @property
+    def poses(self) -> PoseTable:
+        """What the accelerometers of every sensor should show at each position."""
+        gravity_g = self.site.gravity_g()
+        shown = {
+            label: np.array([section.built[label].components(gravity_g) for section in self.sensors.values()])
+            for label in self.positions
+        }
+        return PoseTable({number: section.axes for number, section in self.sensors.items()}, shown, self.pose)
 
     @property
     def positions(self) -> tuple[str, ...]:

@@ -59,6 +59,7 @@ CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
         "index_refused": FaultKind("an index command only sets the fault bit"),
         "index_never_finishes": FaultKind("a move begins and does not end"),
         "index_wrong_position": FaultKind("a move ends elsewhere"),
+        "index_slips": FaultKind("a move is confirmed, but the unit has not turned"),
         "unplugged": FaultKind("the unit's cable is pulled, and put back"),
     },
     "chamber": {
@@ -83,7 +84,10 @@ CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
     },
     "disk": {"full": FaultKind("samples and raw bytes cannot be written: no space is left")},
     "clock": {"jump": FaultKind("somebody sets the wall clock by this much", _JUMP, 3600.0, lasts=False)},
-    "operator": {"no_answer": FaultKind("nobody answers a question")},
+    "operator": {
+        "no_answer": FaultKind("nobody answers a question"),
+        "wrong_position": FaultKind("the unit is laid as in the table's next position, and confirmed"),
+    },
     "controller": {"killed": FaultKind("the controller is killed with SIGKILL", lasts=False)},
 }
 

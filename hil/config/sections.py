@@ -12,12 +12,21 @@ from typing import Any, TypeVar, get_type_hints
 from pydantic import create_model
 
 from hil.files.strict import Section, validated_inside
-from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, DegreesPerHourPerMinute, Gravities, Seconds
+from hil.files.units import (
+    Celsius,
+    CelsiusDifference,
+    CelsiusPerMinute,
+    Degrees,
+    DegreesPerHourPerMinute,
+    Gravities,
+    Seconds,
+)
 
 _BY_SUFFIX: Mapping[str, Any] = {
     "_deg_per_hr_per_min": DegreesPerHourPerMinute,
     "_degC_per_min": CelsiusPerMinute,
     "_degC": CelsiusDifference,
+    "_deg": Degrees,
     "_g": Gravities,
     "_s": Seconds,
 }

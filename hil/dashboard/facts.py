@@ -116,8 +116,8 @@ class NightFacts:
         silent_s, old = self._age(now)
         return {
             **self._about,
-            "state": status["state"],
-            "reason": status["reason"],
+            "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
+            "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
             "killed": status["killed"],
             "age_s": None if silent_s is None else round(silent_s),

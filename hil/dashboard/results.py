@@ -8,11 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import JournalReader
-from hil.records.export import campaign_of_night, measured_verdicts
+from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
-from hil.solve.runs import judged_as_measured
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 
@@ -22,6 +21,7 @@ class ResultsSoFar:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self.damage = ""  # which records are not what was written, so that no parameters are shown
         self._solved: tuple[int, ...] = ()
         self._solutions: dict[int, list[dict[str, Any]]] = {}
 
@@ -48,9 +48,12 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
+        self.damage = ""
         try:
-            measured = measured_verdicts(self._folder)
-            solutions = [judged_as_measured(each, measured) for each in solve_campaign(campaign_of_night(self._folder))]
+            solutions = solve_campaign(campaign_of_night(self._folder))
+        except Damaged as damage:
+            self.damage = f"ERROR: {damage}"
+            return {}
         except InputError:
             return {}  # too little for a campaign, or a night that a later version recorded
         rows: dict[int, list[dict[str, Any]]] = {}

@@ -17,8 +17,7 @@ from drivers.chambers import Chamber, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
 from drivers.positioners.positioner import Positioner
-
-LOG_NAME = "log.jsonl"
+from hil.records.witnesses import LOG_NAME
 
 
 class Log(Protocol):

@@ -1,20 +1,20 @@
-"""A recorded night computed again from its raw bytes: every average and every solved parameter, to the last digit.
+"""A recorded night computed again from its raw bytes: every average, to the last digit.
 
     document = replay_night(folder)
     document["identical"], document["differences"]  # True, []
 
 The bytes are decoded with the frame description that the night had, compared column by column with the stored samples,
-reduced by the function that the bench used, and solved. What cannot come out of bytes is taken as recorded: the times
-of the samples, the duration of the collect, and what the driver counted. Equal means equal: there is no tolerance.
+and reduced by the function that the bench used; what is solved from the same averages is the same. What cannot come out
+of bytes is taken as recorded: the times of the samples, the duration of the collect, and what the driver counted. Equal
+means equal: there is no tolerance.
 """
 
 from __future__ import annotations
 
 import math
-import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +29,12 @@ from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
 from hil.bench.closed_port import ClosedPort
-from hil.campaign import Campaign, Collects
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
-from hil.records import JournalReader, open_readonly
+from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.export import campaign_of_night
 from hil.records.reader import JOURNAL_NAME
-from hil.solve import solve_campaign
-from hil.solve.runs import solution_document
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
@@ -56,16 +52,15 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
     folder = Path(folder)
     replay = _Replay(folder)
     simulated: bool | None = None
-    with open_readonly(folder) as journal:
-        try:
+    try:
+        with reading(folder, damaged_too=True) as journal:
+            replay.differences += journal.found
             simulated = journal.night.simulated
             replay.averages(journal)
-            replay.parameters()
-        except InputError as error:
-            replay.differences.append(str(error))
-        except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
-            # Whatever a damaged database makes of its rows: it cannot be believed any further.
-            replay.differences.append(f"{JOURNAL_NAME}: the journal is damaged and cannot be read ({error})")
+    except InputError as error:
+        if not (folder / JOURNAL_NAME).is_file():
+            raise
+        replay.differences += [] if replay.differences else [str(error)]  # damage, which has been named by then
     return {
         "schema": SCHEMA,
         "simulated": simulated,
@@ -84,7 +79,6 @@ class _Replay:
         self.checked = 0
         self.differences: list[str] = []
         self.raw_missing: list[str] = []
-        self._computed: dict[float, Mapping[str, Any]] = {}  # by the start of the collect, campaign seconds
 
     def averages(self, journal: JournalReader) -> None:
         """Compute every collect that is done again."""
@@ -116,23 +110,10 @@ class _Replay:
         if different and any(len(column) != len(samples.time_s) for column in columns.values()):
             return  # without the frames that belong to the stored times nothing can be averaged
         computed = stream.reduce(samples.time_s, columns, data)
-        self._computed[float(data["start_s"])] = computed
         for name, value in computed.items():
             if name != _TAKEN:
                 said = _different((name,), data.get(name), value)
                 self.differences += [f"{key}: {each}" for each in said]
-
-    def parameters(self) -> None:
-        """Solve from the recorded averages and from those computed again."""
-        recorded = campaign_of_night(self._folder)
-        first, second = (
-            solution_document(campaign, solve_campaign(campaign))["solutions"]
-            for campaign in (recorded, _with_rates(recorded, self._computed))
-        )
-        for one, other in zip(first, second, strict=True):
-            run = "all runs" if one["run"] is None else f"run {one['run']}"
-            said = _different((), one, other)
-            self.differences += [f"solution of {run}, sensor {one['sensor']}: {each}" for each in said]
 
 
 @dataclass(frozen=True)
@@ -209,25 +190,3 @@ def _different(path: Sequence[str], recorded: Any, computed: Any) -> Iterator[st
 
 def _is_nan(value: object) -> bool:
     return isinstance(value, float) and math.isnan(value)
-
-
-def _with_rates(campaign: Campaign, computed: Mapping[float, Mapping[str, Any]]) -> Campaign:
-    """Return the campaign with the rates that were computed again; a collect that could not be keeps its own."""
-    sensors = {}
-    for number, collects in campaign.sensors.items():
-        conditions = collects.conditions
-        rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
-        for row, start_s in enumerate(conditions.start_s):
-            again = computed.get(float(start_s), {}).get("sensors", {}).get(str(number))
-            if again is None:
-                continue
-            for column, channel in enumerate(conditions.sensor.channels):
-                average = again["rates"].get(channel, {})
-                rates[row, column] = _number(average.get("mean_deg_per_hr"))
-                se[row, column] = _number(average.get("se_deg_per_hr"))
-        sensors[number] = Collects(conditions, rates, se)
-    return replace(campaign, sensors=sensors)
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -40,7 +40,7 @@ from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
-from hil.files.lock import FolderLock
+from hil.files.lock import FolderLock, process_start
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
@@ -64,6 +64,7 @@ SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
 
+_LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
@@ -109,7 +110,7 @@ def start_night(
     plan = make_plan(sweep.procedure())
     who = who or _user()
     with bench_lock(bench, target):
-        with _whole_or_nothing(target) as partial:
+        with whole_or_nothing(target) as partial:
             resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
             attendant = Attendant(terminal)
             live = build_bench(resolved, ask=attendant, speed=speed)
@@ -142,15 +143,13 @@ def resume_night(
 
     Steps that are done stay done; a partial collect is taken again and the soak starts over. A self-calibration whose
     samples are damaged is done again as a whole (hil.records.damage). Under a virtual clock
-    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one whose plan or
-    configuration was changed, one that another controller is working on, or one whose bench cannot be put together.
+    `down_s` have passed since the last record. Raises `InputError` where the folder holds no night, one that another
+    controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
+    written.
     """
     folder, who = Path(folder), who or _user()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
-        changed = reader.changed_plan()
-        if changed:
-            raise InputError(f"{folder}: {changed}; what it would do now nobody has checked, so begin a new night")
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
@@ -237,7 +236,7 @@ def _carry_out(
             polling=polling,
             progress=Audience(
                 [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
-                lost=lambda error: _onlooker_lost(journal, error),
+                lost=lambda error: journal.event("onlooker-lost", f"{_LOST}: {type(error).__name__}: {error}"),
             ),
             powered_on=_powered_on(live),
             control=journal,
@@ -245,7 +244,8 @@ def _carry_out(
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        with _signals(stop):
+        in_main = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be heard
+        with stop.on_signals() if in_main else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
@@ -262,10 +262,6 @@ def _carry_out(
         shown.close()
         heartbeat.close()
         log.close()
-
-
-def _onlooker_lost(journal: SqliteJournal, error: Exception) -> None:
-    journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
 
 def _polling(live: LiveBench) -> Polling:
@@ -323,16 +319,6 @@ def versions() -> dict[str, str]:
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
 
 
-@contextlib.contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    """Turn signals into a stop request where that is possible: in the main thread."""
-    if threading.current_thread() is threading.main_thread():
-        with stop.on_signals():
-            yield
-    else:
-        yield
-
-
 def _refuse_existing(folder: Path) -> None:
     if folder.is_dir() and not any(folder.iterdir()):
         return
@@ -342,8 +328,11 @@ def _refuse_existing(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise."""
+def whole_or_nothing(target: Path) -> Iterator[Path]:
+    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
+
+    Raises `InputError` where it cannot be made.
+    """
     above = target.resolve().parent
     there = next(folder for folder in (above, *above.parents) if folder.exists())
     if not there.is_dir():
@@ -368,18 +357,8 @@ def _clear_away(above: Path, name: str) -> None:
     """Remove the unfinished folders of this name whose process died while it made them."""
     for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
         number = left.name.rpartition("-")[2]
-        if number.isdecimal() and not _alive(int(number)):
+        if number.isdecimal() and not process_start(int(number)):
             shutil.rmtree(left, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)  # signal 0 is none: it only asks
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # somebody else's, or no number of a process
-        return True
-    return True
 
 
 def _made(folder: Path) -> Path:

@@ -4,11 +4,13 @@
     blocks/00012-T1_S2_C3_collect-1.raw.zst    the bytes as they arrived, Zstandard (the `zstd` program opens it)
 
 A block is written and made durable before the journal names it. A block that no journal row names is what a crash
-between the two leaves behind: harmless, and `hil verify` says so. Blocks are never changed.
+between the two leaves behind, of an attempt that never ended: harmless, and `hil verify` says so. Blocks are never
+changed, and no name is used twice.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import re
 from collections.abc import Mapping
@@ -22,16 +24,17 @@ from numpy.typing import NDArray
 
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
-from hil.errors import InputError
+from hil.errors import Damaged
 from hil.files.durable import Disk, RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
 BLOCKS = "blocks"
 SAMPLES_SCHEMA = "hil.samples/1"
 SAMPLES, RAW = "samples", "raw"
+SUFFIXES = {SAMPLES: ".parquet", RAW: ".raw.zst"}
 
 
-class DamagedBlock(InputError):
+class DamagedBlock(Damaged):
     """A block is missing, shortened or changed. The message says which, and what is wrong with it."""
 
 
@@ -116,14 +119,17 @@ class BlockWriter:
         if not (self._folder / BLOCKS).is_dir():
             (self._folder / BLOCKS).mkdir()
             self.disk.synchronise_folder(self._folder)
-        stem = f"{BLOCKS}/{step.index:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', step.key)}-{attempt}"
+        stem = f"{BLOCKS}/{stem_of(step.index, step.key, attempt)}"
         table = self._encode(step, attempt, samples)
-        blocks = [self._store(SAMPLES, f"{stem}.parquet", table, len(samples))]
+        blocks = [self._store(SAMPLES, stem, table, len(samples))]
         if samples.raw and self._keep_raw:
-            blocks.append(self._store(RAW, f"{stem}.raw.zst", _compress(samples.raw), len(samples.raw), samples.raw))
+            blocks.append(self._store(RAW, stem, _compress(samples.raw), len(samples.raw), samples.raw))
         return tuple(blocks)
 
-    def _store(self, kind: str, path: str, data: bytes, rows: int, content: bytes = b"") -> Block:
+    def _store(self, kind: str, stem: str, data: bytes, rows: int, content: bytes = b"") -> Block:
+        path = f"{stem}{SUFFIXES[kind]}"
+        if (self._folder / path).exists():  # of an attempt that the journal has lost: it may be all that is left of it
+            raise FileExistsError(errno.EEXIST, "this block was written before, and is not replaced", path)
         write_durably(self.disk, self._folder / path, data)
         return Block(kind, path, _sha256(data), len(data), rows, _sha256(content) if content else "")
 
@@ -150,6 +156,11 @@ class BlockWriter:
         return bytes(sink.getvalue())
 
 
+def stem_of(number: int, key: str, attempt: int) -> str:
+    """Return how the names of an attempt's blocks begin, by the step's index and key."""
+    return f"{number:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', key)}-{attempt}"
+
+
 def _labels(meaning: FieldMeaning) -> dict[str, str]:
     return {label: str(value) for label, value in asdict(meaning).items() if value}
 
@@ -170,16 +181,25 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def check_length(folder: Path, block: Block) -> None:
+    """Raise `DamagedBlock` where the block's file is missing or of another length than what was written."""
+    try:
+        size = (folder / block.path).stat().st_size
+    except OSError as error:
+        missing = isinstance(error, FileNotFoundError)
+        what = "the block is missing" if missing else f"cannot be read ({error.strerror})"
+        raise DamagedBlock(f"{block.path}: {what}") from None
+    if size != block.size:
+        raise DamagedBlock(f"{block.path}: has {size} bytes, {block.size} were written")
+
+
 def checked_bytes(folder: Path, block: Block) -> bytes:
     """Return the block's file; raise `DamagedBlock` where it is missing or not what was written."""
+    check_length(folder, block)
     try:
         data = (folder / block.path).read_bytes()
-    except FileNotFoundError:
-        raise DamagedBlock(f"{block.path}: the block is missing") from None
     except OSError as error:
         raise DamagedBlock(f"{block.path}: cannot be read ({error.strerror})") from None
-    if len(data) != block.size:
-        raise DamagedBlock(f"{block.path}: has {len(data)} bytes, {block.size} were written")
     if _sha256(data) != block.sha256:
         raise DamagedBlock(f"{block.path}: its hash is not the one recorded: the file was changed or is damaged")
     return data

@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.writer import SeriesFormat, write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
-from hil.records.damage import LostBlock, lost_blocks
+from hil.records.damage import refuse_damaged_samples
 from hil.records.reader import JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
@@ -79,7 +80,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
     """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
 
     Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
-    `DamagedBlock` where samples are not what was written.
+    `Damaged` where the journal or samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
     with reading(folder) as journal:
@@ -101,21 +102,9 @@ def campaign_of_night(folder: Path | str) -> Campaign:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
 
 
-def measured_verdicts(folder: Path | str) -> dict[int, Judgement]:
-    """Return how each self-calibration of a night was measured, by its number: the runs of `campaign_of_night`."""
-    with reading(Path(folder)) as journal:
-        return _verdicts(journal)
-
-
 def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
     done = journal.completed()
     return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
-
-
-def _lost(journal: JournalReader) -> list[LostBlock]:
-    """Return the blocks of samples that are not there: nobody can show that their averages are right."""
-    done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
-    return [each for each in lost_blocks(journal.folder, journal.blocks(), done) if each.samples]
 
 
 def samples_by_collect(folder: Path | str) -> tuple[Campaign, dict[int, Block]]:
@@ -137,6 +126,7 @@ def _make_way(target: Path) -> None:
 
 
 def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:
+    refuse_damaged_samples(journal)
     collects = _collects(journal)
     if not collects:
         raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
@@ -167,10 +157,10 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         },
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
-        warnings=[f"{journal.folder}: {each}" for each in _lost(journal)],
         verdicts=_verdicts(journal),
+        pose=bench.pose,
     )
-    return campaign, rows
+    return judged_by_its_records(campaign), rows
 
 
 def _collects(journal: JournalReader) -> list[_Collect]:

@@ -7,7 +7,7 @@
 
 The order of `end` is: data blocks (hil.records.blocks), then one transaction with the result and the names of the
 blocks. A crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a
-result.
+result. Then the write-ahead log is emptied into the database: what a kill leaves in it is of one step at most.
 
 Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
 with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.
@@ -21,7 +21,7 @@ import os
 import socket
 import sqlite3
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import astuple
+from dataclasses import asdict, astuple
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,10 @@ from hil.files.durable import Disk, RealDisk
 from hil.files.lock import FolderLock
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
-from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
-from hil.records.rows import Night, result_digest, step_row, to_json
+from hil.records.ledger import Ledger
+from hil.records.reader import JOURNAL_NAME, JournalReader, reading
+from hil.records.rows import Night, digest_of, step_row, to_json
+from hil.records.witnesses import ENDED
 from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
@@ -62,6 +64,7 @@ class SqliteJournal(JournalReader):
         disk: Disk,
     ) -> None:
         super().__init__(folder, connection)
+        self._ledger = Ledger(connection, folder)
         self._lock = lock
         self._clock = clock
         self._system = SystemClock()
@@ -96,25 +99,13 @@ class SqliteJournal(JournalReader):
             raise InputError("the plan has two steps of one key, so that their results could not be told apart")
         with contextlib.closing(_connect(path)) as connection:
             journal_schema.upgrade(connection)
-            connection.execute("BEGIN IMMEDIATE")
-            connection.executemany(
-                "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
-            )
-            connection.execute(
-                "INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (
-                    night.title,
-                    night.who,
-                    night.began_utc.isoformat(),
-                    int(night.simulated),
-                    night.seed,
-                    to_json(night.versions or {}),
-                    night.configuration,
-                    len(plan.steps),
-                    night.digest(plan),
-                ),
-            )
-            connection.execute("COMMIT")
+            with Ledger(connection, folder).transaction():
+                connection.executemany(
+                    "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
+                )
+                began = (night.title, night.who, night.began_utc.isoformat(), int(night.simulated), night.seed)
+                by = (to_json(night.versions or {}), night.configuration, len(plan.steps), night.digest(plan))
+                connection.execute("INSERT INTO night VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?)", (*began, *by))
         (folder / BLOCKS).mkdir(exist_ok=True)
         RealDisk().synchronise_folder(folder)
 
@@ -133,8 +124,8 @@ class SqliteJournal(JournalReader):
 
         `lock` is the folder's where the caller holds it already: it then belongs to the journal, also on failure.
 
-        Raises `InputError` where there is no journal, or another controller holds it. The lock of a controller that
-        has died is taken over, and an event says so.
+        Raises `InputError` where there is no journal, or another controller holds it; `Damaged` where it is not what
+        was written. The lock of a controller that has died is taken over, and an event says so.
         """
         path = folder / JOURNAL_NAME
         if not path.is_file():
@@ -142,6 +133,8 @@ class SqliteJournal(JournalReader):
         if lock is None:
             lock = FolderLock(folder).acquire()
         try:
+            with reading(folder):
+                pass  # it is what was written
             connection = _connect(path)
             try:
                 if journal_schema.check(connection, path) < journal_schema.VERSION:
@@ -164,11 +157,6 @@ class SqliteJournal(JournalReader):
         if lock.taken_over_from is not None:
             journal.event("lock_taken_over", f"the lock of {lock.taken_over_from} was taken over: that process is gone")
         return journal
-
-    @staticmethod
-    def open_readonly(folder: Path) -> JournalReader:
-        """Open a night to read it, also while a controller writes; see `hil.records.reader.open_readonly`."""
-        return open_readonly(folder)
 
     @property
     def began_utc(self) -> datetime:
@@ -225,19 +213,31 @@ class SqliteJournal(JournalReader):
         if result.samples is not None:
             blocks = self._blocks.write(step, attempt, result.samples)
         data, ended_s = to_json(result.data), self.now_s()
-        digest = result_digest(result.outcome.value, result.reason, data, ended_s, blocks)
         with self._transaction():
+            going_on = "WHERE step_key = ? AND attempt = ? AND outcome IS NULL"
+            begun = f"SELECT began_s FROM attempts {going_on}"  # noqa: S608
+            began = self._connection.execute(begun, (step.key, attempt)).fetchone()
+            if began is None:
+                raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
+            facts = {"step": step.key, "attempt": attempt, "began_s": began[0], "ended_s": ended_s}
+            facts |= {"outcome": result.outcome.value, "reason": result.reason, "data": json.loads(data)}
+            facts |= {"blocks": [asdict(block) for block in blocks]}
             for block in blocks:
                 columns = "step_key, attempt, kind, path, sha256, size, rows, content_sha256"
                 self._insert("blocks", columns, (step.key, attempt, *astuple(block)))
-            changed = self._connection.execute(
-                "UPDATE attempts SET outcome = ?, reason = ?, data = ?, ended_s = ?, digest = ? "
-                "WHERE step_key = ? AND attempt = ? AND outcome IS NULL",
-                (result.outcome.value, result.reason, data, ended_s, digest, step.key, attempt),
+            self._connection.execute(
+                f"UPDATE attempts SET outcome = ?, reason = ?, data = ?, ended_s = ?, digest = ? {going_on}",  # noqa: S608
+                (result.outcome.value, result.reason, data, ended_s, digest_of(facts), step.key, attempt),
             )
-            if changed.rowcount != 1:
-                raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
-        self._tell("step ends", step=step.key, attempt=attempt, outcome=result.outcome.value, reason=result.reason)
+        self._tell(ENDED, **facts, digest=digest_of(facts))
+        self._empty_write_ahead_log()
+
+    def _empty_write_ahead_log(self) -> None:
+        """Leave nothing in it that damage could take; whoever reads at this moment is not waited for."""
+        with contextlib.suppress(sqlite3.OperationalError):  # committed it is; a full disk is met at the next commit
+            self._connection.execute("PRAGMA busy_timeout = 0")
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        self._connection.execute(f"PRAGMA busy_timeout = {_BUSY_S * 1000:.0f}")
 
     def event(self, kind: str, message: str, **evidence: Any) -> None:
         """Record something that happened: a retry, an alarm, a hold, a signal, a resumption."""
@@ -251,7 +251,7 @@ class SqliteJournal(JournalReader):
         """Record that the controller is alive, what it is doing and the latest readings."""
         self._connection.execute("PRAGMA synchronous = NORMAL")
         try:
-            with self._transaction():
+            with self._transaction(durable=False):
                 row = (self._controller, self.now_s(), step.key, to_json(readings))
                 self._insert("heartbeats", "controller, at_s, step_key, readings", row)
         finally:
@@ -310,22 +310,15 @@ class SqliteJournal(JournalReader):
             self._lock.release()
 
     @contextlib.contextmanager
-    def _transaction(self) -> Iterator[None]:
+    def _transaction(self, *, durable: bool = True) -> Iterator[None]:
         """All or nothing, and a sign of life with it."""
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
+        with self._ledger.transaction(durable=durable):
             yield
             if hasattr(self, "_controller"):
                 self._connection.execute(
                     "UPDATE controllers SET seen_s = ?, seen_utc = ? WHERE id = ?",
                     (self.now_s(), self._system.utc().isoformat(), self._controller),
                 )
-            self._connection.execute("COMMIT")
-        except BaseException:
-            # SQLite rolls back by itself after some failures (disk full); a second time would be an error.
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
-            raise
 
     def _insert(self, table: str, columns: str, row: tuple[Any, ...]) -> int:
         marks = ", ".join("?" * len(row))

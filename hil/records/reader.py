@@ -11,23 +11,27 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, Self
 from urllib.parse import quote
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import schema as journal_schema
 from hil.records.blocks import Block
+from hil.records.ledger import breaks
 from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, result_digest, step_of
+from hil.records.witnesses import Witnesses, contradictions
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step
 
 JOURNAL_NAME = "journal.sqlite"
 _BUSY_S = 30.0
+_LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
 
 class JournalReader:
@@ -35,6 +39,7 @@ class JournalReader:
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
         self.folder = folder
+        self.found: Sequence[str] = ()  # what `reading` found damaged
         self._connection = connection
 
     def close(self) -> None:
@@ -63,7 +68,7 @@ class JournalReader:
             "SELECT title, who, began_utc, simulated, configuration, seed, versions FROM night"
         ).fetchone()
         if row is None:
-            raise InputError(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
+            raise Damaged(f"{self.folder / JOURNAL_NAME}: the row that describes the night is missing")
         title, who, began_utc, simulated, configuration, seed, versions = row
         with self._understood("the row that describes the night"):
             began = datetime.fromisoformat(began_utc)
@@ -84,13 +89,7 @@ class JournalReader:
         try:
             yield
         except (ValueError, TypeError, KeyError) as error:  # somebody has edited it
-            raise InputError(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
-
-    @cached_property
-    def _withdrawn(self) -> str:
-        """The column that says why a DONE result counts no more; journals of version 1 have none."""
-        version = int(self._connection.execute("PRAGMA user_version").fetchone()[0])
-        return "withdrawn" if version >= 2 else "NULL"
+            raise Damaged(f"{self.folder / JOURNAL_NAME}: {what} cannot be understood ({error})") from None
 
     def steps_by_key(self) -> Mapping[str, Step]:
         """Return the plan's steps by their key."""
@@ -99,8 +98,8 @@ class JournalReader:
     def completed(self) -> Mapping[str, StepResult]:
         """Return the results of the steps that are DONE, by step key (without samples), in the order of the plan."""
         rows = self._connection.execute(
-            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "  # noqa: S608
-            f"WHERE outcome = 'DONE' AND {self._withdrawn} IS NULL ORDER BY number"
+            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "
+            "WHERE outcome = 'DONE' AND withdrawn IS NULL ORDER BY number"
         )
         return {key: StepResult(Outcome.DONE, reason, json.loads(data)) for key, reason, data in rows}
 
@@ -110,20 +109,17 @@ class JournalReader:
         One that was DONE and withdrawn later is FAILED here, with the reason why it counts no more.
         """
         rows = self._connection.execute(
-            "SELECT step_key, attempt, controller, began_s, ended_s, "  # noqa: S608
-            f"CASE WHEN {self._withdrawn} IS NULL THEN outcome ELSE 'FAILED' END, coalesce({self._withdrawn}, reason), "
-            "data FROM attempts ORDER BY id"
+            "SELECT step_key, attempt, controller, began_s, ended_s, CASE WHEN withdrawn IS NULL THEN outcome "
+            "ELSE 'FAILED' END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
         )
         return tuple(
-            Attempt(key, n, by, began, ended, Outcome(outcome) if outcome else None, reason or "", _mapping(data))
-            for key, n, by, began, ended, outcome, reason, data in rows
+            Attempt(*(*row, Outcome(outcome) if outcome else None, reason, _mapping(data)))
+            for *row, outcome, reason, data in rows
         )
 
     def withdrawn(self) -> frozenset[tuple[str, int]]:
         """Return step key and number of the attempts that were DONE and count no more."""
-        rows = self._connection.execute(
-            f"SELECT step_key, attempt FROM attempts WHERE {self._withdrawn} IS NOT NULL"  # noqa: S608
-        )
+        rows = self._connection.execute("SELECT step_key, attempt FROM attempts WHERE withdrawn IS NOT NULL")
         return frozenset((key, attempt) for key, attempt in rows)
 
     def done_attempts(self) -> Mapping[str, Attempt]:
@@ -142,22 +138,17 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, kind, message, evidence FROM events WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(
-            Event(number, controller, at_s, kind, message, _mapping(evidence))
-            for number, controller, at_s, kind, message, evidence in rows
-        )
+        return tuple(Event(*(*row, _mapping(evidence))) for *row, evidence in rows)
 
     def requests(self) -> tuple[RequestRow, ...]:
         """Return what was asked of the controllers of this night, in order, with what they answered."""
-        if self._withdrawn == "NULL":
-            return ()
         rows = self._connection.execute(
-            "SELECT id, controller, kind, who, why, prompt, asked_utc, answered_s, accepted, answer FROM requests "
-            "ORDER BY id"
+            "SELECT id, controller, kind, who, why, prompt, asked_utc, answered_s, accepted, coalesce(answer, '') "
+            "FROM requests ORDER BY id"
         )
         return tuple(
-            RequestRow(number, by, kind, who, why, prompt, datetime.fromisoformat(utc), at_s, _maybe(yes), answer or "")
-            for number, by, kind, who, why, prompt, utc, at_s, yes, answer in rows
+            RequestRow(*(*row, datetime.fromisoformat(utc), at_s, None if yes is None else bool(yes), answer))
+            for *row, utc, at_s, yes, answer in rows
         )
 
     def standing(self, begins: str, ends: str) -> Event | None:
@@ -178,10 +169,7 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(
-            Heartbeat(number, controller, at_s, step_key, _mapping(readings))
-            for number, controller, at_s, step_key, readings in rows
-        )
+        return tuple(Heartbeat(*(*row, _mapping(readings))) for *row, readings in rows)
 
     def last_heartbeat(self) -> Heartbeat | None:
         """Return the newest sign of life, or None before the first."""
@@ -193,66 +181,46 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, pid, host, who, began_s, seen_s, seen_utc, ended FROM controllers ORDER BY id"
         )
-        return tuple(
-            Controller(number, pid, host, who, began_s, seen_s, datetime.fromisoformat(seen_utc), ended)
-            for number, pid, host, who, began_s, seen_s, seen_utc, ended in rows
-        )
+        return tuple(Controller(*(*row, datetime.fromisoformat(seen_utc), ended)) for *row, seen_utc, ended in rows)
 
-    def damage(self) -> list[str]:
-        """Return what is wrong with the journal itself, in words: SQLite's own check, gaps, and digests.
+    def damage(self, witnesses: Witnesses | None = None) -> list[str]:
+        """Return in words what is not as it was written: SQLite's own check, the chain, what stands beside it.
 
-        A damaged file may also make this or any other read raise `sqlite3.DatabaseError`.
+        `witnesses` were asked before this journal was, where somebody may be writing. A damaged file may also make
+        this or any other read raise `sqlite3.DatabaseError`.
         """
-        found = [
-            f"{JOURNAL_NAME}: {line}"
-            for (line,) in self._connection.execute("PRAGMA integrity_check(5)")
-            if line != "ok"
-        ]
-        if found:
-            return found
-        found += [
-            f"{JOURNAL_NAME}: a row of {table} refers to a row of {parent} that is missing"
-            for table, _, parent, _ in self._connection.execute("PRAGMA foreign_key_check")
-        ]
-        return found + self._deleted_rows() + self._changed_rows()
+        witnesses = witnesses or Witnesses.of(self.folder)
+        found = [line for (line,) in self._connection.execute("PRAGMA integrity_check(5)") if line != "ok"]
+        if not found:
+            found += [*self.found, *breaks(self._connection, witnesses.head)]
+            found += contradictions(self._connection, witnesses)
+        return [f"{JOURNAL_NAME}: {shorten(each, _LONGEST)}" for each in found]
 
-    def _deleted_rows(self) -> list[str]:
-        given = dict(self._connection.execute("SELECT name, seq FROM sqlite_sequence"))
-        found = []
-        there = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        for table in journal_schema.COUNTED_TABLES:
-            if table not in there and table not in given:
-                continue  # a journal of an earlier version
-            count, last = self._connection.execute(f"SELECT count(*), max(id) FROM {table}").fetchone()  # noqa: S608
-            ever = max(given.get(table, 0), last or 0)
+    def unchained_damage(self) -> Iterator[str]:
+        """Yield in words what is wrong by the digests and row numbers that journals had before they were chained."""
+        for table, ever in self._connection.execute("SELECT name, seq FROM sqlite_sequence").fetchall():
+            (count,) = self._connection.execute(f"SELECT count(*) FROM {table}").fetchone()  # noqa: S608
             if count != ever:
-                found.append(f"{JOURNAL_NAME}: {ever - count} of {ever} rows of the table {table} were deleted")
-        return found
-
-    def changed_plan(self) -> str:
-        """Return in words how the plan and the configuration differ from what the night began with; empty if not."""
-        total, digest = self._connection.execute("SELECT steps_total, digest FROM night").fetchone() or (0, "")
-        if len(self.plan.steps) != total:
-            return f"{JOURNAL_NAME}: the plan has {len(self.plan.steps)} steps, {total} were planned"
-        if self.night.digest(self.plan) != digest:
-            return f"{JOURNAL_NAME}: the plan or the configuration was changed after the night had begun"
-        return ""
-
-    def _changed_rows(self) -> list[str]:
-        changed = self.changed_plan()
-        found = [changed] if changed else []
+                yield f"{ever - count} of {ever} rows of the table {table} were deleted"
+        if self._connection.execute("SELECT digest FROM night").fetchone() != (self.night.digest(self.plan),):
+            yield "the plan or the configuration was changed after the night had begun"
         blocks: dict[tuple[str, int], list[Block]] = {}
         for row in self.blocks():
             blocks.setdefault((row.step_key, row.attempt), []).append(row.block)
-        ended = self._connection.execute(
-            "SELECT step_key, attempt, outcome, reason, data, ended_s, digest FROM attempts WHERE outcome IS NOT NULL"
+        ended = (
+            "SELECT step_key, attempt, digest, outcome, reason, data, ended_s FROM attempts WHERE outcome IS NOT NULL"
         )
-        for key, attempt, outcome, reason, data, ended_s, recorded in ended:
-            if result_digest(outcome, reason, data, ended_s, blocks.get((key, attempt), [])) != recorded:
-                found.append(
-                    f"{JOURNAL_NAME}: the record of {key}, attempt {attempt}, was changed after it was written"
-                )
-        return found
+        for key, attempt, recorded, *facts in self._connection.execute(ended):
+            if result_digest(*(*facts, blocks.get((key, attempt), []))) != recorded:
+                yield f"the record of {key}, attempt {attempt}, was changed after it was written"
+
+
+def refuse(folder: Path, damage: Sequence[str]) -> None:
+    """Raise `Damaged` with the first of what is damaged, and what to do; nothing where nothing is."""
+    if damage:
+        more = f" (and {len(damage) - 1} more: hil verify names them)" if len(damage) > 1 else ""
+        advice = f"nothing that rests on it is stated; hil repair {folder} --out NEW brings back what is proven"
+        raise Damaged(f"{folder}/{damage[0]}{more}; {advice}")
 
 
 def open_readonly(folder: Path) -> JournalReader:
@@ -271,27 +239,45 @@ def open_readonly(folder: Path) -> JournalReader:
     except sqlite3.Error as error:
         raise InputError(f"{path}: cannot be opened ({error})") from None
     try:
-        journal_schema.check(connection, path)
+        journal = JournalReader(folder, connection)
+        if journal_schema.check(connection, path) < journal_schema.VERSION:
+            journal = _upgraded_copy(journal)
     except BaseException:
         connection.close()
         raise
-    return JournalReader(folder, connection)
+    return journal
+
+
+def _upgraded_copy(old: JournalReader) -> JournalReader:
+    """Return a journal of an earlier version as it would be in this one, in memory, with what is damaged in `found`."""
+    new = JournalReader(old.folder, sqlite3.connect(":memory:", isolation_level=None))
+    with old:
+        old._connection.backup(new._connection)
+    new.found = list(new.unchained_damage())
+    journal_schema.upgrade(new._connection)
+    return new
 
 
 @contextmanager
-def reading(folder: Path) -> Iterator[JournalReader]:
-    """Open the journal of a night and see one instant of it; damage met on the way is an `InputError` too."""
+def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReader]:
+    """Open the journal of a night, see one instant of it, and prove that it is what was written.
+
+    Raises `Damaged` where it is not; with `damaged_too` only where it cannot be understood, for those who say what
+    stands in `journal.found` beside what they read.
+    """
+    witnesses = Witnesses.of(folder)
+    found: list[str] = []
     try:
         with open_readonly(folder) as journal, journal.snapshot():
+            journal.found = found = journal.damage(witnesses)
+            if not damaged_too:
+                refuse(folder, found)
             yield journal
-    except sqlite3.DatabaseError as error:
-        path = folder / JOURNAL_NAME
-        raise InputError(f"{path}: the journal is damaged ({error}); hil verify says how far") from None
+    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
+        if not found and not isinstance(error, journal_schema.UNREADABLE):
+            raise
+        refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({shorten(str(error), _LONGEST)})"])
 
 
 def _mapping(text: str | None) -> Mapping[str, Any]:
     return dict(json.loads(text)) if text else {}
-
-
-def _maybe(flag: int | None) -> bool | None:
-    return None if flag is None else bool(flag)

@@ -22,6 +22,7 @@ from drivers.clock import SystemClock
 from hil.errors import InputError
 from hil.files.lock import living_owner
 from hil.records import schema as journal_schema
+from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
 from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
@@ -49,12 +50,13 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
                     "kill with the process number, brings the chamber to its safe state"
                 )
             connection.execute("PRAGMA synchronous = FULL")
-            # One statement: whatever becomes of this process, the controller never waits for it.
-            row = connection.execute(
-                "INSERT INTO requests (controller, kind, who, why, prompt, asked_utc) "
-                "SELECT max(id), ?, ?, ?, ?, ? FROM controllers",
-                (kind.value, who, why, prompt, SystemClock().utc().isoformat()),
-            )
+            # For a millisecond: a controller waits for whoever writes, and hardly ever for one that dies meanwhile.
+            with Ledger(connection, folder).transaction():
+                row = connection.execute(
+                    "INSERT INTO requests (controller, kind, who, why, prompt, asked_utc) "
+                    "SELECT max(id), ?, ?, ?, ?, ? FROM controllers",
+                    (kind.value, who, why, prompt, SystemClock().utc().isoformat()),
+                )
             return int(row.lastrowid or 0)
     except sqlite3.Error as error:
         raise InputError(f"{path}: the request cannot be recorded ({error}); nothing was asked") from error

@@ -151,32 +151,14 @@ def result_digest(outcome: str, reason: str, data: str, ended_s: float, blocks: 
     return digest_of([outcome, reason, data, ended_s, [asdict(block) for block in blocks]])
 
 
-def step_row(step: Step) -> tuple[int, str, str, float, float, float | None, int | None, str | None, str]:
+def step_row(step: Step) -> tuple[Any, ...]:
     """Return a step as a row of the table `steps`."""
-    return (
-        step.index,
-        step.key,
-        step.kind.value,
-        float(step.starts_s),
-        float(step.duration_s),
-        None if step.temperature_degC is None else float(step.temperature_degC),
-        step.self_calibration,
-        step.position,
-        to_json(step.parameters),
-    )
+    degC = None if step.temperature_degC is None else float(step.temperature_degC)
+    plan = (step.index, step.key, step.kind.value, float(step.starts_s), float(step.duration_s))
+    return *plan, degC, step.self_calibration, step.position, to_json(step.parameters)
 
 
 def step_of(row: Sequence[Any]) -> Step:
     """Return the step that `step_row` turned into a row."""
-    number, key, kind, starts_s, duration_s, temperature, self_calibration, position, parameters = row
-    return Step(
-        number,
-        key,
-        StepKind(kind),
-        starts_s,
-        duration_s,
-        temperature,
-        self_calibration,
-        position,
-        json.loads(parameters),
-    )
+    number, key, kind, *plan, parameters = row
+    return Step(*(number, key, StepKind(kind), *plan, json.loads(parameters)))

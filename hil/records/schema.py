@@ -1,18 +1,21 @@
-"""The tables of a journal, and one upgrade function for every version that they have had.
+"""The tables of a journal, and one script for every version that they have had.
 
 A journal is never rewritten: rows are added, and an attempt is closed once. Two kinds of key make a duplicate
-impossible (an attempt is one row; a step is DONE at most once); row numbers without reuse make a deletion visible.
+impossible (an attempt is one row; a step is DONE at most once); the ledger makes any change visible.
 """
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
 from pathlib import Path
 
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
+from hil.records.ledger import enter_everything
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
+
+UNREADABLE = (sqlite3.DatabaseError, UnicodeDecodeError)
+"""What SQLite and its binding make of a damaged file."""
 
 _VERSION_1 = """
 CREATE TABLE night (
@@ -127,22 +130,15 @@ WHEN OLD.withdrawn IS NOT NULL OR OLD.outcome IS NOT 'DONE'
 BEGIN SELECT RAISE(ABORT, 'only a result that counts can be withdrawn'); END;
 """
 
-COUNTED_TABLES = ("controllers", "attempts", "blocks", "events", "heartbeats", "requests")
-"""Tables whose row numbers are never reused, so that a deleted row is a gap."""
+_VERSION_3 = """
+CREATE TABLE ledger (                -- one row per commit (hil.records.ledger)
+    n INTEGER PRIMARY KEY,
+    rows TEXT NOT NULL,              -- JSON: the SHA-256 of every row that it wrote
+    link TEXT NOT NULL               -- SHA-256 of the link before and of `rows`
+);
+"""
 
-
-def _to_1(connection: sqlite3.Connection) -> None:
-    for statement in _statements(_VERSION_1):
-        connection.execute(statement)
-
-
-def _to_2(connection: sqlite3.Connection) -> None:
-    """Add requests, and results that count no more."""
-    for statement in _statements(_VERSION_2):
-        connection.execute(statement)
-
-
-UPGRADES: tuple[Callable[[sqlite3.Connection], None], ...] = (_to_1, _to_2)
+UPGRADES = (_VERSION_1, _VERSION_2, _VERSION_3)
 """UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
 
 VERSION = len(UPGRADES)
@@ -152,8 +148,10 @@ def upgrade(connection: sqlite3.Connection) -> None:
     """Bring a journal to the present version: all of it or, when anything fails, none of it."""
     connection.execute("BEGIN IMMEDIATE")
     try:
-        for version in range(_version(connection), VERSION):
-            UPGRADES[version](connection)
+        for script in UPGRADES[_version(connection) :]:
+            for statement in _statements(script):
+                connection.execute(statement)
+        enter_everything(connection)
         connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     except BaseException:
@@ -167,8 +165,8 @@ def check(connection: sqlite3.Connection, path: Path) -> int:
     try:
         application = connection.execute("PRAGMA application_id").fetchone()[0]
         version = _version(connection)
-    except sqlite3.DatabaseError as error:
-        raise InputError(f"{path}: is not a journal, or is damaged ({error})") from None
+    except UNREADABLE as error:
+        raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
         raise InputError(f"{path}: is a database, but not a journal of hil")
     if version > VERSION:

@@ -35,7 +35,7 @@ def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     folder = Path(folder)
     owner = living_owner(folder)  # before the journal: an owner that ends in between has then written its end
-    with reading(folder) as journal:
+    with reading(folder, damaged_too=True) as journal:
         return _document(_Facts.of(journal, owner))
 
 
@@ -49,7 +49,7 @@ class _Facts:
     attempts: Sequence[Attempt]
     done: Mapping[str, Attempt]
     controller: Controller | None
-    changed: str  # how the plan is not the one that the night began with; empty where it is
+    damage: Sequence[str]  # what of the journal is not as it was written
     lost: Sequence[LostBlock]
     beat: Heartbeat | None  # of the living owner
 
@@ -59,10 +59,11 @@ class _Facts:
         newest = controllers[-1] if controllers else None
         attempts = journal.attempts()
         done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
-        lost = lost_blocks(journal.folder, journal.blocks(), {(key, each.attempt) for key, each in done.items()})
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
-        return cls(journal, owner, journal.plan, attempts, done, newest, journal.changed_plan(), lost, beat)
+        return cls(
+            journal, owner, journal.plan, attempts, done, newest, journal.found, lost_blocks(journal, read=False), beat
+        )
 
     @property
     def held_by_another(self) -> bool:
@@ -117,7 +118,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "prompt": _prompt(facts) if state == "running" else None,
         "chamber": left.word.value if left else None,
         "problems": [
-            *([facts.changed] if facts.changed else []),
+            *facts.damage,
             *map(str, facts.lost),
             *([f"{left}; go to the chamber"] if left and not left.safe else []),
             *([forsaken] if forsaken else []),
@@ -158,8 +159,8 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
 
 
 def _state(facts: _Facts) -> tuple[str, str]:
-    if facts.changed:
-        return "incomplete", f"{facts.changed}, so what is done and what is not cannot be told"
+    if facts.damage:
+        return "incomplete", f"ERROR: {facts.damage[0]}, so what is done and what is not cannot be told"
     if len(facts.done) == len(facts.plan.steps):
         lost = sum(each.samples for each in facts.lost)
         if lost:

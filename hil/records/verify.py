@@ -3,14 +3,13 @@
     night = verify_night(folder)
     night["complete"], night["problems"]  # True, []
 
-It trusts nothing but hashes and arithmetic: the journal is checked for deleted and changed rows, every block for its
-hash and its contents, and every recorded average is computed again from the samples.
+It trusts nothing but hashes and arithmetic: the journal is held against its chain and what stands beside it, every
+block against its hash and its contents, and every recorded average is computed again from the samples.
 """
 
 from __future__ import annotations
 
 import math
-import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,11 @@ import numpy as np
 
 from hil.errors import InputError
 from hil.files.durable import PARTIAL
-from hil.records.blocks import BLOCKS, RAW, SAMPLES, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.records.blocks import BLOCKS, RAW, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.damage import lost_blocks
+from hil.records.reader import JOURNAL_NAME, reading
 from hil.records.rows import Attempt, BlockRow
 from hil.records.status import missing_in_words
-from procedures.plan import StepKind
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -39,33 +38,27 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
     checked = 0
     complete = False
     try:
-        journal = open_readonly(folder)
-    except InputError as error:
+        with reading(folder, damaged_too=True) as journal:
+            problems += journal.found
+            rows = journal.blocks()
+            attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
+            withdrawn = journal.withdrawn()
+            for row in rows:
+                found = _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
+                if (row.step_key, row.attempt) in withdrawn:
+                    notes += [f"{each}; it counts no more, and was done again" for each in found]
+                else:
+                    problems += found
+                checked += 1
+            problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
+            notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
+            missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
+            complete = not missing
+            problems += [f"missing: {what}" for what in missing]
+    except InputError as error:  # it cannot be believed any further
         if not (folder / JOURNAL_NAME).is_file():
             raise
         problems.append(str(error))
-    else:
-        with journal:
-            try:
-                problems += journal.damage()
-                rows = journal.blocks()
-                attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
-                withdrawn = journal.withdrawn()
-                for row in rows:
-                    found = _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
-                    if (row.step_key, row.attempt) in withdrawn:
-                        notes += [f"{each}; it counts no more, and was done again" for each in found]
-                    else:
-                        problems += found
-                    checked += 1
-                problems += _collects_without_samples(journal, rows)
-                notes += _orphans(folder, rows)
-                missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
-                complete = not missing
-                problems += [f"missing: {what}" for what in missing]
-            except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, InputError) as error:
-                # Whatever a damaged database makes of its rows: it cannot be believed any further.
-                problems.append(f"{JOURNAL_NAME}: the journal is damaged and cannot be read ({error})")
     return {
         "schema": "hil.verify/1",
         "complete": complete and not problems,
@@ -102,23 +95,10 @@ def _wrong_averages(row: BlockRow, samples: Samples, data: Mapping[str, Any]) ->
                 )
 
 
-def _collects_without_samples(journal: JournalReader, rows: Sequence[BlockRow]) -> list[str]:
-    sampled = {(row.step_key, row.attempt) for row in rows if row.block.kind == SAMPLES}
-    collects = {step.key for step in journal.plan.of_kind(StepKind.COLLECT)}
-    return [
-        f"{key}: the collect is recorded as done, but no samples are recorded with it"
-        for key, attempt in journal.done_attempts().items()
-        if key in collects and (key, attempt.attempt) not in sampled
-    ]
-
-
-def _orphans(folder: Path, rows: Sequence[BlockRow]) -> list[str]:
+def _orphans(folder: Path, rows: Sequence[BlockRow]) -> Iterator[str]:
     known = {row.block.path for row in rows}
-    found = sorted(path.name for path in (folder / BLOCKS).iterdir()) if (folder / BLOCKS).is_dir() else []
-    notes = []
-    for name in found:
+    for name in sorted(path.name for path in folder.glob(f"{BLOCKS}/*")):
         if name.startswith(PARTIAL):
-            notes.append(f"{BLOCKS}/{name}: an unfinished block, left behind by a crash; harmless")
+            yield f"{BLOCKS}/{name}: an unfinished block, left behind by a crash; harmless"
         elif f"{BLOCKS}/{name}" not in known:
-            notes.append(f"{BLOCKS}/{name}: no journal row names this block (a crash came before); harmless")
-    return notes
+            yield f"{BLOCKS}/{name}: no journal row names this block (a crash came before); harmless"

@@ -18,12 +18,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import Campaign, Collects, FloatArray
 from hil.solve import Estimate, RunSolution, solve_campaign
 from hil.solve.temperatures import nearest, runs_by_temperature
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
+_LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or another gain must explain together
+_PLACES = {"latitude_deg": 0.2, "heading_deg": 3.0}  # beyond what two people write of one bench
+_MENDED = 0.05  # of the squares of what was different must be left
+_GAIN = 0.02
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,7 @@ class Comparison:
     source: str  # who recorded the earlier one, and when
     differences: Sequence[Difference]
     remarks: Sequence[str]
+    doubts: Sequence[str] = ()  # those of the remarks that contradict this campaign
 
     @property
     def flagged(self) -> Sequence[Difference]:
@@ -99,9 +104,57 @@ def compare(campaign: Campaign, earlier: Campaign, unit: str = "", earlier_unit:
                 remarks.append(f"Sensor {sensor} at {_at(temperature)}: the earlier campaign has no such temperature.")
                 continue
             differences += _differences(sensor, temperature, solutions, match)
+    doubts = [f"Sensor {n}: {said}." for n in now if n in before for said in _slips(campaign, earlier, n)]
+    doubts += _sites(campaign.site, earlier.site)
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
-    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks)
+    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, [*doubts, *remarks], doubts)
+
+
+def _slips(campaign: Campaign, earlier: Campaign, number: int) -> Iterator[str]:
+    """Yield what of a sensor's channels, turned, exchanged or with another gain, would agree with the earlier rates."""
+    pairs = list(_same_place(campaign.sensors[number], earlier.sensors[number]))
+    names = list(campaign.sensors[number].conditions.sensor.channels)
+    if len(pairs) < _LEAST_PLACES or list(earlier.sensors[number].conditions.sensor.channels) != names:
+        return
+    now, before = (np.array(rates) for rates in zip(*pairs, strict=True))  # (places, c)
+    away = len(now) * np.var(now - before, axis=0)  # what another bias does not explain
+    for i, name in enumerate(names):
+        size = float(np.sum(now[:, i] ** 2))
+        gain = float(np.sum(now[:, i] * before[:, i])) / size if size > 0.0 else 1.0
+        if np.sum((now[:, i] + before[:, i]) ** 2) < _MENDED * away[i]:
+            yield f"the sign of {name} looks turned: with minus it agrees with the earlier rates"
+        elif np.sum((gain * now[:, i] - before[:, i]) ** 2) < _MENDED * away[i] and abs(gain - 1.0) > _GAIN:
+            yield f"{name} looks {1.0 / gain:.3g} times too large, at every position alike"
+        for j in range(i + 1, len(names)):
+            crossed = np.sum((now[:, [i, j]] - before[:, [j, i]]) ** 2)
+            if crossed < _MENDED * (away[i] + away[j]):
+                yield f"{name} and {names[j]} look exchanged: crosswise they agree with the earlier rates"
+
+
+def _same_place(now: Collects, before: Collects) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield the mean rates, (c,), of both campaigns at each position and temperature that they have in common."""
+    for temperature, runs in runs_by_temperature(now.conditions):
+        groups = dict(runs_by_temperature(before.conditions))
+        match = (
+            temperature if temperature is None else nearest(temperature, [each for each in groups if each is not None])
+        )
+        if match not in groups:
+            continue
+        for label in np.unique(now.conditions.position):
+            here = (now.conditions.position == label) & np.isin(now.conditions.run, runs)
+            there = (before.conditions.position == label) & np.isin(before.conditions.run, groups[match])
+            means = [rows.rates_deg_per_hr[chosen] for rows, chosen in ((now, here), (before, there))]
+            if all(len(each) and np.isfinite(each).all() for each in means):
+                yield means[0].mean(axis=0), means[1].mean(axis=0)
+
+
+def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:
+    """Yield where the two campaigns say that they were taken at other places."""
+    for key, apart in _PLACES.items():
+        if key in now and key in before and abs(now[key] - before[key]) > apart:
+            what = key.removesuffix("_deg")
+            yield f"The {what} is {now[key]:g} deg now and was {before[key]:g}: was the bench moved, or is one wrong?"
 
 
 def _units(unit: str, earlier_unit: str) -> Iterator[str]:

@@ -20,9 +20,8 @@ from hil.report.against import Comparison
 from hil.report.night import NightContent
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.contractor import METHOD
-from hil.solve.runs import judged_as_measured
 from hil.solve.temperatures import runs_by_temperature
-from procedures.verdict import Judgement, Verdict
+from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -76,14 +75,9 @@ class ReportContent:
     comparison: Comparison | None = None
     both_sensors: Sequence[str] = ()
 
-    def judgement(self, solution: RunSolution) -> Judgement:
-        """The verdict on one self-calibration of one sensor: the worse of how it was measured and how it was solved."""
-        judged = judged_as_measured(solution, self.campaign.verdicts)
-        return Judgement(judged.verdict, judged.reason)
-
     def verdict_counts(self) -> Mapping[Verdict, int]:
         """How many solutions got which verdict."""
-        found = [self.judgement(each).verdict for sensor in self.sensors for each in sensor.solutions]
+        found = [each.verdict for sensor in self.sensors for each in sensor.solutions]
         return {verdict: found.count(verdict) for verdict in Verdict if verdict in found}
 
 

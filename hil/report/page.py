@@ -72,7 +72,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "done": night.done if night is not None else "",
         "summary": list(summary(content)),
         "missing": in_brief(night.missing) if night is not None else [],
-        "sensors": [sensor_view(content, each) for each in sensors],
+        "sensors": [sensor_view(each) for each in sensors],
         "both": list(content.both_sensors),
         "uncertainty_note": f"{_STATED if night is None else _RECORDED}; how runs scatter is in the table above.",
         "comparison": None if content.comparison is None else _comparison(content.comparison, order),

@@ -11,11 +11,11 @@ from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
 from hil.analysis.scatter.signature import HYPOTHESES, Interval
 from hil.analysis.scatter.sources import overall
 from hil.campaign import FloatArray
-from hil.report.content import Repeat, ReportContent, SensorContent
+from hil.report.content import Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text, wrap
 from hil.solve import RunSolution
-from procedures.verdict import Verdict
+from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
@@ -44,16 +44,16 @@ _NO_CONTRACTOR = (
 )
 
 
-def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]:
+def sensor_view(sensor: SensorContent) -> dict[str, Any]:
     """Return what the template shows of one sensor."""
     found = sensor.reproduction
     return {
         "number": sensor.number,
         "note": _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else "",
-        "table": _table_1(content, sensor),
+        "table": _table_1(sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
-        "runs": _runs(content, sensor),
-        "reasons": list(_reasons(content, sensor)),
+        "runs": _runs(sensor),
+        "reasons": list(_reasons(sensor)),
         "contractor": _contractors_verdicts(sensor),
         "seven": None if found is None else _table_a1(sensor.number, found),
         "errors": None if found is None else _contractor_errors(sensor.number, found),
@@ -62,7 +62,7 @@ def sensor_view(content: ReportContent, sensor: SensorContent) -> dict[str, Any]
     }
 
 
-def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
+def _table_1(sensor: SensorContent) -> Grid:
     if sensor.is_rotor:
         rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
     else:
@@ -72,7 +72,7 @@ def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
         heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F"))
-    doubtful = [_doubtful(content, sensor, repeat) for repeat in sensor.repeats]
+    doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
     return Grid(
         f"table-1-sensor-{sensor.number}",
         "Table 1's layout: mean over the self-calibrations at each temperature and, below it, their one-sigma scatter "
@@ -91,9 +91,9 @@ def _table_1(content: ReportContent, sensor: SensorContent) -> Grid:
     )
 
 
-def _doubtful(content: ReportContent, sensor: SensorContent, repeat: Repeat) -> str:
+def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
     """Say how many runs of a mean must not be relied upon, a line for each verdict."""
-    found = [content.judgement(each).verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
+    found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
     return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
 
 
@@ -153,7 +153,7 @@ def _line(label: str, sensor: SensorContent, name: str, model: str) -> Line:
     )
 
 
-def _runs(content: ReportContent, sensor: SensorContent) -> Grid:
+def _runs(sensor: SensorContent) -> Grid:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
     temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
     own = [("", each) for each in _units(sensor.solutions).items()]
@@ -166,9 +166,12 @@ def _runs(content: ReportContent, sensor: SensorContent) -> Grid:
     heads += [Cell(name, whose + unit) for whose, (name, unit) in [*own, *beside]]
     rows = []
     for solution in sensor.solutions:
-        judged = content.judgement(solution)
         run = "all" if solution.run is None else str(solution.run)
-        cells = [Cell(run), Cell(temperature.get(solution.runs[0], "")), Cell(str(judged.verdict), kind=judged.verdict)]
+        cells = [
+            Cell(run),
+            Cell(temperature.get(solution.runs[0], "")),
+            Cell(str(solution.verdict), kind=solution.verdict),
+        ]
         for whose, (name, _) in [*own, *beside]:
             of = solution if not whose else sensor.contractor.get(solution.run)
             found = of.parameters.get(name) if of is not None else None
@@ -184,12 +187,13 @@ def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
 
 
-def _reasons(content: ReportContent, sensor: SensorContent) -> Iterator[dict[str, str]]:
+def _reasons(sensor: SensorContent) -> Iterator[dict[str, str]]:
     """Yield each reason once, with its verdict and the runs that it holds for; the worst verdicts first."""
     groups: dict[tuple[int, str, str], list[int]] = {}
     for solution in sensor.solutions:
-        judged = content.judgement(solution)
-        groups.setdefault((-judged.severity, str(judged.verdict), judged.reason), []).extend(solution.runs)
+        groups.setdefault(
+            (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason), []
+        ).extend(solution.runs)
     for (_, verdict, reason), runs in sorted(groups.items()):
         yield {"verdict": verdict, "runs": numbered("run", runs), "reason": reason}
 

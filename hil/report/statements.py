@@ -29,6 +29,11 @@ _THREE_COLLECTS = (
     ),
     "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
     (
+        "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, fit "
+        "these equations as well as what is right, and a fourth collect's too. What shows it: the rate during a known "
+        "rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report --against)."
+    ),
+    (
         "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
         "even g² term does not."
     ),
@@ -58,6 +63,8 @@ def good(content: ReportContent) -> tuple[str, str]:
     counts = content.verdict_counts()
     worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
     whole = content.night is None or content.night.state == "complete"
+    if worst is None and whole and content.comparison is not None and content.comparison.doubts:
+        return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
     if worst is None and counts and whole:
         whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
         return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
@@ -108,7 +115,7 @@ def summary(content: ReportContent) -> Iterator[str]:
             yield from _largest_mu(sensor)
     for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
         for sensor in content.sensors:
-            found = [run for e in sensor.solutions if content.judgement(e).verdict is verdict for run in e.runs]
+            found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
             if found:
                 yield f"{verdict}: sensor {sensor.number}, {numbered('run', found)}."
     if content.comparison is not None:

@@ -75,7 +75,6 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
     for sensor in content.sensors:
         temperature = {run: repeat.temperature_degC for repeat in sensor.repeats for run in repeat.runs}
         for solution in [*sensor.solutions, *sensor.contractor.values()]:
-            judged = content.judgement(solution)
             for name, each in solution.parameters.items():
                 yield {
                     "sensor": solution.sensor,
@@ -86,7 +85,7 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
                     "value": each.value,
                     "se": each.se,
                     "unit": each.unit,
-                    "verdict": str(judged.verdict),
+                    "verdict": str(solution.verdict),
                 }
 
 

@@ -6,7 +6,8 @@
 
 A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
 missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
-exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %).
+exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %). The verdict is the worst of that,
+of how the run was measured (`Campaign.verdicts`) and of what the other runs say of its collects.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ import numpy as np
 from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
-from procedures.verdict import Judgement, Verdict
+from hil.solve.neighbours import contradicted_by_neighbours
+from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, plural, spelled
 
 SCHEMA = "hil.solution/1"
@@ -91,16 +94,19 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
-    return sorted(found, key=lambda each: (each.runs[0], each.sensor))
+    beside = {number: contradicted_by_neighbours(collects) for number, collects in campaign.sensors.items()}
+    judged = [_judged(each, campaign.verdicts, beside[each.sensor]) for each in found]
+    return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
 
 
-def judged_as_measured(solution: RunSolution, measured: Mapping[int, Judgement]) -> RunSolution:
-    """Return the solution with the worse of two verdicts: how it was solved, and how its run was `measured`."""
-    how = None if solution.run is None else measured.get(solution.run)
-    if how is None or how.verdict is Verdict.PASS:
+def _judged(solution: RunSolution, *measured: Mapping[int, Judgement]) -> RunSolution:
+    """Return the solution with the worst of verdicts: how it was solved, and how its run was `measured`."""
+    found = [] if solution.run is None else [each[solution.run] for each in measured if solution.run in each]
+    judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
+    if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution
-    worse = max(Judgement(solution.verdict, solution.reason), how, key=lambda each: each.severity)
-    return replace(solution, verdict=worse.verdict, reason="; ".join(dict.fromkeys([how.reason, solution.reason])))
+    reasons = judged.reason if solution.verdict is not Verdict.PASS else f"{judged.reason}; {solution.reason}"
+    return replace(solution, verdict=judged.verdict, reason=reasons)
 
 
 def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[str, Any]:
@@ -207,9 +213,9 @@ def _follow_contractor(sensor: int, run: int | None, form: LinearForm, collects:
 
 
 def stated_noise(collects: Collects) -> FloatArray | None:
-    """Return the rates' standard errors (n, c), or None where a measured rate has none: then all weigh alike."""
+    """Return the rates' standard errors (n, c), or None where a measured rate has none (0 is none): all weigh alike."""
     measured = ~np.isnan(collects.rates_deg_per_hr)
-    if np.any(np.isnan(collects.rates_se_deg_per_hr[measured])):
+    if not np.all(collects.rates_se_deg_per_hr[measured] > 0.0):
         return None
     return collects.rates_se_deg_per_hr
 
@@ -254,6 +260,8 @@ def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str])
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:
     conditions = collects.conditions
     said = ["f and the earth rate w are taken as given; local gravity is 1 g"]
+    if not np.isfinite(accelerations_g(collects)).any():
+        said.append("the pose was not measured (no accelerations): that the unit lay as each position says")
     if not np.any(conditions.w_deg_per_hr):
         said.append(
             "the earth rate is given as 0: what there is of it (up to 15.04 deg/hr) stands in the parameters, its "

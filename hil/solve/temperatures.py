@@ -34,7 +34,7 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     Without any temperature all collects are of one. Given
     `apart_degC`, steps of more than that part two temperatures, and nothing else does.
     """
-    level = _level(conditions, apart_degC)
+    level = level_degC(conditions, apart_degC)
     if level is None:
         return np.zeros(len(conditions), dtype=np.int64)
     known = np.isfinite(level)
@@ -50,7 +50,7 @@ def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tupl
     run whose own is not known is a group by itself (None): nobody can say that it repeats another.
     """
     runs = np.unique(conditions.run)
-    level = _level(conditions)
+    level = level_degC(conditions)
     if level is None:
         return [(None, tuple(int(run) for run in runs))]
     number = same_temperature(conditions)
@@ -71,7 +71,7 @@ def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> flo
     return min(close, key=lambda other: abs(other - temperature_degC), default=None)
 
 
-def _level(conditions: Conditions, apart_degC: float | None = None) -> FloatArray | None:
+def level_degC(conditions: Conditions, apart_degC: float | None = None) -> FloatArray | None:
     """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
     columns = conditions.columns
     said = {name: columns[name] for name in _TELL if name in columns and np.any(np.isfinite(columns[name]))}

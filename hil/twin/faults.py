@@ -68,7 +68,7 @@ class FaultInjector(Silent):
         self._clock = clock
         self._begun_s = clock.now() - gone_s  # what the clock showed, or would have shown, when the night began
         self._kill_s = math.inf
-        self._absent: list[tuple[float, float]] = []
+        self._operator: list[tuple[str, float, float]] = []
         self._devices: SimulatedBench | None = None
         self._ports: Mapping[str, MemoryTransport] = {}
         self._disk = FullDisk(clock)
@@ -89,9 +89,20 @@ class FaultInjector(Silent):
 
         def answer(question: str, timeout_s: float) -> bool | None:
             given = ask(question, timeout_s)
-            return None if self._is_on(self._absent) else given
+            return None if self._operator_has("no_answer") else given
 
         return answer
+
+    def hands(self, positions: Sequence[str]) -> Callable[[str], None]:
+        """Return what an operator does with the simulated unit: lays it as asked, except while they lay it wrong."""
+
+        def turn(position: str) -> None:
+            if self._operator_has("wrong_position"):
+                position = positions[(positions.index(position) + 1) % len(positions)]
+            if self._devices is not None:
+                self._devices.imu.turn_by_hand(position, self._clock.now())
+
+        return turn
 
     def step_began(self, step: Step, attempt: int) -> None:
         """Let happen what waits for this step, at the first attempt of the night; not when it is done again."""
@@ -109,8 +120,8 @@ class FaultInjector(Silent):
         if self._clock.now() >= self._kill_s:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def _is_on(self, spans: Sequence[tuple[float, float]]) -> bool:
-        return any(begins_s <= self._clock.now() < ends_s for begins_s, ends_s in spans)
+    def _operator_has(self, kind: str) -> bool:
+        return any(k == kind and begins_s <= self._clock.now() < ends_s for k, begins_s, ends_s in self._operator)
 
     def _let_happen(self, fault: Fault, begins_s: float) -> None:
         """Give the fault to whom it concerns, unless it was over before this process began."""
@@ -122,7 +133,7 @@ class FaultInjector(Silent):
             "chamber": self._to_the_chamber,
             "disk": lambda _fault, begins_s, ends_s: self._disk.full_between.append((begins_s, ends_s)),
             "clock": self._to_the_clock,
-            "operator": lambda _fault, begins_s, ends_s: self._absent.append((begins_s, ends_s)),
+            "operator": lambda fault, begins_s, ends_s: self._operator.append((fault.kind, begins_s, ends_s)),
             "controller": self._to_the_controller,
         }
         tell[fault.device](fault, begins_s, ends_s)

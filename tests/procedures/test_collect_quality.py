@@ -11,7 +11,7 @@ import pytest
 from drivers.frames.counts import StreamCounts
 from drivers.imu import SampleBlock, SensorChannels
 from procedures.collect import join, reduce_collect
-from procedures.quality import clipped, longest_run, missing_in_gaps, moved, slope_per_min
+from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, slope_per_min
 from procedures.settings import CollectSettings
 
 N, HZ = 1200, 20.0
@@ -167,8 +167,7 @@ def test_coarse_quantisation_is_neither_frozen_nor_clipped():
     rng = np.random.default_rng(7)
     for step in (0.5, 1.0, 2.0, 4.0):
         values = np.round(3.0 * rng.standard_normal(N) / step) * step
-        assert clipped(values) is None, step
-    assert clipped(np.zeros(N)) is None
+        assert not_measured(values, frozen=len(values)) is None, step
 
 
 def test_runs_gaps_and_slopes_of_edge_cases():

@@ -17,6 +17,7 @@ export function troubleOf(head) {
       text: "The controller is dead: it was killed, or lost its power. The chamber may still be conditioning; hil watchdog makes it safe, hil resume carries on.",
     };
   }
+  if (head.reason.startsWith("ERROR: ")) return { bad: true, text: head.reason };
   if (head.working && head.old) {
     return {
       bad: head.age_s > 60,

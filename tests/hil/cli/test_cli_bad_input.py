@@ -116,13 +116,13 @@ def test_a_disk_without_room_for_the_journal_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_journal_that_cannot_be_read_is_bad_input_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_journal_that_cannot_be_read_is_damaged_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     """Bytes gone wrong in the middle of the file are no defect of the program."""
 
     def malformed() -> None:
         raise sqlite3.DatabaseError("database disk image is malformed")
 
-    assert run_to_exit(malformed) == 2
+    assert run_to_exit(malformed) == 4
     assert capsys.readouterr().err == (
-        "hil: the journal is damaged (database disk image is malformed); hil verify says how far\n"
+        "hil: ERROR: the journal is damaged (database disk image is malformed); hil verify says how far\n"
     )

@@ -34,8 +34,9 @@ def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_
     assert gather(read_campaign(campaign)).verdict_counts() == {Verdict.INCONCLUSIVE: 2}
     next((night / "blocks").glob("*.parquet")).unlink()
     solved = hil("solve", night, "--json")
-    assert "missing: the samples of" in json.loads(solved.stdout)["warnings"][0]
-    assert "missing: the samples of" in solved.stderr.replace("\n", " ")
+    assert (solved.returncode, solved.stdout) == (4, "")
+    assert "hil: ERROR: " in solved.stderr
+    assert "the block is missing" in solved.stderr
 
 
 @pytest.mark.parametrize(

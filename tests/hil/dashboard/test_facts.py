@@ -30,8 +30,10 @@ from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
 from hil.records.heartbeat import HEARTBEAT_NAME, HeartbeatFile
+from hil.records.ledger import HEAD_NAME, enter_everything
 from hil.records.live import LIVE_NAME, LiveFiles
 from hil.records.reader import JOURNAL_NAME
+from hil.records.witnesses import LOG_NAME
 from hil.solve import solve_campaign
 from hil.solve.runs import solution_document
 from procedures.progress import Silent, Snapshot
@@ -136,6 +138,10 @@ def killed(night: Watched, tmp_path: Path) -> Path:
     with contextlib.closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as connection:
         connection.execute("DELETE FROM attempts WHERE id = (SELECT max(id) FROM attempts)")
         connection.execute("UPDATE controllers SET ended = NULL")
+        connection.execute("DELETE FROM ledger")
+        enter_everything(connection)
+    (folder / HEAD_NAME).unlink()
+    (folder / LOG_NAME).unlink()
     return folder
 
 

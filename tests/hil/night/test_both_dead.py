@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import sqlite3
-from contextlib import closing
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.config.recorded import configuration_text
 from hil.files.lock import LOCK_NAME, Owner
 from hil.records import SqliteJournal
-from hil.records.journal import JOURNAL_NAME
 from hil.records.rows import Night
 from hil.records.status import night_status
 from hil.twin.serve import client_bench, served
@@ -37,17 +35,18 @@ def bench_with(**chamber: Any) -> Bench:
 
 def killed_night(folder: Path, bench: Bench) -> None:
     """Make a night whose controller was killed while it held 60 °C, and whose watchdog was killed with it."""
-    folder.mkdir()
+    alive = folder.with_name("alive")
+    alive.mkdir()
     sweep = load_sweep("quick")
     plan = make_plan(sweep.procedure())
     configuration = configuration_text(bench, sweep, None)
     about = Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=configuration)
-    SqliteJournal.create(folder, plan, about)
-    with SqliteJournal.open(folder, clock=SystemClock()) as journal:
+    SqliteJournal.create(alive, plan, about)
+    with SqliteJournal.open(alive, clock=SystemClock()) as journal:
         journal.begin(plan.steps[0])
         journal.heartbeat(plan.steps[0], {"chamber_degC": 59.9, "setpoint_degC": 60.0})
-    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as database:
-        database.execute("UPDATE controllers SET ended = NULL")
+        shutil.copytree(alive, folder)  # what a process leaves that is killed now
+    shutil.rmtree(alive)
     (folder / LOCK_NAME).write_text(json.dumps(asdict(Owner(os.getpid(), os.uname().nodename, "", "1"))))
 
 

@@ -18,7 +18,7 @@ from hil.config import load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
 from hil.night import resume_night, start_night
-from hil.records import SqliteJournal
+from hil.records import open_readonly
 from hil.records.blocks import SAMPLES, read_samples
 from hil.records.export import campaign_of_night, export_campaign
 from hil.records.status import night_status
@@ -51,7 +51,7 @@ def test_a_night_is_complete_and_sound(finished: Path) -> None:
     """Every step done, every block right, who and with what in the record."""
     assert verify_night(finished)["problems"] == []
     assert night_status(finished)["state"] == "complete"
-    with SqliteJournal.open_readonly(finished) as journal:
+    with open_readonly(finished) as journal:
         assert (journal.night.who, journal.night.seed, journal.night.simulated) == ("rk", 861, True)
         assert set(journal.night.versions or {}) >= {"hil", "numpy", "python", "sqlite"}
         assert "temperatures: [" in SWEEP
@@ -65,14 +65,14 @@ def test_the_same_seed_gives_the_same_samples_and_another_seed_others(finished: 
     """A simulated night is reproducible to the byte, and the seed that was used is in the record."""
 
     def hashes(folder: Path) -> list[str]:
-        with SqliteJournal.open_readonly(folder) as journal:
+        with open_readonly(folder) as journal:
             return [row.block.sha256 for row in journal.blocks()]
 
     start_night(tmp_path / "same", SHORT, load_bench("simulated"))
     start_night(tmp_path / "other", SHORT, load_bench("simulated"), seed=5)
     assert hashes(tmp_path / "same") == hashes(finished)
     assert not set(hashes(tmp_path / "other")) & set(hashes(finished))
-    with SqliteJournal.open_readonly(tmp_path / "other") as journal:
+    with open_readonly(tmp_path / "other") as journal:
         assert journal.night.seed == 5
 
 
@@ -186,12 +186,12 @@ def test_a_night_whose_controller_was_killed_is_carried_on(finished: Path, tmp_p
     before = night_status(folder)
     assert before["state"] == "incomplete"
     assert before["reason"] == "the controller was killed, or lost its power"
-    with SqliteJournal.open_readonly(folder) as journal:
+    with open_readonly(folder) as journal:
         done, blocks = journal.completed(), journal.blocks()
     outcome = resume_night(folder, who="morning shift")
     assert (outcome.state, outcome.exit_status) == ("complete", 0)
     assert verify_night(folder)["problems"] == []
-    with SqliteJournal.open_readonly(folder) as journal:
+    with open_readonly(folder) as journal:
         after = journal.completed()
         assert {key: after[key] for key in done} == done
         assert journal.blocks()[: len(blocks)] == blocks
@@ -204,7 +204,7 @@ def test_a_night_whose_controller_was_killed_is_carried_on(finished: Path, tmp_p
         assert starts == sorted(starts)
         attempts = [each for each in journal.attempts() if each.outcome is Outcome.DONE]
         assert len({each.step_key for each in attempts}) == len(attempts)
-    with SqliteJournal.open_readonly(finished) as journal:
+    with open_readonly(finished) as journal:
         undisturbed = journal.completed()
     for key in (step for step in after if "collect" in step):
         rates, expected = (each[key].data["sensors"]["2"]["rates"] for each in (after, undisturbed))
@@ -245,7 +245,7 @@ def test_an_exported_night_reads_back_as_it_was_recorded(finished: Path, tmp_pat
     numbers = sorted(int(n) for rows in campaign.sensors.values() for n in rows.conditions.collect)
     assert numbers == list(range(1, 9))
     bench = load_bench("simulated")
-    with SqliteJournal.open_readonly(finished) as journal:
+    with open_readonly(finished) as journal:
         collects = [step for step in journal.plan.steps if step.kind == "collect"]
         completed = journal.completed()
         blocks = {row.step_key: row.block for row in journal.blocks() if row.block.kind == SAMPLES}
@@ -357,7 +357,7 @@ def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
     """All of it, soak included, because its collects count as simultaneous; the other stands, byte for byte."""
     folder = tmp_path / "night"
     shutil.copytree(finished, folder)
-    with SqliteJournal.open_readonly(folder) as journal:
+    with open_readonly(folder) as journal:
         samples = {row.step_key: folder / row.block.path for row in journal.blocks() if row.block.kind == SAMPLES}
         before = journal.completed()
     victim = samples["T1/S1/C2/collect"]
@@ -368,7 +368,7 @@ def test_a_resume_does_a_self_calibration_again_whose_samples_are_damaged(
     others = {key: path.read_bytes() for key, path in samples.items() if "S2" in key}
     outcome = resume_night(folder)
     assert (outcome.state, outcome.exit_status) == ("complete", 0)
-    with SqliteJournal.open_readonly(folder) as journal:
+    with open_readonly(folder) as journal:
         after = journal.completed()
         (event,) = [event for event in journal.events() if event.kind == "damage"]
         soaks = [each.outcome for each in journal.attempts() if each.step_key == "T1/S1/restabilise"]

@@ -14,12 +14,13 @@ import pytest
 from drivers.clock import SystemClock, VirtualClock
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
-from hil.errors import InputError
+from hil.errors import Damaged
 from hil.night import resume_night, start_night
 from hil.records import SqliteJournal, open_readonly
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import SILENCE_BORNE_S, HeartbeatFile
 from hil.records.journal import JOURNAL_NAME
+from hil.records.ledger import HEAD_NAME
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.stop import StopRequest
@@ -59,30 +60,30 @@ def cut_off(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("statement", "words"),
     [
-        ("UPDATE steps SET temperature_degC = 70.0 WHERE kind = 'setpoint' AND number < 3", "was changed"),
-        ("UPDATE steps SET duration_s = 1.0 WHERE kind = 'restabilise'", "was changed"),
-        ("DELETE FROM steps WHERE kind = 'safe_state'", "steps, "),
-        ("UPDATE steps SET parameters = '{'", "the plan cannot be understood"),
-        ("UPDATE steps SET kind = 'explode' WHERE number = 1", "the plan cannot be understood"),
-        ("UPDATE night SET configuration = replace(configuration, '23', '24')", "was changed"),
-        ("UPDATE night SET began_utc = 'yesterday'", "cannot be understood"),
+        ("UPDATE steps SET temperature_degC = 70.0 WHERE kind = 'setpoint' AND number < 3", "of the table steps"),
+        ("DELETE FROM steps WHERE kind = 'safe_state'", "of the table steps"),
+        ("UPDATE steps SET parameters = '{'", "of the table steps"),
+        ("UPDATE night SET configuration = replace(configuration, '23', '24')", "of the table night"),
+        ("UPDATE night SET began_utc = 'yesterday'", "of the table night"),
     ],
 )
 def test_a_night_whose_plan_was_edited_is_not_carried_on(
     cut_off: Path, tmp_path: Path, statement: str, words: str
 ) -> None:
-    """What it would do now nobody has checked: a sentence, status 2, and not a byte of the folder is another."""
+    """What it would do now nobody has checked: a sentence, status 4, and not a byte of the folder is another."""
     folder = tmp_path / "night"
     with closing(sqlite3.connect(cut_off / JOURNAL_NAME)) as source:
         folder.mkdir()
         with closing(sqlite3.connect(folder / JOURNAL_NAME)) as copy:
             source.backup(copy)
+    (folder / HEAD_NAME).write_bytes((cut_off / HEAD_NAME).read_bytes())
     edit(folder, statement)
     before = contents(folder)
     said = io.StringIO()
     with redirect_stderr(said):
-        assert run(["resume", str(folder), "--quiet"]) == 2
+        assert run(["resume", str(folder), "--quiet"]) == 4
     assert words in said.getvalue()
+    assert "hil repair" in said.getvalue()
     assert len(said.getvalue().strip().splitlines()) == 1
     assert contents(folder) == before
     assert verify_night(folder)["problems"]
@@ -97,8 +98,8 @@ def test_a_plan_that_was_cut_short_does_not_make_a_night_complete(
     edit(new_night, "DELETE FROM steps WHERE number > 0")
     status = night_status(new_night)
     assert status["state"] == "incomplete"
-    assert "the plan has 1 steps" in status["reason"]
-    with pytest.raises(InputError, match="the plan has 1 steps"):
+    assert "of the table steps" in status["reason"]
+    with pytest.raises(Damaged, match="of the table steps"):
         resume_night(new_night)
 
 
@@ -122,7 +123,7 @@ def test_lost_raw_bytes_are_said_and_cost_no_self_calibration(full_night: Path) 
     status = night_status(full_night)
     assert status["state"] == "complete"
     (problem,) = status["problems"]
-    assert f"{block.name}: 100 bytes instead of" in problem
+    assert f"{block.name}: has 100 bytes" in problem
     assert "hil replay needs them" in problem
     assert run(["status", str(full_night)]) == 4
     with open_readonly(full_night) as journal:

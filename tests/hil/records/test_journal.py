@@ -14,7 +14,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.errors import InputError
-from hil.records import SqliteJournal
+from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema
 from hil.records.journal import JOURNAL_NAME
 from hil.records.rows import Night, to_json
@@ -121,7 +121,7 @@ def test_another_reader_sees_what_was_committed_while_the_controller_writes(
     journal: SqliteJournal, plan: Plan, clock: VirtualClock, do: Do
 ) -> None:
     """Status from another shell works during a run, sees whole results only, and cannot write."""
-    with SqliteJournal.open_readonly(journal.folder) as reader:
+    with open_readonly(journal.folder) as reader:
         for number, step in enumerate(plan.steps[:4], start=1):
             do(journal, step, clock)
             assert len(reader.completed()) == number
@@ -207,16 +207,16 @@ def test_an_existing_night_is_never_overwritten(new_night: Path, plan: Plan, clo
 def test_what_is_no_journal_is_refused_in_one_sentence(tmp_path: Path, clock: VirtualClock) -> None:
     """No journal, rubbish, another program's database, a later version: all are refused."""
     with pytest.raises(InputError, match="holds no night"):
-        SqliteJournal.open_readonly(tmp_path)
+        open_readonly(tmp_path)
     path = tmp_path / JOURNAL_NAME
     path.write_bytes(b"not a database at all" * 100)
     with pytest.raises(InputError, match="is not a journal, or is damaged"):
-        SqliteJournal.open_readonly(tmp_path)
+        open_readonly(tmp_path)
     path.unlink()
     connection = sqlite3.connect(path)
     connection.execute("CREATE TABLE other (x)")
     with pytest.raises(InputError, match="not a journal of hil"):
-        SqliteJournal.open_readonly(tmp_path)
+        open_readonly(tmp_path)
     connection.execute(f"PRAGMA application_id = {journal_schema.APPLICATION_ID}")
     connection.execute(f"PRAGMA user_version = {journal_schema.VERSION + 1}")
     connection.close()
@@ -226,11 +226,7 @@ def test_what_is_no_journal_is_refused_in_one_sentence(tmp_path: Path, clock: Vi
 
 def test_an_upgrade_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A schema upgrade is one transaction."""
-
-    def broken(connection: sqlite3.Connection) -> None:
-        connection.execute("CREATE TABLE half (x)")
-        raise sqlite3.OperationalError("no space")
-
+    broken = "CREATE TABLE half (x);\nINSERT INTO no_table VALUES (1);\n"
     connection = sqlite3.connect(tmp_path / "x.sqlite", isolation_level=None)
     monkeypatch.setattr(journal_schema, "UPGRADES", (*journal_schema.UPGRADES, broken))
     monkeypatch.setattr(journal_schema, "VERSION", journal_schema.VERSION + 1)

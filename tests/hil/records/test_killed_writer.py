@@ -16,7 +16,7 @@ import pytest
 from drivers.clock import SystemClock
 from hil.errors import InputError
 from hil.files.lock import living_owner
-from hil.records import SqliteJournal
+from hil.records import SqliteJournal, open_readonly
 from hil.records.blocks import RAW, SAMPLES, read_raw, read_samples
 from hil.records.rows import Night
 from hil.records.verify import verify_night
@@ -90,7 +90,7 @@ def test_what_was_committed_survives_kills_at_random_instants(long_night: Path, 
         promised += [child.stdout.readline().decode().strip() for _ in range(instants.randrange(6))]
         SystemClock().sleep(instants.uniform(0.0, 0.01))
         promised += kill(child)
-        with SqliteJournal.open_readonly(long_night) as journal:
+        with open_readonly(long_night) as journal:
             completed = journal.completed()
             attempts = [each for each in journal.attempts() if each.outcome is Outcome.DONE]
             blocks = {(row.step_key, row.block.kind): row.block for row in journal.blocks()}
@@ -123,14 +123,14 @@ def test_a_kill_between_blocks_and_commit_leaves_an_orphan_and_no_result(long_ni
     result = verify_night(long_night)
     assert len(result["notes"]) == 2
     assert all("no journal row names this block" in note for note in result["notes"])
-    with SqliteJournal.open_readonly(long_night) as journal:
+    with open_readonly(long_night) as journal:
         assert journal.completed() == {}
         assert [(each.attempt, each.outcome) for each in journal.attempts()] == [(1, None)]
     child = start(long_night)
     assert child.stdout is not None
     assert child.stdout.readline().decode().strip() == "T0/collect"
     kill(child)
-    with SqliteJournal.open_readonly(long_night) as journal:
+    with open_readonly(long_night) as journal:
         assert [row.attempt for row in journal.blocks()][:2] == [2, 2]
         assert journal.damage() == []
 

@@ -14,6 +14,7 @@ from hil.errors import InputError
 from hil.files.lock import FolderLock
 from hil.records import SqliteJournal
 from hil.records.journal import JOURNAL_NAME
+from hil.records.ledger import Ledger
 from hil.records.status import STALE_AFTER_S, night_status
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan
@@ -73,7 +74,8 @@ def test_a_controller_that_is_there_but_silent_is_not_running(journal: SqliteJou
     journal.event("note", "the last thing it said")
     long_ago = SystemClock().utc() - timedelta(seconds=STALE_AFTER_S + 10.0)
     other = sqlite3.connect(journal.folder / JOURNAL_NAME, isolation_level=None)
-    other.execute("UPDATE controllers SET seen_utc = ?", (long_ago.isoformat(),))
+    with Ledger(other, journal.folder).transaction():
+        other.execute("UPDATE controllers SET seen_utc = ?", (long_ago.isoformat(),))
     other.close()
     status = night_status(journal.folder)
     assert status["state"] == "incomplete"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -13,11 +14,13 @@ from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
 from hil.errors import InputError
 from hil.records import SqliteJournal
+from hil.records.blocks import stem_of
 from hil.records.journal import JOURNAL_NAME
-from hil.records.schema import COUNTED_TABLES
+from hil.records.ledger import TABLES
 from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, StepKind
+from tests.hil.records.conftest import carry_out
 
 
 def blocks_of(folder: Path) -> list[Path]:
@@ -30,6 +33,7 @@ def tamper(folder: Path, *statements: str) -> None:
     connection = sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)
     connection.execute("DROP TRIGGER an_ended_attempt_stays")
     connection.execute("DROP TRIGGER a_block_stays")
+    connection.execute("DROP TRIGGER an_answer_stays")
     for statement in statements:
         connection.execute(statement)
     connection.close()
@@ -74,30 +78,44 @@ def test_a_deleted_or_shortened_block_is_found(full_night: Path) -> None:
     assert "were written" in problems[1]
 
 
-@pytest.mark.parametrize("which", ["min(id)", "max(id)"])
-@pytest.mark.parametrize("table", COUNTED_TABLES)
+@pytest.mark.parametrize("which", ["min", "max"])
+@pytest.mark.parametrize("table", [*TABLES, "ledger"])
 def test_a_deleted_journal_row_is_found(full_night: Path, table: str, which: str) -> None:
     """Any row of any table, the last one included."""
-    tamper(full_night, f"DELETE FROM {table} WHERE id = (SELECT {which} FROM {table})")  # noqa: S608
+    tamper(full_night, f"DELETE FROM {table} WHERE rowid = (SELECT {which}(rowid) FROM {table})")  # noqa: S608
     result = verify_night(full_night)
     assert not result["complete"]
-    assert any(f"rows of the table {table} were deleted" in problem for problem in result["problems"])
+    words = (
+        "ledger|newest were lost" if table == "ledger" else f"row .* of the table {table} was deleted|night is missing"
+    )
+    assert any(re.search(words, problem) for problem in result["problems"]), result["problems"]
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("DELETE FROM steps WHERE number = 0", "planned"),
-        ("UPDATE steps SET temperature_degC = 21.0 WHERE number = 3", "plan or the configuration was changed"),
-        ("UPDATE night SET configuration = 'bench: other'", "plan or the configuration was changed"),
-        ("UPDATE attempts SET data = replace(data, 'PASS', 'FAIL') WHERE id = 4", "was changed after it was written"),
-        ("UPDATE attempts SET reason = 'excellent' WHERE id = 2", "was changed after it was written"),
-        ("UPDATE blocks SET sha256 = 'no' WHERE id = 1", "was changed after it was written"),
+        ("UPDATE steps SET temperature_degC = 21.0 WHERE number = 3", "row 3 of the table steps (T1/S1/C1/index)"),
+        ("UPDATE night SET configuration = 'bench: other'", "row 1 of the table night (Small)"),
+        ("UPDATE night SET title = title || '.', began_utc = 'yesterday'", "row 1 of the table night"),
+        ("UPDATE attempts SET data = replace(data, 'PASS', 'FAIL') WHERE id = 4", "row 4 of the table attempts"),
+        ("UPDATE attempts SET reason = 'excellent' WHERE id = 2", "row 2 of the table attempts"),
+        ("UPDATE attempts SET began_s = began_s + 0.001 WHERE id = 2", "row 2 of the table attempts"),
+        ("UPDATE blocks SET sha256 = 'no' WHERE id = 1", "row 1 of the table blocks (T1/S1/C1/collect)"),
+        ("UPDATE heartbeats SET readings = '{' WHERE id = 3", "row 3 of the table heartbeats"),
+        ("UPDATE events SET message = 'all went badly'", "row 1 of the table events (note)"),
+        ("UPDATE requests SET who = 'ann'", "row 1 of the table requests (pause)"),
+        ("UPDATE controllers SET seen_s = seen_s + 1", "row 1 of the table controllers"),
+        ("UPDATE ledger SET link = upper(link) WHERE n = 7", "entry 7 of its ledger"),
+        ("UPDATE ledger SET rows = '{' WHERE n = 7", "entry 7 of its ledger"),
+        (
+            "INSERT INTO events (controller, at_s, kind, message, evidence) VALUES (1, 0, 'x', 'y', '{}')",
+            "row 2 of the",
+        ),
         ("DELETE FROM night", "the row that describes the night is missing"),
     ],
 )
 def test_a_changed_journal_row_is_found(full_night: Path, change: str, words: str) -> None:
-    """Numbers, plan, configuration: whatever was written is sealed by a digest."""
+    """Numbers, plan, configuration, signs of life: whatever was written is in the chain."""
     tamper(full_night, change)
     result = verify_night(full_night)
     assert not result["complete"]
@@ -134,14 +152,23 @@ def test_a_collect_without_samples_is_found(journal: SqliteJournal, plan: Plan) 
     assert any("no samples are recorded" in problem for problem in verify_night(journal.folder)["problems"])
 
 
-def test_what_a_crash_left_behind_is_a_note_and_no_problem(full_night: Path) -> None:
-    """Orphan blocks and unfinished files are harmless, and are said."""
-    (full_night / "blocks" / "00004-orphan-9.parquet").write_bytes(b"x")
+def test_what_a_crash_left_behind_is_a_note_and_no_problem(full_night: Path, clock: VirtualClock) -> None:
+    """A block of an attempt that never ended, and unfinished files, are harmless, and are said; any other is damage."""
+    with SqliteJournal.open(full_night, clock=clock) as journal:
+        step = journal.plan.steps[4]
+        journal.withdraw([step.key], "again")
+        journal.begin(step)
+        carry_out(journal, step, clock)
+    left = full_night / "blocks" / f"{stem_of(step.index, step.key, 2)}.parquet"
+    left.write_bytes(b"x")
     (full_night / "blocks" / ".partial-00004-orphan-9.raw.zst").write_bytes(b"x")
     result = verify_night(full_night)
-    assert result["complete"]
+    assert result["complete"], result["problems"]
     assert len(result["notes"]) == 2
     assert all("harmless" in note for note in result["notes"])
+    left.rename(left.with_name(f"{stem_of(step.index, step.key, 4)}.parquet"))
+    (problem,) = verify_night(full_night)["problems"]
+    assert "-4.parquet was recorded, and the journal knows nothing of the attempt" in problem
 
 
 def test_a_night_that_is_not_finished_names_what_is_missing(

@@ -220,7 +220,12 @@ def test_random_faults_are_the_same_for_a_seed_and_make_sense() -> None:
         ]
         seen |= {(fault.device, fault.kind) for fault in drawn}
         json.dumps([fault.as_document() for fault in drawn])
-    assert seen == {(device, kind) for device, kinds in CATALOGUE.items() for kind in kinds if kind not in NEVER}
+    assert seen == {
+        (device, kind)
+        for device, kinds in CATALOGUE.items()
+        for kind in kinds
+        if device != "operator" and kind not in NEVER
+    }
 
 
 def test_every_fault_is_in_the_reference() -> None:

@@ -86,6 +86,7 @@ DEFECTS = {
     "rename-before-fsync": (("power", "--take", "1"), "before its bytes were synchronised"),
     "rename-after-commit": (("points", "--before", "rename"), "the block is missing"),
     "double-commit": (("power", "--take", "1"), "is done 2 times"),
+    "head-before-commit": (("points", "--take", "30", "--seed", "1", "--only-new"), "the newest were lost"),
     "not-synchronous": (("power", "--take", "5", "--seed", "1"), "damaged|malformed|lost|journal"),
 }
 

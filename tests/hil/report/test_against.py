@@ -16,6 +16,7 @@ from hil.cli.app import run as hil
 from hil.report.against import Comparison, compare
 from hil.report.content import gather
 from hil.report.page import render
+from hil.report.statements import good
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +139,35 @@ def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.Capture
     assert len(lines) == 1 + 48
     assert "difference" in lines[0]
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rates: rates * [-1.0, 1.0], "the sign of RA looks turned"),
+        (lambda rates: rates * [1.0, 1.3], "RB looks 1.3 times too large"),
+        (lambda rates: rates[:, ::-1], "RA and RB look exchanged"),
+        (lambda rates: rates, ""),
+        (lambda rates: rates + 80.0, ""),
+    ],
+)
+def test_what_six_equations_cannot_see_the_last_parameters_do(first: Campaign, change, words: str) -> None:
+    """A turned sign, another gain, exchanged channels: no residual, but the unit was another before."""
+    rates = np.asarray(change(first.sensors[2].rates_deg_per_hr))
+    now = replace(
+        first, sensors={2: replace(again(first, np.random.default_rng(3)).sensors[2], rates_deg_per_hr=rates)}
+    )
+    said = [each for each in compare(now, first).remarks if "looks" in each or "look " in each]
+    assert (words in " ".join(said)) if words else not said
+
+
+def test_a_site_that_moved_is_no_pass(first: Campaign) -> None:
+    """A latitude that is ten degrees off fits six equations; the unit's last campaign says another."""
+    here = replace(first, site={"latitude_deg": 44.6, "heading_deg": 30.0})
+    before = replace(first, site={"latitude_deg": 34.6, "heading_deg": 31.0})
+    found = compare(here, before)
+    assert [each for each in found.doubts if "latitude is 44.6 deg now and was 34.6" in each] == list(found.doubts)
+    verdict, said = good(gather(here, None, found))
+    assert verdict == "MARGINAL"
+    assert "latitude" in said
+    assert good(gather(here, None, compare(here, here)))[0] == "PASS"

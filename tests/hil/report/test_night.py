@@ -169,7 +169,7 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
     passed = Judgement(Verdict.PASS, "")
     for judged, told in ((passed, ""), (Judgement(Verdict.FAIL, "moved"), "1 FAIL")):
         content = gather(replace(campaign, verdicts={1: judged, 2: passed, 3: passed, 4: passed}))
-        table = sensor_view(content, content.sensors[0])["table"]
+        table = sensor_view(content.sensors[0])["table"]
         assert [(cell.text, cell.below) for cell in table.rows[0][1:]] == [("2", told), ("2", "")]
         assert ("INCONCLUSIVE or FAIL" in table.caption) == bool(told)
 

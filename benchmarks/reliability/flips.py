@@ -1,0 +1,203 @@
+"""Change one byte, or one row, of a complete night, and ask everything that states a number whether it was named.
+
+    python -m benchmarks.reliability.flips bytes     # every byte of every file, one bit of it, drawn by the seed
+    python -m benchmarks.reliability.flips bytes --every 50 --only "journal.*" --seed 3
+    python -m benchmarks.reliability.flips rows      # every cell edited, every row deleted, exchanged, doubled
+
+Status, report, solve and verify are asked through the functions that the commands call, in one process. Each must give
+what it gave of the sound night, to the digit, or name a break in a sentence; anything else is a problem. It prints one
+JSON document; the exit status is 1 where there is a problem.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import shutil
+import sqlite3
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import hil.records.export
+import hil.records.reader
+from benchmarks.reliability import nights
+from hil.campaign import Campaign
+from hil.errors import InputError
+from hil.records.blocks import SAMPLES
+from hil.records.export import campaign_of_night
+from hil.records.ledger import TABLES
+from hil.records.reader import JOURNAL_NAME, reading
+from hil.records.status import night_status
+from hil.records.verify import verify_night
+from hil.report.night import night_content
+from hil.solve import solve_campaign
+from hil.solve.runs import solution_document
+
+_WITHOUT = {"breaks": hil.records.reader, "refuse_damaged_samples": hil.records.export}
+SAME, NAMED = "same", "named"
+
+
+def _solution(folder: Path) -> tuple[object, list[str]]:
+    campaign: Campaign = campaign_of_night(folder)
+    return solution_document(campaign, solve_campaign(campaign)), []
+
+
+def _document(of: Callable[[Path], dict[str, Any]], folder: Path) -> tuple[object, list[str]]:
+    document = of(folder)
+    return document, document["problems"]
+
+
+PATHS: dict[str, Callable[[Path], tuple[object, list[str]]]] = {
+    "status": lambda folder: _document(night_status, folder),
+    "verify": lambda folder: _document(verify_night, folder),
+    "report": lambda folder: (night_content(folder), []),
+    "solve and export": _solution,
+}
+"""What states something of a night: what it states, and the breaks that it names beside it."""
+
+
+class Judge:
+    """Knows what each path says of the sound night in `folder`, and judges what it says of the damaged one."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        hil.records.export.bench_of_record = cache(hil.records.export.bench_of_record)  # type: ignore[assignment]
+        self._sound = {name: repr(path(folder)) for name, path in PATHS.items()}
+        self.seen: Counter[str] = Counter()
+        self.problems: list[str] = []
+
+        with reading(folder) as journal:
+            done = {(key, each.attempt) for key, each in journal.done_attempts().items()}
+            rows = [row for row in journal.blocks() if (row.step_key, row.attempt) in done]
+        self.rests_on = {row.block.path for row in rows if row.block.kind == SAMPLES}
+
+    def look(self, what: str, path: str = "") -> bool:
+        """Ask every path; tell whether at least one has named a break. `path` is the block that was changed, if any."""
+        verdicts = {name: self._verdict(name) for name in PATHS}
+        if path in self.rests_on and verdicts["solve and export"] == SAME:
+            self.problems.append(f"{what}: SILENT: numbers that rest on it are stated")
+        for name, verdict in verdicts.items():
+            if verdict not in (SAME, NAMED):
+                self.problems.append(f"{what}: {name}: {verdict}")
+        named = NAMED in verdicts.values()
+        self.seen["named" if named else "the same to the digit"] += 1
+        return named
+
+    def clear_away(self) -> None:
+        """Remove what SQLite leaves beside a journal that was read."""
+        for left in ("-wal", "-shm"):
+            self.folder.joinpath(f"{JOURNAL_NAME}{left}").unlink(missing_ok=True)
+
+    def _verdict(self, name: str) -> str:
+        self.clear_away()
+        try:
+            stated, breaks = PATHS[name](self.folder)
+        except InputError as error:
+            return NAMED if str(error).count("\n") == 0 else f"several lines: {error}"
+        except Exception as error:  # what a technician would see as an internal error
+            return f"internal error: {error!r}"
+        if breaks:
+            return NAMED
+        return SAME if repr((stated, breaks)) == self._sound[name] else "SILENT: another result, and nothing is named"
+
+
+def flipped_bytes(judge: Judge, every: int, seed: int, only: str = "*") -> Iterator[str]:
+    """Flip one bit of every `every`th byte of every file; yield each file's name when it is done."""
+    draw = random.Random(seed)
+    judge.clear_away()
+    for path in sorted(path for path in judge.folder.rglob(only) if path.is_file()):
+        name, good = str(path.relative_to(judge.folder)), path.read_bytes()
+        for at in range(draw.randrange(every), len(good), every):
+            bit = 1 << draw.randrange(8)
+            path.write_bytes(good[:at] + bytes([good[at] ^ bit]) + good[at + 1 :])
+            judge.look(f"{name}, byte {at} ^ {bit}", name)
+        path.write_bytes(good)
+        yield name
+
+
+def changed_rows(judge: Judge) -> Iterator[str]:
+    """Edit every cell, delete, exchange and double every row of every table; yield each table's name."""
+    path = judge.folder / JOURNAL_NAME
+    good = path.read_bytes()
+
+    def tried(what: str, *statements: tuple[Any, ...]) -> None:
+        path.write_bytes(good)
+        try:
+            with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+                connection.execute("PRAGMA ignore_check_constraints = ON")
+                for (trigger,) in connection.execute(
+                    "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+                ).fetchall():
+                    connection.execute(f"DROP TRIGGER {trigger}")
+                for statement, *values in statements:
+                    connection.execute(statement, values)
+        except sqlite3.IntegrityError:  # the tables themselves do not have it
+            judge.seen["refused by the tables"] += 1
+            return
+        if not judge.look(what):
+            judge.problems.append(f"{what}: nobody has named it")
+
+    with closing(sqlite3.connect(path)) as connection:
+        tables = {table: connection.execute(f"SELECT * FROM {table}") for table in (*TABLES, "ledger")}  # noqa: S608
+        rows = {
+            table: ([column[0] for column in found.description], found.fetchall()) for table, found in tables.items()
+        }
+    for table, (columns, there) in rows.items():
+        put = f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})"  # noqa: S608
+        for number, row in enumerate(there):
+            where = f"WHERE {columns[0]} = {row[0]}"
+            for column, value in zip(columns, row, strict=True):
+                other = value + 1 if isinstance(value, int | float) else f"{value or ''}1"
+                tried(f"{table} {row[0]} {column}", (f"UPDATE {table} SET {column} = ? {where}", other))  # noqa: S608
+            delete = (f"DELETE FROM {table} {where}",)  # noqa: S608
+            tried(f"{table} {row[0]} deleted", delete)
+            tried(f"{table} {row[0]} doubled", (put, 10**6, *row[1:]))
+            after = there[(number + 1) % len(there)]
+            if after != row:
+                delete_other = (f"DELETE FROM {table} WHERE {columns[0]} = {after[0]}",)  # noqa: S608
+                exchanged = (put, row[0], *after[1:]), (put, after[0], *row[1:])
+                tried(f"{table} {row[0]} exchanged with {after[0]}", delete, delete_other, *exchanged)
+        yield table
+    path.write_bytes(good)
+
+
+def main() -> None:
+    """Change what was asked for, and print what became of it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("bytes", "rows"))
+    parser.add_argument("--every", type=int, default=1, help="only one byte in so many")
+    parser.add_argument("--only", default="*", help="only files of such a name")
+    parser.add_argument("--without", choices=sorted(_WITHOUT), help="break the program on purpose: leave this out")
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    if asked.without:
+        setattr(_WITHOUT[asked.without], asked.without, lambda *_: [])
+    began_s = time.monotonic()
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # noqa: S108 - a folder in memory
+    base = Path(tempfile.mkdtemp(prefix="hil-flips-", dir=memory))
+    try:
+        if nights.begin(base) != 0:
+            raise SystemExit("the night did not become complete")
+        judge = Judge(base / nights.NIGHT)
+        work = (
+            changed_rows(judge) if asked.kind == "rows" else flipped_bytes(judge, asked.every, asked.seed, asked.only)
+        )
+        for name in work:
+            print(name, dict(judge.seen), f"{time.monotonic() - began_s:.0f} s", file=sys.stderr)
+    finally:
+        shutil.rmtree(base)
+    document = {**vars(asked), **judge.seen, "problems": judge.problems}
+    print(json.dumps({**document, "seconds": round(time.monotonic() - began_s, 1)}, indent=1))
+    sys.exit(1 if judge.problems else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""What the records of a campaign contradict of each other: no run rests on a row that another record gives the lie to.
+
+    campaign = judged_by_its_records(campaign)
+    campaign.verdicts[5]     # FAIL: collects 13 and 14: position 3 was asked for, but the unit lies as in position 2
+
+Each check asks what one record should be, given the others, and how far it may be off: the pose by the unit's own
+accelerometers, the earth rate by latitude and vertical, a thermometer by the air around it and by its neighbour. What
+is further off is said in words with its collects, and the runs that rest on them FAIL, wherever they are shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Campaign, Collects, FloatArray
+from procedures.pose import PoseTable
+from procedures.verdict import Judgement, Verdict, combine
+from procedures.words import numbered
+
+_EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
+_SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
+_COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
+_WARMER_DEGC = 40.0
+_NEIGHBOURS_DEGC = 10.0  # two sensors of one unit
+_FOLLOWS = 0.5  # of the air's changes
+_RANGE_DEGC = 10.0  # over which that is looked at
+
+_Found = tuple[Collects, BoolArray, str]
+
+
+def judged_by_its_records(campaign: Campaign) -> Campaign:
+    """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other."""
+    found = [*_poses(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
+    verdicts = dict(campaign.verdicts)
+    said = []
+    for collects, rows, words in found:
+        sentence = f"{numbered('collect', collects.conditions.collect[rows].tolist())}: {words}"
+        said.append(sentence)
+        for run in np.unique(collects.conditions.run[rows]).tolist():
+            known = [verdicts[run]] if run in verdicts else []
+            if not any(words in each.reason for each in known):  # whoever recorded it may have said so already
+                verdicts[run] = combine([Judgement(Verdict.FAIL, sentence), *known])
+    return replace(campaign, verdicts=verdicts, warnings=(*campaign.warnings, *said))
+
+
+def accelerations_g(collects: Collects) -> FloatArray:
+    """Return what the unit's accelerometers showed along the sensor's axes, (n, 3), NaN where they did not."""
+    columns, none = collects.conditions.columns, np.full(len(collects), np.nan)
+    axes = collects.conditions.sensor.axes
+    return np.stack([columns.get(f"accelerometer_{axis}_g", none) for axis in axes], axis=-1)
+
+
+def _poses(campaign: Campaign) -> Iterator[_Found]:
+    """Compare measured accelerations with f, over all sensors that were collected together: they are one body."""
+    if campaign.centrifuge:
+        return
+    together: dict[tuple[float, ...], list[Collects]] = {}
+    for collects in campaign.sensors.values():
+        if np.isfinite(accelerations_g(collects)).any():
+            together.setdefault(tuple(collects.conditions.start_s.tolist()), []).append(collects)
+    for group in together.values():
+        first = group[0]
+        f_g = np.stack([each.conditions.f_g for each in group], axis=1)
+        measured = np.stack([accelerations_g(each) for each in group], axis=1)
+        labels = first.conditions.position
+        poses = {label: np.median(f_g[labels == label], axis=0) for label in dict.fromkeys(labels.tolist())}
+        axes = {each.conditions.sensor.number: each.conditions.sensor.axes for each in group}
+        for each in PoseTable(axes, poses, campaign.pose).contradictions(labels.tolist(), measured, f_g):
+            yield first, each.collects, each.words
+
+
+def _earth_rate(campaign: Campaign) -> Iterator[_Found]:
+    """Compare what w has along the vertical, which f points out, with the earth rate at the latitude."""
+    latitude_deg = campaign.site.get("latitude_deg")
+    if latitude_deg is None or campaign.centrifuge:
+        return
+    vertical = EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg))
+    for number, collects in campaign.sensors.items():
+        f_g, w = collects.conditions.f_g, collects.conditions.w_deg_per_hr
+        found = np.sum(w * f_g, axis=1) / np.linalg.norm(f_g, axis=1)
+        wrong = np.any(w != 0.0, axis=1) & (np.abs(found - vertical) > _EARTH_RATE_TOLERANCE)
+        if wrong.any():
+            words = (
+                f"sensor {number}: along the vertical w is {found[wrong][0]:.2f} deg/hr, and the earth rate at "
+                f"latitude {latitude_deg:g} deg {vertical:.2f}: f, w or the latitude is wrong"
+            )
+            yield collects, wrong, words
+
+
+def _thermometers(campaign: Campaign) -> Iterator[_Found]:
+    """Compare each sensor's thermometer with the air, which it follows from above, and with the other sensors'."""
+    soaked: dict[int, tuple[FloatArray, BoolArray]] = {}
+    for number, collects in campaign.sensors.items():
+        columns = collects.conditions.columns
+        if not {"temperature_degC", "chamber_degC", "time_since_setpoint_s"} <= columns.keys():
+            continue
+        shown, air = columns["temperature_degC"], columns["chamber_degC"]
+        rows = np.isfinite(shown + air) & (columns["time_since_setpoint_s"] > _SOAKED_S)
+        if not rows.any():
+            continue
+        soaked[number] = shown, rows
+        above = np.where(rows, shown - air, 0.0)
+        if np.ptp(air[rows]) > _RANGE_DEGC and np.polyfit(air[rows], shown[rows], 1)[0] < _FOLLOWS:
+            words = (
+                f"sensor {number}: its thermometer shows {shown[rows].min():.1f} to {shown[rows].max():.1f} °C while "
+                f"the air went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
+            )
+            yield collects, rows, words
+        elif (wrong := (above < -_COLDER_DEGC) | (above > _WARMER_DEGC)).any():
+            most = float(above[np.argmax(np.abs(above))])
+            words = (
+                f"sensor {number}: its thermometer shows {abs(most):.1f} °C {'more' if most > 0.0 else 'less'} than "
+                "the air around the unit, after a soak"
+            )
+            yield collects, wrong, words
+    numbers = list(soaked)
+    for one, other in pairwise(numbers):
+        (first, rows), (second, others) = soaked[one], soaked[other]
+        if len(first) == len(second) and (both := rows & others).any():
+            apart = np.where(both, first - second, 0.0)
+            if (wrong := np.abs(apart) > _NEIGHBOURS_DEGC).any():
+                words = (
+                    f"the thermometers of sensors {one} and {other}, of one unit, are "
+                    f"{np.abs(apart).max():.1f} °C apart after a soak"
+                )
+                yield campaign.sensors[one], np.asarray(wrong), words

@@ -1,0 +1,150 @@
+"""One hash chain over every row of every table of a journal; its head stands in a second file beside it.
+
+    ledger = Ledger(connection, folder)
+    with ledger.transaction():       # whoever writes: a controller, its watchdog, who asks something of it
+        connection.execute("INSERT ...")
+    breaks(connection, read_head(folder))     # [], or in words what is not as it was written
+
+A commit is one entry: the SHA-256 of every row that it wrote, as the row stands since, and a link, the SHA-256 of the
+link before and of this entry. Rows are noted by triggers of the connection, so that no statement escapes. The head is
+the newest link, written after each durable commit: a journal that lost its end is shorter than its head says. It may
+be longer: a crash came in between, or heartbeats were all that followed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+HEAD_NAME = "journal.head"
+TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
+"""Every table whose rows are chained. The first column of each is its row number."""
+
+_HEAD_SIZE = 100  # bytes, always, so that it is written in place, within one sector
+
+
+class Ledger:
+    """Writes the chain for one connection, which must have no other transactions than these."""
+
+    def __init__(self, connection: sqlite3.Connection, folder: Path) -> None:
+        self._connection = connection
+        self._path = folder / HEAD_NAME
+        self._written: set[tuple[str, int]] = set()
+        connection.create_function("hil_written", 2, lambda table, row: self._written.add((table, row)))
+        for table in TABLES:
+            for what in ("INSERT", "UPDATE"):
+                connection.execute(
+                    f"CREATE TEMP TRIGGER {table}_{what} AFTER {what} ON main.{table} "
+                    f"BEGIN SELECT hil_written('{table}', NEW.rowid); END"
+                )
+
+    @contextlib.contextmanager
+    def transaction(self, *, durable: bool = True) -> Iterator[None]:
+        """All or nothing, and its entry with it. Where it need not be `durable`, the head stays as it is."""
+        self._written.clear()
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            number, link = enter(self._connection, sorted(self._written))
+            self._connection.execute("COMMIT")
+        except BaseException:
+            # SQLite rolls back by itself after some failures (disk full); a second time would be an error.
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
+        if durable:
+            with contextlib.suppress(OSError):  # it is committed, whatever becomes of the second witness
+                file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                with open(file, "wb", buffering=0) as head:
+                    head.write(_head_text(number, link))
+                    os.fdatasync(file)
+
+
+def _head_text(number: int, link: str) -> bytes:
+    return f"hil.head/1 {number} {link}".ljust(_HEAD_SIZE).encode()
+
+
+def read_head(folder: Path) -> tuple[int, str] | None:
+    """Return number and link of the newest entry that is known to be durable; number 0 where the file is damaged.
+
+    None where there is none, as beside a journal of an earlier version.
+    """
+    path = folder / HEAD_NAME
+    try:
+        while (text := path.read_bytes()) != path.read_bytes():
+            pass  # it was just being written
+        _, number, link = text.decode().split()
+        return (int(number), link) if _head_text(int(number), link) == text else (0, "damaged")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError):
+        return 0, "damaged"
+
+
+def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:
+    """Append the entry of these rows (table, number) within a transaction; return its number and its link."""
+    rows = {
+        f"{table}/{row}": row_digest(connection.execute(f"SELECT * FROM {table} WHERE rowid = ?", (row,)).fetchone())  # noqa: S608
+        for table, row in written
+    }
+    newest = connection.execute("SELECT n, link FROM ledger ORDER BY n DESC LIMIT 1").fetchone() or (0, "")
+    text = json.dumps(rows, separators=(",", ":"))
+    entry = newest[0] + 1, _link(newest[1], text)
+    connection.execute("INSERT INTO ledger VALUES (?, ?, ?)", (entry[0], text, entry[1]))
+    return entry
+
+
+def enter_everything(connection: sqlite3.Connection) -> None:
+    """Append one entry of all rows that there are: those of an earlier version, checked by its own digests before."""
+    rows = [(table, row) for table in TABLES for (row,) in connection.execute(f"SELECT rowid FROM {table}")]  # noqa: S608
+    if rows:
+        enter(connection, rows)
+
+
+def row_digest(row: Sequence[Any]) -> str:
+    """Return the SHA-256 of a row's values."""
+    return hashlib.sha256(json.dumps(row, default=repr).encode()).hexdigest()
+
+
+def _link(before: str, text: str) -> str:
+    return hashlib.sha256(f"{before}{text}".encode()).hexdigest()
+
+
+def chain(connection: sqlite3.Connection, head: tuple[int, str] | None) -> tuple[dict[str, str], list[str]]:
+    """Return the digest of every row by "table/number", as it was last written, and in words what breaks the chain."""
+    written: dict[str, str] = {}
+    found: list[str] = []
+    n, link, at_head = 0, "", ""
+    for number, text, recorded in connection.execute("SELECT n, rows, link FROM ledger ORDER BY n"):
+        n, link = n + 1, _link(link, text)
+        if (number, link) != (n, recorded):
+            found.append(f"entry {n} of its ledger is not as it was written, or missing")
+            n, link = number, recorded
+        with contextlib.suppress(ValueError, TypeError):  # damaged, as was just found
+            written.update(json.loads(text))
+        if head is not None and n == head[0]:
+            at_head = link
+    if head is None and n > 1:
+        found.append(f"{HEAD_NAME} is missing: nobody can say whether the end of the journal is")
+    elif head is not None and head[0] > n:
+        found.append(f"it ends with entry {n}, and {head[0]} were committed ({HEAD_NAME}): the newest were lost")
+    elif head is not None and at_head != head[1]:
+        found.append(f"{HEAD_NAME} is damaged, or not the head of this journal")
+    return written, found
+
+
+def breaks(connection: sqlite3.Connection, head: tuple[int, str] | None) -> list[str]:
+    """Return in words every row and entry that is not what was written, and a lost end; empty where all is proven."""
+    written, found = chain(connection, head)
+    for table in TABLES:
+        for row in connection.execute(f"SELECT * FROM {table}"):  # noqa: S608
+            if written.pop(f"{table}/{row[0]}", "") != row_digest(row):
+                what = next((value for value in row if isinstance(value, str)), "")
+                found.append(f"row {row[0]} of the table {table} ({what}) is not as it was written")
+    return found + ["row {1} of the table {0} was deleted".format(*key.partition("/")[::2]) for key in written]

@@ -1,0 +1,75 @@
+"""What stands beside a journal and says what was committed: its head, the log, the names of the blocks.
+
+    witnesses = Witnesses.of(folder)      # before the journal is read: what they say, a sound one says by then
+    list(contradictions(connection, witnesses))
+
+After a kill one flipped bit in SQLite's write-ahead log makes every later commit in it vanish without a word. The log
+and the blocks then know of attempts that the journal does not.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.files.durable import PARTIAL
+from hil.records.blocks import BLOCKS, SUFFIXES, stem_of
+from hil.records.ledger import read_head
+from hil.records.rows import digest_of
+from procedures.journal_protocol import Outcome
+
+LOG_NAME = "log.jsonl"
+ENDED = "step ends"
+"""How a line of the log begins that says how an attempt ended, with everything that the journal was told of it."""
+
+
+@dataclass(frozen=True)
+class Witnesses:
+    """What was there at one instant."""
+
+    head: tuple[int, str] | None
+    ended: Mapping[tuple[str, int], Mapping[str, Any]]  # by step key and attempt, the line of the log that says how
+    blocks: Sequence[str]  # names of whole block files
+
+    @classmethod
+    def of(cls, folder: Path) -> Witnesses:
+        """Look at the folder of a night."""
+        head, ended = read_head(folder), {}
+        for path in folder.glob(f"{LOG_NAME}*"):  # rotated parts too
+            for text in path.read_bytes().splitlines():
+                with suppress(ValueError, TypeError, KeyError):  # cut off by a full disk, or damaged
+                    if ENDED.encode() in text and (line := json.loads(text))["event"] == ENDED:
+                        ended[str(line["step"]), int(line["attempt"])] = line
+        blocks = [path.name for path in folder.glob(f"{BLOCKS}/*") if not path.name.startswith(PARTIAL)]
+        return cls(head, ended, sorted(blocks))
+
+
+def proven(line: Mapping[str, Any]) -> bool:
+    """Tell whether a line of the log is whole: it holds the digest of what it says."""
+    facts = {name: value for name, value in line.items() if name not in ("event", "utc", "who", "digest")}
+    return line.get("digest") == digest_of(facts)
+
+
+def contradictions(connection: sqlite3.Connection, witnesses: Witnesses) -> Iterator[str]:
+    """Yield in words what log and blocks say was done, and the journal does not hold."""
+    steps = dict(connection.execute("SELECT key, number FROM steps"))
+    known = connection.execute("SELECT step_key, attempt, outcome FROM attempts")
+    outcomes = {(key, attempt): outcome for key, attempt, outcome in known}
+    for attempt, line in witnesses.ended.items():
+        if line.get("outcome") == Outcome.DONE and outcomes.get(attempt) != Outcome.DONE and proven(line):
+            yield f"{LOG_NAME} says that {attempt[0]}, attempt {attempt[1]}, was done, and the journal does not hold it"
+    named = {Path(path).name for (path,) in connection.execute("SELECT path FROM blocks")}
+    named |= {
+        f"{stem_of(steps.get(key, 0), key, attempt)}{suffix}"
+        for (key, attempt), outcome in outcomes.items()
+        for suffix in SUFFIXES.values()
+        if outcome != Outcome.DONE
+    }
+    for name in witnesses.blocks:
+        if name not in named:
+            yield f"{BLOCKS}/{name} was recorded, and the journal knows nothing of the attempt"

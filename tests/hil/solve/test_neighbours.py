@@ -1,0 +1,156 @@
+"""What the other runs of a campaign say of each collect, and what other records say of its rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.plausibility import judged_by_its_records
+from hil.model.earth import Site
+from hil.solve import solve_campaign
+from hil.solve.neighbours import contradicted_by_neighbours
+from procedures.verdict import Verdict
+
+_F = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_K = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
+_SITE = Site(34.6, 30.0)
+
+
+def campaign(runs: int = 9, per_temperature: int = 3, seed: int = 0, scatter: float = 3.0) -> Campaign:
+    """Return a campaign of collects 1-2-3 whose bias and MU scatter from run to run, with accelerometers."""
+    rng = np.random.default_rng(seed)
+    n = 3 * runs
+    run = np.repeat(np.arange(1, runs + 1), 3)
+    temperature = 20.0 * ((run - 1) // per_temperature) - 20.0
+    f = np.tile(_F, (runs, 1))
+    w1, w2, w3 = _SITE.earth_rate_deg_per_hr()
+    w = np.tile([[-w1, w2, w3], [w1, w2, -w3], [w3, w2, w1]], (runs, 1))
+    bias = np.stack([30.0 + 0.5 * temperature, -20.0 + 0.3 * temperature], 1)
+    bias += np.repeat(rng.normal(0.0, scatter, (runs, 2)), 3, axis=0)
+    rates = bias + f @ _K.T + w[:, :2] + rng.normal(0.0, 0.7, (n, 2))
+    columns = {f"accelerometer_{axis}_g": f[:, i] + rng.normal(0.0, 0.003, n) for i, axis in enumerate("ABS")}
+    columns |= {"temperature_degC": temperature + 8.0, "setpoint_degC": temperature, "chamber_degC": temperature + 0.1}
+    columns["time_since_setpoint_s"] = np.full(n, 3600.0)
+    conditions = Conditions(
+        Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"}),
+        np.arange(1, n + 1),
+        run,
+        np.tile(["1", "2", "3"], runs),
+        600.0 * np.arange(n),
+        np.full(n, 60.0),
+        f,
+        w,
+        columns,
+    )
+    rows = Collects(conditions, rates, np.full((n, 2), 0.7))
+    return Campaign("made", "", {2: rows}, site={"latitude_deg": 34.6})
+
+
+def with_rates(one: Campaign, rates: FloatArray) -> Campaign:
+    """Return the campaign with other rates."""
+    return replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+
+
+def with_column(one: Campaign, **columns: FloatArray) -> Campaign:
+    """Return the campaign with other columns, judged by its records as a reader does."""
+    rows = one.sensors[2]
+    conditions = replace(rows.conditions, columns={**rows.conditions.columns, **columns})
+    return judged_by_its_records(replace(one, sensors={2: replace(rows, conditions=conditions)}))
+
+
+@pytest.mark.parametrize("per_temperature", [1, 3])
+def test_sound_campaigns_are_left_alone(per_temperature: int) -> None:
+    """Scatter of bias, a slope with temperature, few runs: nothing of it stands out."""
+    for seed in range(20):
+        for runs in (1, 2, 3, 9):
+            made = campaign(runs, per_temperature, seed)
+            assert not contradicted_by_neighbours(made.sensors[2])
+            assert judged_by_its_records(made).verdicts == {}
+            assert {each.verdict for each in solve_campaign(made)} == {Verdict.PASS}
+
+
+@pytest.mark.parametrize("per_temperature", [1, 3])
+def test_exchanged_collects_are_no_pass(per_temperature: int) -> None:
+    """The rates of positions 1 and 2 of run 5."""
+    made = campaign(per_temperature=per_temperature)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[[12, 13]] = rates[[13, 12]]
+    solved = {each.run: each for each in solve_campaign(with_rates(made, rates))}
+    assert solved[5].verdict is Verdict.FAIL
+    assert "collects 13–14 look exchanged" in solved[5].reason
+    assert all(each.verdict is Verdict.PASS for run, each in solved.items() if run != 5)
+
+
+def test_one_collect_far_off_and_turned_signs_are_no_pass() -> None:
+    """What has a cause FAILs; what has none is INCONCLUSIVE, with its size."""
+    made = campaign()
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[14, 0] += 300.0
+    rates[18:21] *= -1.0
+    solved = {each.run: each for each in solve_campaign(with_rates(made, rates))}
+    assert solved[5].verdict is Verdict.INCONCLUSIVE
+    assert "collect 15: RA is +" in solved[5].reason
+    assert solved[7].verdict is Verdict.FAIL
+    assert "the signs look turned" in solved[7].reason
+    assert sum(each.verdict is not Verdict.PASS for each in solved.values()) == 2
+
+
+def test_a_run_with_another_bias_is_marginal() -> None:
+    """All its collects are off by the same: a unit does that, and somebody should look."""
+    made = campaign()
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[12:15] += 200.0
+    found = contradicted_by_neighbours(with_rates(made, rates).sensors[2])
+    assert {run: each.verdict for run, each in found.items()} == {5: Verdict.MARGINAL}
+    assert "its bias was another" in found[5].reason
+
+
+def test_a_wrong_pose_fails_its_run_alone_with_its_row() -> None:
+    """Collect 15 lay as in position 2; the rates are what they are."""
+    made = campaign()
+    columns = made.sensors[2].conditions.columns
+    shown = {f"accelerometer_{axis}_g": columns[f"accelerometer_{axis}_g"].copy() for axis in "ABS"}
+    for axis, value in zip("ABS", _F[1], strict=True):
+        shown[f"accelerometer_{axis}_g"][14] = value
+    judged = with_column(made, **shown)
+    assert {run: each.verdict for run, each in judged.verdicts.items()} == {5: Verdict.FAIL}
+    assert "collect 15: position 3 was asked for, but the unit lies as in position 2" in judged.verdicts[5].reason
+    assert any("collect 15" in warning for warning in judged.warnings)
+    assert judged_by_its_records(judged).verdicts == judged.verdicts  # read back, it is said once
+
+
+def test_a_latitude_that_w_does_not_have_fails() -> None:
+    """Ten degrees: the vertical component of w is 2 deg/hr off."""
+    judged = judged_by_its_records(replace(campaign(), site={"latitude_deg": 44.6}))
+    assert len(judged.verdicts) == 9
+    assert "along the vertical w is 8.54 deg/hr" in judged.verdicts[1].reason
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda shown: np.full_like(shown, 23.0), "does not follow"),
+        (lambda shown: shown - 20.0, "11.9 to|less than the air"),
+        (lambda shown: shown + 45.0, "more than the air"),
+    ],
+)
+def test_a_thermometer_that_cannot_be_fails(change, words: str) -> None:
+    """Stuck, or so far off that a unit that draws power cannot be at it."""
+    made = campaign()
+    judged = with_column(made, temperature_degC=change(made.sensors[2].conditions.columns["temperature_degC"]))
+    assert judged.verdicts
+    assert any(part in " ".join(judged.warnings) for part in words.split("|"))
+
+
+def test_without_accelerations_the_pose_is_assumed_and_said_to_be() -> None:
+    """The solution says what was not measured."""
+    made = campaign(runs=1)
+    rows = made.sensors[2]
+    columns = {name: v for name, v in rows.conditions.columns.items() if "accelerometer" not in name}
+    bare = replace(made, sensors={2: replace(rows, conditions=replace(rows.conditions, columns=columns))})
+    said = "the pose was not measured (no accelerations): that the unit lay as each position says"
+    assert said in solve_campaign(bare)[0].assumed
+    assert said not in solve_campaign(made)[0].assumed
