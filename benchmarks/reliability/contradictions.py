@@ -98,11 +98,11 @@ def sweep_of(case: Case) -> Sweep:
 class Yes(Terminal):
     """An operator at the terminal who confirms whatever is asked."""
 
-    def put(self, question: str, timeout_s: float) -> None:
+    def put(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
         """Show nothing."""
-        del question, timeout_s
+        del question, timeout_s, wants_words
 
-    def answer(self) -> bool | None:
+    def answer(self) -> bool | str | None:
         """Say yes."""
         return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,8 @@ from hil.cli.app import run as hil
 from hil.cli.watchdog import _begun
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.config.recorded import configuration_text
-from hil.files.lock import LOCK_NAME, FolderLock, Owner
-from hil.records import JournalReader, SqliteJournal
+from hil.files.lock import LOCK_NAME, Owner
+from hil.records import SqliteJournal
 from hil.records.rows import Night
 from hil.records.status import night_status
 from hil.twin.serve import client_bench, served
@@ -34,18 +35,18 @@ def bench_with(**chamber: Any) -> Bench:
 
 def killed_night(folder: Path, bench: Bench) -> None:
     """Make a night whose controller was killed while it held 60 °C, and whose watchdog was killed with it."""
-    folder.mkdir()
+    alive = folder.with_name("alive")
+    alive.mkdir()
     sweep = load_sweep("quick")
     plan = make_plan(sweep.procedure())
     configuration = configuration_text(bench, sweep, None)
     about = Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=configuration)
-    SqliteJournal.create(folder, plan, about)
-    lock = FolderLock(folder).acquire()
-    journal = SqliteJournal.open(folder, clock=SystemClock(), lock=lock)
-    journal.begin(plan.steps[0])
-    journal.heartbeat(plan.steps[0], {"chamber_degC": 59.9, "setpoint_degC": 60.0})
-    JournalReader.close(journal)  # without a word of how it ended
-    lock.release()
+    SqliteJournal.create(alive, plan, about)
+    with SqliteJournal.open(alive, clock=SystemClock()) as journal:
+        journal.begin(plan.steps[0])
+        journal.heartbeat(plan.steps[0], {"chamber_degC": 59.9, "setpoint_degC": 60.0})
+        shutil.copytree(alive, folder)  # what a process leaves that is killed now
+    shutil.rmtree(alive)
     (folder / LOCK_NAME).write_text(json.dumps(asdict(Owner(os.getpid(), os.uname().nodename, "", "1"))))
 
 

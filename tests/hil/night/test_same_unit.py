@@ -49,7 +49,7 @@ def test_a_unit_exchanged_behind_its_port_never_passes_for_the_first(tmp_path: P
     if serial == '""':
         assert "the unit behind sim://imu is now MFS-IMU S/N B simulated, the night began with MFS-IMU" in ended.reason
     else:
-        assert "the unit says serial 'SIM-0001B', the bench file says 'SIM-0001'" in ended.reason
+        assert "the unit says serial 'SIM-0001B', 'SIM-0001' is what the bench file says" in ended.reason
         assert "the night began with MFS-IMU S/N SIM-0001" in ended.reason
     with open_readonly(tmp_path / "n") as journal:
         last = journal.attempts()[-1]
