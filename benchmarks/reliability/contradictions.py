@@ -40,6 +40,12 @@ Signals = dict[str, FloatArray]
 Tamper = Callable[[FloatArray, Signals, LiveBench], Mapping[str, FloatArray]]
 """What is changed of the signals at n times, (n,), before they are bytes."""
 
+_WORDS = (
+    "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|renewed|"
+    "from the others|other runs|thermometer|vertical|samples: the unit sends|NOT|S/N|jump"
+)
+"""What is said of contradictions; residuals beyond 5 % of chance are said of 5 % of nights, and are none."""
+
 _SWEEP = """
 title: A night that contradicts itself
 temperatures: [{temperatures}]
@@ -342,8 +348,10 @@ def main() -> None:
     began_s = time.monotonic()
     if asked.clean:
         told = list(clean(asked.clean, asked.seed))
-        loud = [each.said for each in told if each.verdict != Verdict.PASS]
-        print(json.dumps({"nights": len(told), "not_pass": len(loud), "said": loud[:20]}, ensure_ascii=False, indent=1))
+        loud = [each.said for each in told if re.search(_WORDS, each.said)]
+        by_chance = sum(each.verdict != Verdict.PASS for each in told) - len(loud)
+        document = {"nights": len(told), "a_word_was_said": len(loud), "residuals_by_chance": by_chance, "said": loud}
+        print(json.dumps(document, ensure_ascii=False, indent=1))
         sys.exit(bool(loud))
     rows = []
     for case in cases():

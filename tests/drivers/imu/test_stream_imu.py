@@ -189,7 +189,8 @@ def test_the_unit_says_who_it_is() -> None:
 @pytest.mark.parametrize("expected", [ImuIdentity("MFS", "014"), ImuIdentity("STIM300")])
 def test_another_unit_than_the_bench_file_describes_is_refused(expected: ImuIdentity) -> None:
     """A wrong serial number or model stops the night before it begins."""
-    with pytest.raises(WrongDevice, match=r"sim://imu: the unit says (serial 'SIM-0001'|model 'MFS'), '(014|STIM300)' is what the bench"):
+    says = r"sim://imu: the unit says (serial 'SIM-0001'|model 'MFS'), '(014|STIM300)' is what the bench"
+    with pytest.raises(WrongDevice, match=says):
         Bench(expected=expected).imu.identify()
 
 
