@@ -10,7 +10,7 @@ from typing import Any
 
 from hil.errors import Damaged, InputError
 from hil.records import JournalReader
-from hil.records.export import campaign_of_night, measured_verdicts
+from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
 from hil.solve.runs import judged_as_measured
 from procedures.journal_protocol import StepResult
@@ -51,8 +51,8 @@ class ResultsSoFar:
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
         self.damage = ""
         try:
-            measured = measured_verdicts(self._folder)
-            solutions = [judged_as_measured(each, measured) for each in solve_campaign(campaign_of_night(self._folder))]
+            campaign = campaign_of_night(self._folder)
+            solutions = [judged_as_measured(each, campaign.verdicts) for each in solve_campaign(campaign)]
         except Damaged as damage:
             self.damage = f"ERROR: {damage}"
             return {}

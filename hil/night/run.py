@@ -64,7 +64,6 @@ SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
 
-_LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
@@ -235,7 +234,7 @@ def _carry_out(
             polling=polling,
             progress=Audience(
                 [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
-                lost=lambda error: journal.event("onlooker-lost", f"{_LOST}: {type(error).__name__}: {error}"),
+                lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
             ),
             powered_on=_powered_on(live),
             control=journal,
@@ -243,8 +242,7 @@ def _carry_out(
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        in_main = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be heard
-        with stop.on_signals() if in_main else contextlib.nullcontext():
+        with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})

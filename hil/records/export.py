@@ -101,12 +101,6 @@ def campaign_of_night(folder: Path | str) -> Campaign:
         return _campaign(journal, bench_of_record(journal.night.configuration))[0]
 
 
-def measured_verdicts(folder: Path | str) -> dict[int, Judgement]:
-    """Return how each self-calibration of a night was measured, by its number: the runs of `campaign_of_night`."""
-    with reading(Path(folder)) as journal:
-        return _verdicts(journal)
-
-
 def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
     done = journal.completed()
     return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
