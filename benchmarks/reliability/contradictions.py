@@ -41,8 +41,8 @@ Tamper = Callable[[FloatArray, Signals, LiveBench], Mapping[str, FloatArray]]
 """What is changed of the signals at n times, (n,), before they are bytes."""
 
 _WORDS = (
-    "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|renewed|"
-    "from the others|other runs|thermometer|vertical|samples: the unit sends|NOT|S/N|jump"
+    "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
+    "renewed|from the others|other runs|thermometer|vertical|samples: the unit sends|NOT|S/N|jump"
 )
 """What is said of contradictions; residuals beyond 5 % of chance are said of 5 % of nights, and are none."""
 

@@ -109,6 +109,7 @@ def _take_proven_rows(folder: Path, new: sqlite3.Connection) -> Counter[str]:
 
 def _take_from_the_log(new: sqlite3.Connection, witnesses: Witnesses, gone: Counter[str]) -> list[str]:
     """Write how attempts ended of which the journal lost that; return them in words. They are not gone any more."""
+    known = {(key, n): how for key, n, how in new.execute("SELECT step_key, attempt, outcome FROM attempts")}
     restored = []
     for (key, attempt), line in witnesses.ended.items():
         if not proven(line):
@@ -117,14 +118,11 @@ def _take_from_the_log(new: sqlite3.Connection, witnesses: Witnesses, gone: Coun
             row = (key, attempt, *block.values())
             there = new.execute("INSERT OR IGNORE INTO blocks VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?)", row)
             gone["blocks"] -= there.rowcount
-        known = new.execute(
-            "SELECT outcome FROM attempts WHERE step_key = ? AND attempt = ?", (key, attempt)
-        ).fetchone()
-        if known is None or known[0] is None:
+        if known.get((key, attempt)) is None:
             by = new.execute("SELECT coalesce(max(id), 1) FROM controllers").fetchone()
-            ended = (line["began_s"], line["ended_s"], line["outcome"], line["reason"], to_json(line["data"]))
-            row = (key, attempt, *by, *ended, line["digest"])
+            how = (line["outcome"], line["reason"], to_json(line["data"]), line["digest"])
+            row = (key, attempt, *by, line["began_s"], line["ended_s"], *how)
             new.execute("INSERT OR REPLACE INTO attempts VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, NULL)", row)
-            gone["attempts"] -= known is None
+            gone["attempts"] -= (key, attempt) not in known
             restored.append(f"{key}, attempt {attempt}: {line['outcome']}")
     return restored

@@ -242,7 +242,7 @@ def _carry_out(
             polling=polling,
             progress=Audience(
                 [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
-                lost=lambda error: journal.event("onlooker-lost", f"{_LOST}: {type(error).__name__}: {error}"),
+                lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
             ),
             powered_on=_powered_on(live),
             control=journal,
@@ -251,8 +251,7 @@ def _carry_out(
             vital=heartbeat,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        in_main = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be heard
-        with stop.on_signals() if in_main else contextlib.nullcontext():
+        with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})

@@ -97,14 +97,7 @@ class BlockWriter:
     `meanings` says what the decoded fields are, by name.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        simulated: bool,
-        keep_raw: bool = True,
-        disk: Disk | None = None,
-    ) -> None:
+    def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True, disk: Disk | None = None) -> None:
         self._folder = folder
         self._simulated = simulated
         self.meanings: Mapping[str, FieldMeaning] = {}

@@ -140,13 +140,7 @@ class SqliteJournal(JournalReader):
                 if journal_schema.check(connection, path) < journal_schema.VERSION:
                     journal_schema.upgrade(connection)
                 journal = cls(
-                    folder,
-                    connection,
-                    lock,
-                    clock=clock,
-                    who=who,
-                    keep_raw=keep_raw,
-                    disk=disk or RealDisk(),
+                    folder, connection, lock, clock=clock, who=who, keep_raw=keep_raw, disk=disk or RealDisk()
                 )
             except BaseException:
                 connection.close()

@@ -6,9 +6,8 @@
     breaks(connection, read_head(folder))     # [], or in words what is not as it was written
 
 A commit is one entry: the SHA-256 of every row that it wrote, as the row stands since, and a link, the SHA-256 of the
-link before and of this entry. Rows are noted by triggers of the connection, so that no statement escapes. The head is
-the newest link, written after each durable commit: a journal that lost its end is shorter than its head says. It may
-be longer: a crash came in between, or heartbeats were all that followed.
+link before and of this entry. The head is the newest link, written after each durable commit: a journal that lost its
+end is shorter than its head says. It may be longer: a crash came in between, or only heartbeats followed.
 """
 
 from __future__ import annotations

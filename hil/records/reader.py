@@ -266,17 +266,17 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
     stands in `journal.found` beside what they read.
     """
     witnesses = Witnesses.of(folder)
-    found: list[str] = []
+    found: list[str] | None = None
     try:
         with open_readonly(folder) as journal, journal.snapshot():
             journal.found = found = journal.damage(witnesses)
             if not damaged_too:
                 refuse(folder, found)
             yield journal
-    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, AttributeError) as error:
-        if not found and not isinstance(error, journal_schema.UNREADABLE):
-            raise
-        refuse(folder, found or [f"{JOURNAL_NAME}: the journal is damaged ({shorten(str(error), _LONGEST)})"])
+    except (sqlite3.DatabaseError, ValueError, LookupError, TypeError, AttributeError) as error:
+        if found == [] and not isinstance(error, journal_schema.UNREADABLE):
+            raise  # a defect of ours, not of the records
+        refuse(folder, found or [f"{JOURNAL_NAME}: cannot be understood ({shorten(str(error), _LONGEST)})"])
 
 
 def _mapping(text: str | None) -> Mapping[str, Any]:

@@ -35,7 +35,7 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
     folder = Path(folder)
     problems: list[str] = []
     notes: list[str] = []
-    checked = 0
+    rows: Sequence[BlockRow] = ()
     complete = False
     try:
         with reading(folder, damaged_too=True) as journal:
@@ -49,7 +49,6 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
                     notes += [f"{each}; it counts no more, and was done again" for each in found]
                 else:
                     problems += found
-                checked += 1
             problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
@@ -63,7 +62,7 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
         "schema": "hil.verify/1",
         "complete": complete and not problems,
         "problems": problems,
-        "blocks_checked": checked,
+        "blocks_checked": len(rows),
         "notes": notes,
     }
 

@@ -3,8 +3,7 @@
     witnesses = Witnesses.of(folder)      # before the journal is read: what they say, a sound one says by then
     list(contradictions(connection, witnesses))
 
-After a kill one flipped bit in SQLite's write-ahead log makes every later commit in it vanish without a word. The log
-and the blocks then know of attempts that the journal does not.
+One flipped bit in SQLite's write-ahead log makes every later commit in it vanish without a word. These still know.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ ENDED = "step ends"
 
 @dataclass(frozen=True)
 class Witnesses:
-    """What was there at one instant."""
+    """What was there."""
 
     head: tuple[int, str] | None
     ended: Mapping[tuple[str, int], Mapping[str, Any]]  # by step key and attempt, the line of the log that says how

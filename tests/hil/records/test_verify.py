@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sqlite3
 from collections.abc import Callable
@@ -12,11 +13,12 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import SqliteJournal
 from hil.records.blocks import stem_of
 from hil.records.journal import JOURNAL_NAME
 from hil.records.ledger import TABLES
+from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, StepKind
@@ -131,6 +133,18 @@ def test_a_damaged_database_file_is_found_wherever_it_is_damaged(full_night: Pat
         assert verify_night(full_night)["problems"], f"the damage at byte {start} was not found"
     path.write_bytes(good[: len(good) // 2])
     assert verify_night(full_night)["problems"]
+
+
+@pytest.mark.parametrize("table", [*TABLES, "ledger"])
+def test_a_letter_changed_in_the_words_that_make_a_table_is_found(full_night: Path, table: str) -> None:
+    """Row numbers that are none any more: named by whoever reads, and no internal error."""
+    with contextlib.closing(sqlite3.connect(full_night / JOURNAL_NAME, isolation_level=None)) as connection:
+        connection.execute("PRAGMA writable_schema = ON")
+        changed = "UPDATE sqlite_master SET sql = replace(sql, 'PRIMARY', 'PRIMASY') WHERE name = ?"
+        connection.execute(changed, (table,))
+    assert verify_night(full_night)["problems"]
+    with contextlib.suppress(Damaged):
+        assert night_status(full_night)["problems"]
 
 
 def test_a_wrong_average_is_found_although_every_hash_is_right(journal: SqliteJournal, plan: Plan) -> None:
