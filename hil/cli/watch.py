@@ -15,8 +15,9 @@ from drivers.clock import Clock, SystemClock
 from hil.cli.panel import Panel, rows
 from hil.errors import Damaged
 from hil.records import reading
+from hil.records.damage import refuse_damaged_samples
 from hil.records.live import snapshot_of
-from hil.records.status import in_brief, night_status
+from hil.records.status import in_brief, night_status, recorded_verdict
 from procedures.progress import Snapshot
 
 EVERY_S = 1.0
@@ -43,12 +44,12 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
 
     Raises `InputError` where the folder holds no night.
     """
-    from hil.analysis.night_verdict import night_solutions, night_verdict
-
     status, verdict = night_status(folder), None
     if status["state"] not in _WORKING:
         try:
-            verdict = vars(night_verdict(status["state"], night_solutions(folder)))
+            with reading(folder) as journal:
+                refuse_damaged_samples(journal)
+                verdict = recorded_verdict(journal)
         except Damaged as damage:
             verdict = {"verdict": "ERROR", "reason": str(damage)}
     status["verdict"] = verdict

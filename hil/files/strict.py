@@ -102,7 +102,7 @@ def validated(model: type[ModelT], document: dict[str, Any], source: str) -> Mod
 
 
 def validated_inside(model: type[ModelT], given: object) -> ModelT:
-    """Return `given` as a `model` from within another model's validator, keeping the place of what is wrong."""
+    """Return `given` as a `model` within another's validator; raise `ValueError` with the place of what is wrong."""
     try:
         return model.model_validate(given)
     except ValidationError as error:

@@ -37,6 +37,7 @@ from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
+from hil.errors import Damaged
 from hil.files.lock import FolderLock
 from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
@@ -49,6 +50,7 @@ from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
 from hil.records.live import LiveFiles
 from hil.records.rows import Night
+from hil.records.status import VERDICT
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
@@ -259,6 +261,7 @@ def _carry_out(
             wear = wear_of(live.devices.chamber)
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
+            _judge(journal, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
             notifier.tell("finished", in_words_at_the_end(journal, f"{outcome.state}: {outcome.reason}"))
         return outcome
@@ -268,6 +271,17 @@ def _carry_out(
         shown.close()
         heartbeat.close()
         log.close()
+
+
+def _judge(journal: SqliteJournal, state: str) -> None:
+    """Record what the report will say of the night, so that whoever only asks how it stands need not solve it."""
+    from hil.analysis.night_verdict import night_solutions, night_verdict  # only an end needs what solves
+
+    try:
+        judged = night_verdict(state, night_solutions(journal.folder))
+    except Damaged:
+        return  # whoever reads it is told
+    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged))
 
 
 def _polling(live: LiveBench) -> Polling:

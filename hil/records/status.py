@@ -34,6 +34,7 @@ from procedures.safe_air import Left, Word
 from procedures.words import hours_minutes, step_in_words
 
 _UNSAFE = "safe-state-not-reached"
+VERDICT = "verdict"
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
@@ -151,6 +152,13 @@ def _document(facts: _Facts) -> dict[str, Any]:
         ],
         "over": over,
     }
+
+
+def recorded_verdict(journal: JournalReader) -> dict[str, Any] | None:
+    """Return verdict and reason as the newest controller recorded them at its end; None where it could not."""
+    newest = max((controller.number for controller in journal.controllers()), default=0)
+    event = next((e for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest), None)
+    return None if event is None else dict(event.evidence)
 
 
 def _left(journal: JournalReader) -> Left | None:
