@@ -102,6 +102,7 @@ def test_two_names_of_one_line_are_one_port(tmp_path: Path, monkeypatch: pytest.
     os.close(secondary)
 
 
+@pytest.mark.slow
 def test_a_dead_owner_is_not_in_the_way(tmp_path: Path) -> None:
     """The system frees the locks of a program that was killed."""
     port = "socket://127.0.0.1:10001"

@@ -97,6 +97,7 @@ def test_a_reason_lets_it_run_and_stands_in_every_record(
     assert WHY in page.read_text()
 
 
+@pytest.mark.slow
 def test_resume_looks_first_too(hil: Any, small_sweep: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A night that was cut short is not carried on into a full disk; what is done needs no room any more."""
     night = tmp_path / "night"

@@ -152,7 +152,7 @@ def test_the_chamber_is_safe_on_every_way_out(
     assert running.ended() == 1
     status = night_status(running.night)
     assert (status["state"], status["reason"]) == ("aborted", reason)
-    assert told(running.night)[-2:] == ["aborted", "safe-state"]
+    assert told(running.night)[-3:] == ["aborted", "safe-state", "verdict"]
 
 
 @pytest.mark.slow
@@ -165,7 +165,7 @@ def test_a_night_that_was_told_to_outlive_its_terminal_does(terminal: Callable[.
     request(running.night, RequestKind.ABORT, "ann", "enough")
     assert running.ended() == 1
     assert night_status(running.night)["reason"] == "aborted by ann: enough"
-    assert told(running.night)[-2:] == ["aborted", "safe-state"]
+    assert told(running.night)[-3:] == ["aborted", "safe-state", "verdict"]
 
 
 def heartbeats(folder: Path) -> int:

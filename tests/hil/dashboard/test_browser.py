@@ -292,6 +292,7 @@ def ended(nights: Nights, name: str, temperature_degC: float) -> None:
     SqliteJournal.create(folder, make_plan(procedure), Night(procedure.title, "rk", VirtualClock().utc(), True, ""))
 
 
+@pytest.mark.slow
 def test_another_night_is_never_shown_in_place_of_the_one_that_was_chosen(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:

@@ -105,6 +105,7 @@ def test_nobody_has_to_guess_how_it_stands(page: Any, journal: SqliteJournal) ->
     assert violations(page) == []
 
 
+@pytest.mark.slow
 def test_words_are_typed_where_words_are_asked_for(page: Any, journal: SqliteJournal) -> None:
     """The serial number of a unit: the dialog has a field for it that must be filled in, and it reaches the journal."""
     question = "Type or scan the serial number of the unit."
@@ -129,6 +130,7 @@ def test_words_are_typed_where_words_are_asked_for(page: Any, journal: SqliteJou
     assert (row.kind, row.why, row.prompt) == ("confirm", "U/014", 1)
 
 
+@pytest.mark.slow
 def test_a_report_is_for_those_who_were_told_where_it_is(page: Any) -> None:
     """Its address has a key that the page is told and nobody can guess; no other file of a night has one."""
     shown(page, "#cards", "SIM-0001")

@@ -95,7 +95,7 @@ def test_where_nobody_can_be_asked_nothing_begins(hil: Any, sweep: Path, tmp_pat
     assert not (tmp_path / "night").exists()
 
 
-@pytest.mark.parametrize(("serial", "status"), [("SIM-0001", 0), ("SIM-0002", 3)])
+@pytest.mark.parametrize(("serial", "status"), [pytest.param("SIM-0001", 0, marks=pytest.mark.slow), ("SIM-0002", 3)])
 def test_a_unit_that_tells_its_own_is_compared(
     hil: Any,  # noqa: F811
     sweep: Path,

@@ -40,7 +40,13 @@ def told(folder: Path, kind: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("at", "serial"), [("12 min", '""'), ("T1/S1/C2/collect", '""'), ("T1/S1/C2/index", '""'), ("5 min", "SIM-0001")]
+    ("at", "serial"),
+    [
+        pytest.param("12 min", '""', marks=pytest.mark.slow),
+        ("T1/S1/C2/collect", '""'),
+        ("T1/S1/C2/index", '""'),
+        ("5 min", "SIM-0001"),
+    ],
 )
 def test_a_unit_exchanged_behind_its_port_never_passes_for_the_first(tmp_path: Path, at: str, serial: str) -> None:
     """In a soak, in a collect, while it turns: the step fails and names both; a resume refuses it as well."""

@@ -103,7 +103,7 @@ def test_an_abort_brings_the_safe_state_and_says_who_and_why(tmp_path: Path) -> 
     assert (outcome.state, outcome.exit_status) == ("aborted", 1)
     assert outcome.reason == "aborted by ann@desk: fire drill"
     assert night_status(folder)["state"] == "aborted"
-    assert kinds(folder)[-2:] == ["aborted", "safe-state"]
+    assert kinds(folder)[-3:] == ["aborted", "safe-state", "verdict"]
     row = wait_for_answer(folder, shell.answers[0], 0.0)
     assert (row.accepted, row.who, row.why) == (True, "ann@desk", "fire drill")
     assert resume_night(folder).state == "complete"

@@ -23,8 +23,6 @@ _QUICK = (
     "accelerometers in m/s²",
     "rates in rad/s",
     "RA a copy of RB",
-    "RA spikes in 0.1 % of the samples",
-    "rotor thermometer 20 °C too high",
 )
 
 
@@ -78,8 +76,9 @@ def test_without_time_to_settle_the_collect_itself_is_contradicted(tmp_path: Pat
     assert "lies as in position 5" in attempts[-1].reason
 
 
-def test_nothing_is_said_of_a_night_with_nothing_wrong() -> None:
-    """Three of the shapes that the benchmark carries out by the thousand."""
-    for told in clean(3, seed=77):
+@pytest.mark.parametrize("nights", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_nothing_is_said_of_a_night_with_nothing_wrong(nights: int) -> None:
+    """Of the shapes that the benchmark carries out by the thousand."""
+    for told in clean(nights, seed=77):
         assert told.verdict == Verdict.PASS, told.said
         assert "position" not in told.said
