@@ -140,6 +140,9 @@ def _enough(
         )
     elif missing > _SHORT_LOSS * expected:
         yield Judgement(Verdict.MARGINAL, f"{missing} of {expected} samples are missing")
+    if counts.duplicate > _SHORT_LOSS * expected:
+        twice = f"{counts.duplicate} frames came twice, by their counter, and count once: the unit or its line repeats"
+        yield Judgement(Verdict.MARGINAL, twice)
 
 
 @dataclass(frozen=True)

@@ -283,7 +283,11 @@ def _rates() -> Iterator[Case]:
     yield Case("RA spikes in 0.1 % of the samples", "from the others, which move its mean", _set("rate_A2", _spiked))
     yield Case("RA frozen for 20 of 60 s", "did not change for", _set("rate_A2", _frozen))
     doubled = ("{at: 0 s, device: imu, kind: repeated_frames, size: 1.0}",)
-    yield Case("every frame twice", "twice|repeat|of .* expected|samples", None, doubled)
+    yield Case("every frame twice", "frames came twice", None, doubled)
+    exchanged = ("{at: T1/S1/C2/collect, device: imu, kind: exchanged}",)
+    yield Case("another unit behind the port", "the unit says serial|is now .* S/N", None, exchanged)
+    jump = ("{at: T1/S1/C2/collect, device: clock, kind: jump, size: 2 h}",)
+    yield Case("the clock jumps by two hours", "the wall clock is off by", None, jump)
 
 
 def _temperatures() -> Iterator[Case]:

@@ -30,7 +30,7 @@ from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
-from procedures.verdict import Judgement, Verdict, self_calibration_verdict
+from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
 
 _MEANINGS = {
     "supply_V": "supply voltage at the unit's terminals, volt",
@@ -105,8 +105,19 @@ def campaign_of_night(folder: Path | str) -> Campaign:
 
 
 def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
-    done = journal.completed()
-    return {number: self_calibration_verdict(steps, done) for number, steps in journal.plan.self_calibrations.items()}
+    """Return how each self-calibration was measured; one in which somebody set the clock is MARGINAL at best."""
+    done, taken = journal.completed(), journal.done_attempts()
+    jumps = [event for event in journal.events() if event.kind == "wall-clock-jump"]
+    verdicts = {}
+    for number, steps in journal.plan.self_calibrations.items():
+        judged, times = self_calibration_verdict(steps, done), [taken[step.key] for step in steps if step.key in taken]
+        during = [
+            Judgement(Verdict.MARGINAL, f"{jump.message}: the times of its records do not belong together")
+            for jump in jumps
+            if times and min(each.began_s for each in times) <= jump.at_s <= max(each.ended_s or 0.0 for each in times)
+        ]
+        verdicts[number] = combine([judged, *during], passed=judged.reason)
+    return verdicts
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def campaign(*arguments: str) -> dict[str, Any]:
 
 
 def test_a_night_killed_now_and_then_is_carried_on_as_if_nothing_had_happened() -> None:
-    """SIGKILL before every hundred and fiftieth system call that changes a file, from the beginning of the night to its end."""
+    """SIGKILL before every 150th system call that changes a file, from the beginning of the night to its end."""
     found = campaign("points", "--only-new", "--part", "1/150")
     assert found["problems"] == []
     assert found["kills"] + found["outlived"] >= found["operations"] // 150
