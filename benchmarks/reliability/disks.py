@@ -27,7 +27,7 @@ from procedures.plan import Step, StepKind
 from procedures.progress import Silent
 from procedures.stop import StopRequest
 
-_SIZES_KB = range(280, 1100, 60)
+_SIZES_KB = range(240, 480, 20)
 _ROOM_KB = 20_000
 _MOUNT, _UMOUNT = "/bin/mount", "/bin/umount"
 

@@ -17,7 +17,7 @@ from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples
 from hil.records.live import snapshot_of
-from hil.records.status import in_brief, night_status, recorded_verdict
+from hil.records.status import in_brief, night_status, recorded_end
 from procedures.progress import Snapshot
 
 EVERY_S = 1.0
@@ -49,7 +49,8 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
         try:
             with reading(folder) as journal:
                 refuse_damaged_samples(journal)
-                verdict = recorded_verdict(journal)
+                end = recorded_end(journal)
+                verdict = {key: end[key] for key in ("verdict", "reason")} if end else None
         except Damaged as damage:
             verdict = {"verdict": "ERROR", "reason": str(damage)}
     status["verdict"] = verdict

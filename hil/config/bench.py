@@ -115,7 +115,13 @@ class SensorSection(Section):
         for channel, axis in self.channels.items():
             if axis not in self.axes:
                 raise ValueError(f"channels.{channel}: there is no axis {axis!r}; allowed: {', '.join(self.axes)}")
-        _ = self.built
+        hands = {label: np.linalg.det(each.axes) > 0.0 for label, each in self.built.items()}
+        first = next(iter(hands))
+        for label, right in hands.items():
+            if right != hands[first]:
+                raise ValueError(
+                    f"orientations.{label}: the mirror image of position {first}: no unit can be turned so; see signs"
+                )
         return self
 
     @cached_property

@@ -48,7 +48,7 @@ from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
-from hil.records.live import LiveFiles
+from hil.records.live import LiveFiles, trace_digest
 from hil.records.rows import Night
 from hil.records.status import VERDICT
 from procedures.attended import Attendant, Terminal
@@ -261,6 +261,7 @@ def _carry_out(
             wear = wear_of(live.devices.chamber)
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
+            shown.close()  # what it shows is recorded with the verdict
             _judge(journal, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
             notifier.tell("finished", in_words_at_the_end(journal, f"{outcome.state}: {outcome.reason}"))
@@ -281,7 +282,8 @@ def _judge(journal: SqliteJournal, state: str) -> None:
         judged = night_verdict(state, night_solutions(journal.folder))
     except Damaged:
         return  # whoever reads it is told
-    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged))
+    trace = {"trace": digest} if (digest := trace_digest(journal.folder)) else {}
+    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **trace)
 
 
 def _polling(live: LiveBench) -> Polling:

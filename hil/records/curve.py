@@ -11,14 +11,15 @@ any length costs the same memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.records.live import Rows, TraceReader
+from hil.errors import Damaged
+from hil.records.live import TRACE_NAME, Rows, TraceReader, trace_digest
 from hil.records.rows import Heartbeat
 
 TEMPERATURE = "_degC"
@@ -114,11 +115,17 @@ def rows_of(beats: Sequence[Heartbeat], columns: Sequence[str] = ()) -> tuple[li
     return columns, np.array(rows, dtype="<f4").reshape(-1, len(columns))
 
 
-def temperatures(folder: Path, beats: Sequence[Heartbeat]) -> tuple[list[str], FloatArray, FloatArray]:
+def temperatures(
+    folder: Path, beats: Sequence[Heartbeat], recorded: Mapping[str, Any] | None = None
+) -> tuple[list[str], FloatArray, FloatArray]:
     """Return the names of a night's temperatures, times of the campaign, s, (n,), and values, °C, (n, names).
 
-    They are those of its trace, a row a second, and of its signs of life, one a minute: a trace may be lost or cut off.
+    They are those of its trace, a row a second, and of its signs of life, one a minute: a trace may be lost or cut off
+    with the power. Raises `Damaged` where one of full length is not what was `recorded` of it (`trace_digest`).
     """
+    found = trace_digest(folder, recorded["size"]) if recorded else {}
+    if recorded and found.get("size") == recorded["size"] and found != recorded:
+        raise Damaged(f"{folder / TRACE_NAME}: is not what was written; without it the journal's marks are drawn")
     trace = TraceReader(folder)
     rows = trace.read(_AT_MOST)
     traced = [name for name in trace.columns if name.endswith(TEMPERATURE)]

@@ -21,6 +21,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.given_file import opened
+from hil.errors import InputError
+
 HEAD_NAME = "journal.head"
 TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Every table whose rows are chained. The first column of each is its row number."""
@@ -75,15 +78,20 @@ def read_head(folder: Path) -> tuple[int, str] | None:
     None where there is none, as beside a journal of an earlier version.
     """
     path = folder / HEAD_NAME
+    if not os.path.lexists(path):
+        return None
     try:
-        while (text := path.read_bytes()) != path.read_bytes():
+        while (text := _head_bytes(path)) != _head_bytes(path):
             pass  # it was just being written
         _, number, link = text.decode().split()
         return (int(number), link) if _head_text(int(number), link) == text else (0, "damaged")
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError):
+    except (OSError, ValueError, InputError):
         return 0, "damaged"
+
+
+def _head_bytes(path: Path) -> bytes:
+    with opened(path) as file:
+        return file.read(_HEAD_SIZE + 1)
 
 
 def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:

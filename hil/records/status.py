@@ -154,11 +154,11 @@ def _document(facts: _Facts) -> dict[str, Any]:
     }
 
 
-def recorded_verdict(journal: JournalReader) -> dict[str, Any] | None:
-    """Return verdict and reason as the newest controller recorded them at its end; None where it could not."""
+def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
+    """Return what the newest controller recorded at its end: `verdict`, `reason`, `trace`; empty where it could not."""
     newest = max((controller.number for controller in journal.controllers()), default=0)
     event = next((e for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest), None)
-    return None if event is None else dict(event.evidence)
+    return {} if event is None else event.evidence
 
 
 def _left(journal: JournalReader) -> Left | None:

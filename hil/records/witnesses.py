@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.given_file import opened
+from hil.errors import InputError
 from hil.files.durable import PARTIAL
 from hil.records.blocks import BLOCKS, SUFFIXES, stem_of
 from hil.records.ledger import read_head
@@ -40,12 +42,19 @@ class Witnesses:
         """Look at the folder of a night."""
         head, ended = read_head(folder), {}
         for path in folder.glob(f"{LOG_NAME}*"):  # rotated parts too
-            for text in path.read_bytes().splitlines():
+            for text in _bytes(path).splitlines():
                 with suppress(ValueError, TypeError, KeyError):  # cut off by a full disk, or damaged
                     if ENDED.encode() in text and (line := json.loads(text))["event"] == ENDED:
                         ended[str(line["step"]), int(line["attempt"])] = line
         blocks = [path.name for path in folder.glob(f"{BLOCKS}/*") if not path.name.startswith(PARTIAL)]
         return cls(head, ended, sorted(blocks))
+
+
+def _bytes(path: Path) -> bytes:
+    """Return a file's bytes; none where it is no file that can be read."""
+    with suppress(InputError), opened(path) as file:
+        return file.read()
+    return b""
 
 
 def proven(line: Mapping[str, Any]) -> bool:

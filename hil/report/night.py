@@ -20,7 +20,7 @@ from hil.campaign import FloatArray
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
-from hil.records.status import night_status
+from hil.records.status import night_status, recorded_end
 from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
@@ -112,7 +112,7 @@ def night_content(folder: Path) -> NightContent:
         steps, events = journal.steps_by_key(), journal.events()
         ended = [(steps[key], attempt) for key, attempt in done.items()]
         identity = next((each.data for step, each in ended if step.kind is StepKind.IDENTIFY), {})
-        hours, series = _temperatures(*temperatures(folder, journal.heartbeats()))
+        hours, series = _temperatures(*temperatures(folder, journal.heartbeats(), recorded_end(journal).get("trace")))
         return NightContent(
             state=str(status["state"]),
             title=journal.night.title,

@@ -88,7 +88,7 @@ class _Departures:
             for i in place:
                 others = kept[kept != i]
                 if len(others) >= _REPEATED - 1 and self._level[i] >= 0:
-                    self._expected[i], repeated[i] = np.median(self._rates[others], axis=0), True
+                    self._expected[i], repeated[i] = self._middle(i, others), True
         for label in np.unique(self._label):
             self._between(np.flatnonzero((self._label == label) & (self._level >= 0)), repeated, left_out)
         off = np.abs(self._rates - self._expected)
@@ -100,6 +100,13 @@ class _Departures:
         with np.errstate(invalid="ignore", divide="ignore"):
             scores: FloatArray = np.nan_to_num(off / self._scale, nan=0.0, posinf=0.0).max(axis=1)
         return scores
+
+    def _middle(self, i: int, others: IntArray) -> FloatArray:
+        """Return the median of other collects, (c,); of two the nearer one, lest one that is wrong accuses both."""
+        if len(others) > _REPEATED - 1:
+            return np.asarray(np.median(self._rates[others], axis=0))
+        apart = np.linalg.norm(self._rates[others] - self._rates[i], axis=1)
+        return np.asarray(self._rates[others[int(np.argmin(np.nan_to_num(apart, nan=np.inf)))]])
 
     def _between(self, rows: IntArray, repeated: BoolArray, left_out: BoolArray) -> None:
         """Expect of collects without repeats what lies between the next colder and the next warmer temperature."""

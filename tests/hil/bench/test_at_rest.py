@@ -11,6 +11,7 @@ from hil.bench import build_bench
 from hil.bench.at_rest import at_rest
 from hil.bench.finding import Finding
 from hil.config import load_bench, parse_bench
+from hil.errors import InputError
 from procedures.collect import join
 
 Signals = Mapping[str, FloatArray]
@@ -90,3 +91,11 @@ def test_a_unit_that_is_turned_by_hand_may_lie_anywhere_before_it_is_asked_for()
     assert found[-1].good
     assert found[-1].message.startswith("as in no position")
     assert look(_sound, positioner="operator")[-1].message == "the unit lies as in position 3"
+
+
+def test_an_orientation_that_no_unit_can_be_turned_to_is_refused() -> None:
+    """One sign too many makes a mirror image of the unit."""
+    shipped = load_bench("simulated")
+    wrong = shipped.text.replace('"3": {A: +3, B: +2, S: +1}', '"3": {A: +3, B: +2, S: -1}')
+    with pytest.raises(InputError, match=r"orientations\.3: the mirror image of position 1"):
+        parse_bench(wrong, shipped.source)

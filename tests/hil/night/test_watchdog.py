@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import ClassVar
@@ -23,10 +21,10 @@ from hil.bench.lock import bench_lock
 from hil.cli.watchdog import WatchdogBeside
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.errors import InputError
-from hil.files.lock import LOCK_NAME, Owner
+from hil.files.lock import LOCK_NAME, FolderLock, Owner
 from hil.night import start_night
 from hil.night.watchdog import Patience, Watchdog, Watched
-from hil.records import SqliteJournal, open_readonly
+from hil.records import JournalReader, SqliteJournal, open_readonly
 from hil.records.heartbeat import HEARTBEAT_NAME, read_heartbeat
 from hil.records.journal import JOURNAL_NAME
 from hil.records.requests import request
@@ -150,9 +148,9 @@ def dead_night(folder: Path) -> None:
     folder.mkdir()
     plan = make_plan(load_sweep("quick").procedure())
     SqliteJournal.create(folder, plan, Night("Dead", "rk", SystemClock().utc(), simulated=True, configuration=""))
-    SqliteJournal.open(folder, clock=SystemClock()).close()
-    with closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as journal:
-        journal.execute("UPDATE controllers SET ended = NULL")
+    lock = FolderLock(folder).acquire()
+    JournalReader.close(SqliteJournal.open(folder, clock=SystemClock(), lock=lock))  # without a word of how it ended
+    lock.release()
 
 
 HUNG = """

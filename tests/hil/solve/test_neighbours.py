@@ -98,11 +98,12 @@ def test_one_collect_far_off_and_turned_signs_are_no_pass() -> None:
     assert sum(each.verdict is not Verdict.PASS for each in solved.values()) == 2
 
 
-def test_a_run_with_another_bias_is_marginal() -> None:
-    """All its collects are off by the same: a unit does that, and somebody should look."""
-    made = campaign()
+@pytest.mark.parametrize(("runs", "off"), [(9, 200.0), (6, 500.0), (6, 100.0)])
+def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
+    """All its collects are off by the same: a unit does that, and somebody should look. It hides behind no other."""
+    made = campaign(runs)
     rates = made.sensors[2].rates_deg_per_hr.copy()
-    rates[12:15] += 200.0
+    rates[12:15] += off
     found = contradicted_by_neighbours(with_rates(made, rates).sensors[2])
     assert {run: each.verdict for run, each in found.items()} == {5: Verdict.MARGINAL}
     assert "its bias was another" in found[5].reason
