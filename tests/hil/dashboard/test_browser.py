@@ -238,6 +238,7 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     shown(page, "#banner", "The controller is dead")
 
 
+@pytest.mark.slow
 def test_beyond_this_machine_the_page_shows_nothing_until_it_is_given_the_token(
     open_page: Callable[..., Any], tmp_path: Path
 ) -> None:

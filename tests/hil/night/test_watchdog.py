@@ -166,6 +166,7 @@ signal.pause()
 """
 
 
+@pytest.mark.slow
 def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:

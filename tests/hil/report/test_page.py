@@ -130,6 +130,7 @@ def test_a_triad_has_a_report_of_its_own(reference_data: Path) -> None:
     assert "contractor" not in page
 
 
+@pytest.mark.slow
 def test_every_number_of_the_list_has_its_unit(folder: Path) -> None:
     """The head of the list of self-calibrations names each parameter with its unit."""
     page = render(gather(read_campaign(folder)))

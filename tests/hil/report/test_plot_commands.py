@@ -79,6 +79,7 @@ def test_the_temperatures_of_a_night_are_drawn_with_soaks_and_collects(night: Pa
     assert {"setpoint", "chamber", "unit, sensor 1", "unit, sensor 2", "collect", "event"} <= shown
 
 
+@pytest.mark.slow
 def test_every_parameter_is_drawn_against_temperature_with_its_unit(campaign: Path) -> None:
     """Six panels; the runs are the solver's."""
     figure = draw_parameters(campaign, read_campaign(campaign), None)
