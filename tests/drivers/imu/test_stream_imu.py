@@ -1,55 +1,22 @@
-"""The IMU driver: samples on the bench's clock, stale bytes left out, identity and index confirmed or refused."""
+"""The IMU driver: samples on the bench's clock, stale bytes left out, identity confirmed or refused."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError, WrongDevice
+from drivers.errors import DeviceTimeout, TransportError, WrongDevice
 from drivers.frames.encoder import encode
-from drivers.imu import ImuIdentity, SampleBlock
+from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
-from drivers.positioners.indexing import IndexingPositioner
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.unit import IndexSettings, SimulatedImu
-from tests.drivers.frames.streams import SteadyPhysics, mfs, stim300
-
-POSITIONS = {"1": 1, "2": 2, "3": 3}
-
-
-class Bench:
-    """A simulated unit, its transport and its driver on one virtual clock."""
-
-    def __init__(
-        self, faults: Sequence[FaultWindow] = (), *, move_s: float = 10.0, expected: ImuIdentity | None = None
-    ) -> None:
-        self.clock = VirtualClock()
-        self.physics = SteadyPhysics()
-        self.device = SimulatedImu(
-            mfs(), self.physics, faults=faults, index=IndexSettings(POSITIONS, first="1", move_s=move_s), seed=7
-        )
-        self.transport = MemoryTransport(self.device, self.clock, "sim://imu")
-        self.imu = StreamImu(self.transport, mfs(), self.clock, expected=expected)
-        self.positioner = IndexingPositioner(self.imu, self.clock, POSITIONS)
-
-    def collect(self, duration_s: float, poll_s: float = 1.0) -> list[SampleBlock]:
-        """Discard what is stale, then read every `poll_s`."""
-        self.imu.discard()
-        blocks = []
-        for _ in range(round(duration_s / poll_s)):
-            self.clock.sleep(poll_s)
-            blocks.append(self.imu.read_block())
-        return blocks
-
-
-def joined(blocks: list[SampleBlock], field: str) -> np.ndarray:
-    """Return one field of all blocks."""
-    return np.concatenate([block.fields[field] for block in blocks])
+from drivers.simulators.unit import SimulatedImu
+from tests.drivers.frames.streams import SteadyPhysics, mfs
+from tests.drivers.imu.simulated_unit import Bench, joined
 
 
 def test_samples_arrive_complete_with_their_values_and_times() -> None:
@@ -219,154 +186,6 @@ def test_no_identity_is_said_with_its_cause() -> None:
     with pytest.raises(DeviceTimeout, match=r"\d+ bytes arrived but no good MFS frame .* check the baud rate"):
         noisy.imu.identify()
     assert noisy.clock.now() == pytest.approx(5.0, abs=0.2)
-
-
-def test_a_move_returns_when_the_stream_confirms_it() -> None:
-    """Not before the unit arrived, and the position is known afterwards."""
-    bench = Bench()
-    assert bench.positioner.position() == "1"
-    bench.positioner.move_to("2", timeout_s=60.0)
-    assert bench.physics.moves == [("1", 0.0, 0.0), ("2", 0.0, 10.0)]
-    assert 10.2 < bench.clock.now() < 10.6
-    assert bench.positioner.position() == "2"
-    state = bench.imu.index_status
-    assert state is not None
-    assert (state.code, state.moving, state.in_position) == (2, False, True)
-
-
-def test_a_move_that_was_made_before_costs_few_looks_and_is_confirmed_as_promptly() -> None:
-    """Its time is known; one that takes shorter or longer than before is still noticed within the bound."""
-    bench = Bench()
-    looks = []
-    read_block = bench.imu.read_block
-    bench.imu.read_block = lambda: looks.append(bench.clock.now()) or read_block()  # type: ignore[method-assign,func-returns-value]
-
-    def move(position: str, move_s: float) -> float:
-        bench.device._index.move_s = move_s
-        begins_s = bench.clock.now()
-        looks.clear()
-        bench.positioner.move_to(position, timeout_s=60.0)
-        return bench.clock.now() - begins_s - move_s
-
-    assert 0.25 <= move("2", 10.0) <= 0.65
-    assert len(looks) > 30
-    move("1", 10.0)
-    assert 0.25 <= move("2", 10.0) <= 0.45
-    assert len(looks) < 18
-    for move_s in (4.0, 16.0):
-        move("1", 10.0)
-        assert 0.25 <= move("2", move_s) <= 1.35
-
-
-def test_a_place_that_was_reached_between_two_looks_counts_from_its_first_frame() -> None:
-    """The frames of one read tell when the unit arrived, and a break in between begins anew."""
-    bench = Bench()
-    bench.clock.sleep(5.0)
-    bench.imu.read_block()
-    bench.imu.command_index(2)
-    for _ in range(3):
-        bench.clock.sleep(7.0)
-        bench.imu.read_block()
-    state = bench.imu.index_status
-    assert state is not None
-    assert state.place == (2, False, True)
-    assert state.since_s == pytest.approx(15.0, abs=0.06)
-    assert state.time_s == pytest.approx(26.0, abs=0.06)
-
-
-def test_a_move_to_where_the_unit_is_waits_for_the_unit_not_for_its_old_status() -> None:
-    """The frames before the command still say `in position`: they confirm nothing."""
-    bench = Bench()
-    bench.clock.sleep(5.0)
-    bench.positioner.move_to("1", timeout_s=60.0)
-    assert bench.clock.now() > 15.2
-
-
-def test_samples_during_a_move_are_no_part_of_the_collect_after_it() -> None:
-    """The first sample of the collect was taken after the confirmation."""
-    bench = Bench()
-    bench.positioner.move_to("3", timeout_s=60.0)
-    confirmed_s = bench.clock.now()
-    blocks = bench.collect(10.0)
-    assert joined(blocks, "rate_A2")[0] > confirmed_s
-    assert set(joined(blocks, "index_position")) == {3.0}
-    assert all(block.counts.lost == 0 for block in blocks)
-
-
-@pytest.mark.parametrize(
-    ("fault", "error", "message"),
-    [
-        (ImuFault.INDEX_NEVER_FINISHES, DeviceTimeout, "was not confirmed within 30 s; the unit says that it is still"),
-        (ImuFault.INDEX_WRONG_POSITION, DeviceTimeout, "was not confirmed within 30 s; .* in position '1'"),
-        (ImuFault.STALL, DeviceTimeout, "no good frame arrived since the command"),
-        (ImuFault.INDEX_REFUSED, CommandRefused, "reports an index fault on the way to position '2'"),
-    ],
-)
-def test_a_move_that_is_not_confirmed_fails_with_what_the_stream_said(
-    fault: ImuFault, error: type[Exception], message: str
-) -> None:
-    """Never finishing, arriving elsewhere, falling silent and refusing have different words."""
-    bench = Bench([FaultWindow(fault, begins_s=1.0)])
-    bench.clock.sleep(2.0)
-    with pytest.raises(error, match=message):
-        bench.positioner.move_to("2", timeout_s=30.0)
-    assert bench.clock.now() <= 32.2
-    assert bench.positioner.position() != "2"
-
-
-def test_after_a_refused_move_the_next_one_is_not_blamed_for_it() -> None:
-    """The fault bit of the old command is still in the frames when the new one is sent."""
-    bench = Bench([FaultWindow(ImuFault.INDEX_REFUSED, begins_s=0.0, ends_s=5.0)])
-    with pytest.raises(CommandRefused):
-        bench.positioner.move_to("2", timeout_s=30.0)
-    bench.clock.sleep(10.0)
-    bench.positioner.move_to("2", timeout_s=30.0)
-    assert bench.positioner.position() == "2"
-
-
-def test_a_command_damaged_on_its_way_is_sent_once_more() -> None:
-    """One flipped character must not end the night; a unit that never understands is said to."""
-    bench = Bench()
-    write, damaged = bench.transport.write, []
-
-    def damage_first(data: bytes) -> None:
-        damaged.append(data)
-        write(data.replace(b"INDEX", b"INDEY") if len(damaged) == 1 else data)
-
-    bench.transport.write = damage_first  # type: ignore[method-assign]
-    bench.positioner.move_to("2", timeout_s=30.0)
-    assert len(damaged) == 2
-    bench.transport.write = lambda data: write(data.replace(b"INDEX", b"INDEY"))  # type: ignore[method-assign]
-    with pytest.raises(CommandRefused, match="does not understand the index command"):
-        bench.positioner.move_to("3", timeout_s=30.0)
-
-
-def test_a_position_that_the_bench_file_lacks_is_refused_before_anything_is_sent() -> None:
-    """The message gives the positions that there are."""
-    bench = Bench()
-    with pytest.raises(CommandRefused, match="no position '4'; the bench file gives 1, 2, 3"):
-        bench.positioner.move_to("4", timeout_s=30.0)
-    assert len(bench.physics.moves) == 1
-
-
-def test_while_it_moves_the_position_is_not_known() -> None:
-    """None, neither the old nor the new."""
-    bench = Bench([FaultWindow(ImuFault.INDEX_NEVER_FINISHES)])
-    with pytest.raises(DeviceTimeout):
-        bench.positioner.move_to("2", timeout_s=5.0)
-    assert bench.positioner.position() is None
-
-
-def test_a_description_without_commands_cannot_index_and_one_without_roles_cannot_drive() -> None:
-    """The driver says so instead of sending nothing."""
-    clock = VirtualClock()
-    description = mfs().model_copy(update={"commands": None})
-    transport = MemoryTransport(SimulatedImu(description, SteadyPhysics()), clock, "sim://imu")
-    imu = StreamImu(transport, description, clock)
-    with pytest.raises(ProtocolError, match="MFS has no index command; use an operator"):
-        IndexingPositioner(imu, clock, POSITIONS).move_to("2", timeout_s=1.0)
-    with pytest.raises(ValueError, match="STIM300: roles: missing"):
-        StreamImu(transport, stim300(), clock)
 
 
 def test_a_lost_port_is_an_error_and_a_closed_driver_stays_closed() -> None:
