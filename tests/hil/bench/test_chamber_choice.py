@@ -86,6 +86,7 @@ def test_the_line_is_the_makers_unless_the_file_says_otherwise(monkeypatch: pyte
     ]
 
 
+@pytest.mark.slow
 def test_a_tcp_port_has_one_owner() -> None:
     """A second program would get the first one's answers; it is told so instead."""
     bench = bench_with("simserv")

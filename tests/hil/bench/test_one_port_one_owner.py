@@ -35,6 +35,7 @@ def on(chamber: str) -> Bench:
     return parse_bench(yaml.safe_dump(document), "bench.yaml")
 
 
+@pytest.mark.slow
 def test_a_second_controller_under_another_name_sends_nothing(tmp_path: Path) -> None:
     """The first one's chamber is not even connected to: neither by a night nor by a command."""
     with closing(socket.create_server(("127.0.0.1", 0))) as server:

@@ -70,6 +70,7 @@ def page(browser: Any, nights: Path, journal: SqliteJournal, monkeypatch: pytest
         context.close()
 
 
+@pytest.mark.slow
 def test_nobody_has_to_guess_how_it_stands(page: Any, journal: SqliteJournal) -> None:
     """Cards say verdict, unit and date, and lead to the report; FAIL is not green; an emergency is red until over."""
     card = {

@@ -167,6 +167,7 @@ def recommended(sweep: Any) -> Proposal:
     return propose(sweep, load_bench("simulated"), RECOMMENDED)
 
 
+@pytest.mark.slow
 def test_the_proposal_meets_its_goal_and_is_the_shortest_that_does(sweep: Any, recommended: Proposal) -> None:
     """Met in both sensors; and a minute less would not do, which is said with what more time would buy."""
     assert recommended.missing == ()

@@ -144,6 +144,7 @@ def test_the_question_is_answered_on_the_page_before_anything_moves(sweep: Path,
     assert campaign_of_night(night).identity["serial"] == "014"
 
 
+@pytest.mark.slow
 def test_without_an_answer_nothing_moves_and_a_resume_asks_again(sweep: Path, tmp_path: Path) -> None:
     """The night ends by itself after an hour in which the chamber was never commanded."""
     bench, night = load_bench(bench_file(tmp_path, tells=False)), tmp_path / "night"

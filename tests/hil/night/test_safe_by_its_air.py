@@ -75,6 +75,7 @@ def test_an_abort_over_a_chamber_that_does_not_obey_is_not_safe_until_it_does(tm
     assert night_status(tmp_path / "n")["chamber"] == "SAFE"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 def test_chamber_stop_over_a_pseudo_terminal_ends_by_what_the_air_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -47,6 +47,7 @@ def test_a_heartbeat_costs_next_to_nothing_and_says_for_how_long_it_will_be_sile
     assert read_heartbeat(tmp_path) is None
 
 
+@pytest.mark.slow
 def test_a_watchdog_that_is_told_to_end_does_not_try_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A chamber that does not answer is tried once more at most, and the folder's lock is given back."""
 

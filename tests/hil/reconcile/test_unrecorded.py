@@ -171,6 +171,7 @@ def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
     assert result.effects[0].shape_in_words == "from run 8 on"
 
 
+@pytest.mark.slow
 def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
     """A bias that follows temperature, or ages: whatever is proposed is another time, not another position."""
     night = {"temperatures": tuple(np.arange(-30.0, 61.0, 6.0)), "runs_each": 1}

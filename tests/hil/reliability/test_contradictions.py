@@ -22,7 +22,6 @@ _QUICK = (
     "indexed, collect 3 of 1, 2, 3: not turned",
     "accelerometers in m/s²",
     "rates in rad/s",
-    "RA a copy of RB",
 )
 
 

@@ -118,6 +118,7 @@ def test_a_fault_that_had_not_begun_explains_nothing(tmp_path: Path) -> None:
     assert begun(tmp_path / "night", faults) == faults[:1]
 
 
+@pytest.mark.slow
 def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
     """The same night beside a truth that is ten standard errors away."""
     witness = Witness(tmp_path)

@@ -127,6 +127,7 @@ def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign)
     assert isinstance(comparison, Comparison)
 
 
+@pytest.mark.slow
 def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--against`; and a folder that is none is bad input, with nothing written."""
     for seed in (7, 8):

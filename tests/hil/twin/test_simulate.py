@@ -27,7 +27,7 @@ def _at(imu: object, chamber: object) -> Bench:
     return parse_bench(text, "my-bench.yaml")
 
 
-@pytest.mark.parametrize("tcp", [False, True])
+@pytest.mark.parametrize("tcp", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_client_gets_frames_and_chamber_replies_through_pyserial(tcp: bool) -> None:
     """The production drivers on a pseudo-terminal or a TCP port, against the same devices as in process."""
     with served(_SIMULATED, tcp=tcp) as simulation:

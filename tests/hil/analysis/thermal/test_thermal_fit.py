@@ -288,6 +288,7 @@ def test_px4_and_ardupilot_files_correct_as_the_curves_say() -> None:
     assert ardupilot["INS_TCAL1_TMAX"] == pytest.approx(60.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_bias_that_needs_more_than_a_cubic_is_exported_with_a_warning() -> None:
     """The files hold cubics: what is lost by that stands in them."""
     curves = {"BX": lambda t: 80.0 * np.polynomial.chebyshev.chebval(scaled(t), [0, 0, 0, 0, 0, 1])}
