@@ -21,15 +21,9 @@ from hil.records import open_readonly
 from hil.report.night import night_content
 from hil.report.night_view import stream_in_words
 from hil.twin import devices
+from tests.hil.short_sweeps import short_sweep
 
-SWEEP = """
-title: One short self-calibration
-temperatures: [23 degC]
-self_calibrations_per_temperature: 1
-positions: [1, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 60 s, attempts: 1}
-"""
+SWEEP = short_sweep("settle: 5 s, duration: 60 s, attempts: 1")
 
 
 def bench_at(read_interval: str = "30 s", description: str = "mfs") -> Bench:

@@ -71,6 +71,15 @@ def short_sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture
+def one_run(tmp_path: Path) -> Path:
+    """A sweep file with one self-calibration."""
+    path = tmp_path / "one.yaml"
+    one = {**SHORT_SWEEP, "temperatures": ["23 degC"], "self_calibrations_per_temperature": 1}
+    path.write_text(yaml.safe_dump(one))
+    return path
+
+
 @pytest.fixture(scope="session")
 def night(hil: Run, short_sweep: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A complete short night. Tests must not change it."""

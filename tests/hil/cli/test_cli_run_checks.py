@@ -21,20 +21,9 @@ from procedures.devices import BenchDevices
 from procedures.plan import make_plan
 from procedures.settings import SweepProcedure
 from procedures.stop import StopRequest
-from tests.hil.cli.conftest import SHORT_SWEEP
 
 ONLOOKER = ("sweep_began", "step_began", "update", "event")
 WHY = "the technician has cleared the disk meanwhile"
-
-
-@pytest.fixture
-def small_sweep(tmp_path: Path) -> Path:
-    """One self-calibration."""
-    path = tmp_path / "small.yaml"
-    path.write_text(
-        yaml.safe_dump({**SHORT_SWEEP, "temperatures": ["23 degC"], "self_calibrations_per_temperature": 1})
-    )
-    return path
 
 
 @pytest.fixture
@@ -79,13 +68,11 @@ def test_run_refuses_in_the_words_of_check_and_leaves_nothing(
     assert not (tmp_path / "night").exists()
 
 
-def test_a_reason_lets_it_run_and_stands_in_every_record(
-    hil: Any, huge: None, small_sweep: Path, tmp_path: Path
-) -> None:
+def test_a_reason_lets_it_run_and_stands_in_every_record(hil: Any, huge: None, one_run: Path, tmp_path: Path) -> None:
     """The event says who, why and what; status, report and campaign repeat it."""
     night, campaign, page = tmp_path / "night", tmp_path / "campaign", tmp_path / "report.html"
-    assert hil("run", small_sweep, "--bench", "simulated", "--out", night).returncode == 3
-    assert hil("run", small_sweep, "--bench", "simulated", "--out", night, "--despite", WHY).returncode == 0
+    assert hil("run", one_run, "--bench", "simulated", "--out", night).returncode == 3
+    assert hil("run", one_run, "--bench", "simulated", "--out", night, "--despite", WHY).returncode == 0
     with open_readonly(night) as journal:
         event = next(event for event in journal.events() if event.kind == "despite")
     assert event.evidence["why"] == WHY
@@ -98,19 +85,19 @@ def test_a_reason_lets_it_run_and_stands_in_every_record(
 
 
 @pytest.mark.slow
-def test_resume_looks_first_too(hil: Any, small_sweep: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_resume_looks_first_too(hil: Any, one_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A night that was cut short is not carried on into a full disk; what is done needs no room any more."""
     night = tmp_path / "night"
     stop = StopRequest()
     onlooker = SimpleNamespace(**dict.fromkeys(ONLOOKER, lambda *_: None))
     onlooker.step_ended = lambda step, _: stop.request("enough") if step.position else None
-    outcome = start_night(night, load_sweep(small_sweep), load_bench("simulated"), stop=stop, progress=onlooker)
+    outcome = start_night(night, load_sweep(one_run), load_bench("simulated"), stop=stop, progress=onlooker)
     assert outcome.state == "aborted"
     with monkeypatch.context() as patched:
         patched.setattr("hil.bench.preflight._BYTES_PER_SAMPLE", 1e15)
         ended = hil("resume", night)
         assert (ended.returncode, len(lines(ended.stderr, "NOT"))) == (3, 1)
-        whole = hil("check", small_sweep, "--bench", "simulated")
+        whole = hil("check", one_run, "--bench", "simulated")
         assert wanted(lines(ended.stderr, "NOT")[0]) < wanted(lines(whole.stdout, "NOT")[0])
     with open_readonly(night) as journal:
         assert len(journal.controllers()) == 1

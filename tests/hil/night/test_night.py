@@ -26,15 +26,9 @@ from hil.records.verify import verify_night
 from hil.report.night import night_content
 from procedures.journal_protocol import Outcome
 from procedures.stop import StopRequest
+from tests.hil.short_sweeps import short_sweep
 
-SWEEP = """
-title: Two short self-calibrations
-temperatures: [23 degC]
-self_calibrations_per_temperature: 2
-positions: [1, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 20 s}
-"""
+SWEEP = short_sweep(self_calibrations=2)
 SHORT = parse_sweep(SWEEP, "short.yaml")
 
 
@@ -55,7 +49,7 @@ def test_a_night_is_complete_and_sound(finished: Path) -> None:
         assert (journal.night.who, journal.night.seed, journal.night.simulated) == ("rk", 861, True)
         assert set(journal.night.versions or {}) >= {"hil", "numpy", "python", "sqlite"}
         assert "temperatures: [" in SWEEP
-        assert "Two short self-calibrations" in journal.night.configuration
+        assert "A short night" in journal.night.configuration
         samples = [row.block for row in journal.blocks() if row.block.kind == SAMPLES]
     assert len(samples) == 4
     assert all(read_samples(finished, block).simulated for block in samples)

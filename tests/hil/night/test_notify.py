@@ -17,18 +17,9 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.night.notify import Notifier, NotSent, addresses_of, send
 from hil.records import open_readonly
+from tests.hil.short_sweeps import short_sweep
 
-SHORT = parse_sweep(
-    """
-title: One short self-calibration
-temperatures: [23 degC]
-self_calibrations_per_temperature: 1
-positions: [1, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 20 s}
-""",
-    "short.yaml",
-)
+SHORT = parse_sweep(short_sweep(), "short.yaml")
 
 
 class Receiver:

@@ -10,15 +10,9 @@ from hil.config import Bench, load_bench, parse_bench, parse_sweep
 from hil.night import NightOutcome, resume_night, start_night
 from hil.night.replay import replay_night
 from hil.records import open_readonly
+from tests.hil.short_sweeps import short_sweep
 
-SWEEP = """
-title: One short self-calibration
-temperatures: [23 degC]
-self_calibrations_per_temperature: 1
-positions: [1, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 60 s}
-"""
+SWEEP = short_sweep("settle: 5 s, duration: 60 s")
 
 
 def bench_with(fault: str, serial: str = '""') -> Bench:

@@ -25,16 +25,9 @@ from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome
 from procedures.progress import Silent, Snapshot
 from procedures.requests import RequestKind
+from tests.hil.short_sweeps import short_sweep
 
-SWEEP = """
-title: One short self-calibration
-temperatures: [23 degC]
-self_calibrations_per_temperature: 1
-positions: [1, 3]
-restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
-collect: {settle: 5 s, duration: 20 s, index_timeout: 5 min}
-"""
-SHORT = parse_sweep(SWEEP, "short.yaml")
+SHORT = parse_sweep(short_sweep("settle: 5 s, duration: 20 s, index_timeout: 5 min"), "short.yaml")
 
 
 class Shell(Silent):

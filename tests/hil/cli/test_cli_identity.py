@@ -20,17 +20,6 @@ from hil.records.export import campaign_of_night
 from hil.records.requests import request
 from hil.records.status import night_status
 from procedures.requests import RequestKind
-from tests.hil.cli.conftest import SHORT_SWEEP, hil  # noqa: F401 - a fixture
-
-
-@pytest.fixture
-def sweep(tmp_path: Path) -> Path:
-    """One self-calibration."""
-    path = tmp_path / "sweep.yaml"
-    path.write_text(
-        yaml.safe_dump({**SHORT_SWEEP, "temperatures": ["23 degC"], "self_calibrations_per_temperature": 1})
-    )
-    return path
 
 
 def bench_file(folder: Path, *, tells: bool, serial: str = "ask") -> Path:
@@ -68,11 +57,11 @@ class Page:
         """Nothing to do."""
 
 
-def test_what_is_typed_stands_in_every_record(hil: Any, sweep: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_what_is_typed_stands_in_every_record(hil: Any, one_run: Path, tmp_path: Path) -> None:
     """Folder, journal, status, campaign and report of a unit that does not tell its serial number."""
     bench, campaign, page = bench_file(tmp_path, tells=False), tmp_path / "campaign", tmp_path / "page.html"
     options = ("--serial", "U/014", "--operator", "R. Kim", "--note", "after repair")
-    ended = hil("run", sweep, "--bench", bench, *options, "--out", tmp_path / "{serial}")
+    ended = hil("run", one_run, "--bench", bench, *options, "--out", tmp_path / "{serial}")
     assert ended.returncode == 0, ended.stderr
     night = tmp_path / "U-014"
     with open_readonly(night) as journal:
@@ -87,9 +76,9 @@ def test_what_is_typed_stands_in_every_record(hil: Any, sweep: Path, tmp_path: P
     assert all(f"<strong>{text}</strong>" in page.read_text() for text in said.values())
 
 
-def test_where_nobody_can_be_asked_nothing_begins(hil: Any, sweep: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_where_nobody_can_be_asked_nothing_begins(hil: Any, one_run: Path, tmp_path: Path) -> None:
     """The bench says that it is asked, and nobody typed it: refused, and no folder is left."""
-    ended = hil("run", sweep, "--bench", bench_file(tmp_path, tells=False), "--out", tmp_path / "night", "--yes")
+    ended = hil("run", one_run, "--bench", bench_file(tmp_path, tells=False), "--out", tmp_path / "night", "--yes")
     assert ended.returncode == 2
     assert "give --serial" in ended.stderr
     assert not (tmp_path / "night").exists()
@@ -97,8 +86,8 @@ def test_where_nobody_can_be_asked_nothing_begins(hil: Any, sweep: Path, tmp_pat
 
 @pytest.mark.parametrize(("serial", "status"), [pytest.param("SIM-0001", 0, marks=pytest.mark.slow), ("SIM-0002", 3)])
 def test_a_unit_that_tells_its_own_is_compared(
-    hil: Any,  # noqa: F811
-    sweep: Path,
+    hil: Any,
+    one_run: Path,
     tmp_path: Path,
     serial: str,
     status: int,
@@ -109,7 +98,7 @@ def test_a_unit_that_tells_its_own_is_compared(
         "hil.twin.devices.ImuIdentity", lambda model, _, version: ImuIdentity(model, "SIM-0001", version)
     )
     ended = hil(
-        "run", sweep, "--bench", bench_file(tmp_path, tells=True), "--serial", serial, "--out", tmp_path / "night"
+        "run", one_run, "--bench", bench_file(tmp_path, tells=True), "--serial", serial, "--out", tmp_path / "night"
     )
     assert ended.returncode == status, ended.stderr
     refusal = "NOT  unit: sim://imu: the unit says serial 'SIM-0001', 'SIM-0002' is what"
@@ -127,11 +116,11 @@ def test_a_bench_file_that_names_another_is_not_overruled(tmp_path: Path) -> Non
             bench.of_unit(text)
 
 
-def test_the_question_is_answered_on_the_page_before_anything_moves(sweep: Path, tmp_path: Path) -> None:
+def test_the_question_is_answered_on_the_page_before_anything_moves(one_run: Path, tmp_path: Path) -> None:
     """Words are needed: an answer without any is refused, impossible ones are asked for again; then it is known."""
     bench, night = load_bench(bench_file(tmp_path, tells=False)), tmp_path / "night"
     page = Page(night, "", "014")
-    assert start_night(night, load_sweep(sweep), bench, who="rk", terminal=page).state == "complete"
+    assert start_night(night, load_sweep(one_run), bench, who="rk", terminal=page).state == "complete"
     with open_readonly(night) as journal:
         kinds = [event.kind for event in journal.events()]
         accepted = [row.accepted for row in journal.requests()]
@@ -145,10 +134,10 @@ def test_the_question_is_answered_on_the_page_before_anything_moves(sweep: Path,
 
 
 @pytest.mark.slow
-def test_without_an_answer_nothing_moves_and_a_resume_asks_again(sweep: Path, tmp_path: Path) -> None:
+def test_without_an_answer_nothing_moves_and_a_resume_asks_again(one_run: Path, tmp_path: Path) -> None:
     """The night ends by itself after an hour in which the chamber was never commanded."""
     bench, night = load_bench(bench_file(tmp_path, tells=False)), tmp_path / "night"
-    ended = start_night(night, load_sweep(sweep), bench, who="rk")
+    ended = start_night(night, load_sweep(one_run), bench, who="rk")
     assert (ended.state, ended.exit_status) == ("failed", 3)
     assert "nobody typed the unit's serial number" in ended.reason
     log = (night / "log.jsonl").read_text()
