@@ -21,11 +21,9 @@ from hil.model.effects.history import joined
 from hil.model.forms import RATE
 from hil.solve.temperatures import same_temperature
 
-_TITLES = {"bias": "Bias that follows temperature"}  # as every model has one that does not
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
 _SLOPE = "dTdt_degC_per_min"
-_NOT_DRIVERS = frozenset({"n_samples"})
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
@@ -113,14 +111,14 @@ def _of_shape(
             columns=columns,
             parameters=parameters,
             shape=shape,
-            title=_TITLES.get(effect.id, effect.title),
+            title=effect.followed_title or effect.title,
             equation=effect.equation,
             effect=effect,
             sensor_axes=conditions.sensor.axes,
             before_degC=before_degC,
             searched=searched,
         )
-        if effect.id != "bias":
+        if not effect.followed_title:
             yield plain
         if effect.may_follow_temperature:
             yield from _over_temperature(plain, conditions)
@@ -227,7 +225,7 @@ def drivers(conditions: Conditions) -> list[Driver]:
     for name, values in conditions.columns.items():
         varies = np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
         a_temperature = name in {"setpoint_degC", "chamber_degC", "case_degC"} and temperature is not None
-        if varies and not a_temperature and name not in _NOT_DRIVERS and expressible(name):
+        if varies and not a_temperature and name != "n_samples" and expressible(name):
             expressions.append((name, "condition"))
     if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
         expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]
