@@ -196,3 +196,11 @@ def test_blocks_join_to_what_they_were_read_from():
     assert joined.counts == StreamCounts(ok=2 * N, bad_checksum=2)
     assert joined.raw == b"raw-raw"
     assert len(join([])) == 0
+
+
+def test_frames_that_came_twice_count_once_and_are_said():
+    """A few are nothing; a share of them is worth a look."""
+    _, verdict, reason = _judge(_samples(counts=StreamCounts(ok=N, duplicate=N)))
+    assert verdict == "MARGINAL"
+    assert f"{N} frames came twice" in reason
+    assert _judge(_samples(counts=StreamCounts(ok=N, duplicate=2)))[1] == "PASS"

@@ -86,7 +86,8 @@ def test_a_night_is_not_overwritten(hil: Any, short_sweep: Path, night: Path) ->
 
 
 def test_a_damaged_night_is_found_out(hil: Any, night: Path, tmp_path: Path) -> None:
-    """One flipped byte in one block: verify names it and ends with status 4."""
+    """One flipped byte in one block: verify and status name it and end with status 4; nobody says PASS over it."""
+    assert json.loads(hil("status", night, "--json").stdout)["verdict"]["verdict"] == "PASS"
     copy = tmp_path / "copy"
     shutil.copytree(night, copy)
     block = sorted((copy / "blocks").rglob("*.parquet"))[0]
@@ -96,6 +97,11 @@ def test_a_damaged_night_is_found_out(hil: Any, night: Path, tmp_path: Path) -> 
     ended = hil("verify", copy, "--json")
     assert ended.returncode == 4
     assert any(block.name in problem for problem in json.loads(ended.stdout)["problems"])
+    ended = hil("status", copy, "--json")
+    assert ended.returncode == 4
+    verdict = json.loads(ended.stdout)["verdict"]
+    assert verdict["verdict"] == "ERROR"
+    assert block.name in verdict["reason"]
 
 
 def test_resuming_a_complete_night_changes_nothing(hil: Any, night: Path) -> None:

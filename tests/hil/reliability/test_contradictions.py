@@ -22,6 +22,7 @@ _QUICK = (
     "indexed, collect 3 of 1, 2, 3: not turned",
     "accelerometers in m/s²",
     "rates in rad/s",
+    "the clock jumps by two hours",
 )
 
 

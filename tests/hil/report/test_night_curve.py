@@ -11,9 +11,11 @@ import pytest
 from drivers.chambers.supervised import SupervisedChamber
 from hil.config import parse_bench, parse_sweep
 from hil.dashboard.curves import NightCurves
+from hil.errors import Damaged
 from hil.files.strict import find_config
 from hil.night import start_night
 from hil.records import reading
+from hil.records.status import recorded_end
 from hil.report.night import night_content
 from tests.hil.report.report_pages import SWEEP
 
@@ -84,3 +86,19 @@ def test_a_trace_that_is_lost_or_cut_off_leaves_the_journals_minutes(
     for each in (half, none):
         assert each.hours[-1] == pytest.approx(whole.hours[-1], abs=61 / 3600)
     assert np.nanmax(none.temperatures["chamber"]) < np.nanmax(whole.temperatures["chamber"])
+
+
+def test_a_trace_that_was_changed_is_not_drawn(looked_at: tuple[Path, list[float]], tmp_path: Path) -> None:
+    """All of it is recorded with the verdict, its last row too; a bit anywhere is named, with what to do."""
+    copy = tmp_path / "night"
+    shutil.copytree(looked_at[0], copy)
+    trace = copy / "live.trace"
+    data = trace.read_bytes()
+    with reading(copy) as journal:
+        assert recorded_end(journal)["trace"]["size"] == len(data)
+    for place in (30, len(data) // 2, len(data) - 1):
+        trace.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(Damaged, match=r"live\.trace: is not what was written; without it"):
+            night_content(copy)
+    trace.unlink()
+    assert night_content(copy).temperatures
