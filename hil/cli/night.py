@@ -82,8 +82,8 @@ def run(
         str,
         typer.Option(
             "--out",
-            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, or its "
-            "model where that is not known before it is asked.",
+            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, or "
+            "its model where that is not known before it is asked.",
         ),
     ] = "night-{serial}-{date}",
     serial: Annotated[
