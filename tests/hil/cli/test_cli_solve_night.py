@@ -17,6 +17,7 @@ from procedures.verdict import Verdict
 from tests.hil.cli.conftest import Run
 
 
+@pytest.mark.slow
 def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_path: Path) -> None:
     """Six equations for six unknowns always solve; the soak of the quick sweep is far too short."""
     night = tmp_path / "night"

@@ -59,6 +59,7 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
     return np.stack([-20.0 * rows.f[:, 2], -14.0 * rows.f[:, 2]], 1)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
     """What has too few rows for a test is left out of it, and the result says which."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)

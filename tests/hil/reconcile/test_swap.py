@@ -249,6 +249,7 @@ def with_glitches(campaign: Campaign, glitches: Sequence[tuple[int, int, float]]
     return replace(campaign, sensors={1: replace(collects, rates_deg_per_hr=rates)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_glitch_in_one_channel_of_a_triad_is_no_exchange(seed: int) -> None:
     """80 deg/hr in one rate, noise 6 in a collect and 8 from run to run: an outlier, and nothing else."""

@@ -167,6 +167,7 @@ def test_a_changed_sweep_file_is_understood_or_refused(tmp_path: Path, name: str
         safe_setpoints(out, -45.0, 75.0)
 
 
+@pytest.mark.slow
 @_FUZZED
 @given(data=st.data())
 def test_changed_faults_are_understood_or_refused(tmp_path: Path, data: st.DataObject) -> None:

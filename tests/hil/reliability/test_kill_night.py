@@ -91,9 +91,8 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize(
-    "mutation", [pytest.param(name, marks=() if name == "double-commit" else pytest.mark.slow) for name in DEFECTS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mutation", list(DEFECTS))
 def test_a_defect_on_purpose_is_found(mutation: str) -> None:
     """A removed fsync, a swapped rename, a double commit: the same campaign says that something was lost."""
     arguments, words = DEFECTS[mutation]

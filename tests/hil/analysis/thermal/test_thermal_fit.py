@@ -262,6 +262,7 @@ def test_a_cell_that_cannot_be_is_refused_with_its_collect() -> None:
         fit_thermal(replace(night, sensors={2: spun}))
 
 
+@pytest.mark.slow
 def test_px4_and_ardupilot_files_correct_as_the_curves_say() -> None:
     """Evaluated as the autopilots evaluate them, the parameters give the bias curves to a microradian per hour."""
     curves = {
