@@ -9,7 +9,8 @@ of effects. Adding one is a class with a docstring and a line in the catalogue (
     effect.columns(conditions, base=None, shape={})              # dR/dK, shape (n, c, p)
 
 There are three kinds. An `Effect` moves the averages of collects: it gives columns. A `VarianceEffect` only scatters
-them: it gives the covariance of unit size. A `SeriesEffect` shows inside a collect: it tests the series of samples.
+them: it gives the coefficients that scatter, and so covariance and draws. A `SeriesEffect` shows inside a collect: it
+tests the series of samples.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor, Series
+from hil.campaign import Conditions, FloatArray, IntArray, Sensor, Series
 from hil.errors import InputError
 from hil.model.forms import bias_names
 
@@ -32,6 +33,8 @@ REFERENCE_DEGC = 25.0
 
 ROOM_DEGC = 20.0
 """Where a unit comes from before its first collect."""
+
+_HOUR_S = 3600.0
 
 OUTSIDE = 1.0 / 3.0
 """Odds of a cause outside the sensor element, which a bench is built to exclude."""
@@ -107,6 +110,7 @@ class Described(ABC):
     title: ClassVar[str]
     equation: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
@@ -138,6 +142,25 @@ class Described(ABC):
             for label in channel_labels(sensor)
         )
 
+    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
+        """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""
+        return self.shapes
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return every combination of the shape parameters; `[{}]` where there are none."""
+        shapes = self.shapes_for(conditions)
+        return [
+            dict(zip((shape.name for shape in shapes), values, strict=True))
+            for values in itertools.product(*(shape.grid for shape in shapes))
+        ]
+
+    def accepts(self, parameter: str) -> bool:
+        """Whether a model file may give a value for a parameter of this name."""
+        declared = [declared.name for declared in self.parameters]
+        if self.per_channel:
+            return any(parameter.startswith(f"{name}_") for name in declared)
+        return parameter in declared
+
 
 class Effect(Described):
     """A named physical effect on the averages of collects. Subclasses are stateless; values live in a model.
@@ -146,7 +169,6 @@ class Effect(Described):
     cannot excite has a column of zeros.
     """
 
-    shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     needs_base: ClassVar[bool] = False  # `columns` refuses base=None
     needs_slopes: ClassVar[bool] = False  # … and a base without slopes by temperature
     in_models: ClassVar[bool] = True  # False for mistakes in a record: to be corrected there, not to be modelled
@@ -196,32 +218,74 @@ class Effect(Described):
         """Return what of `kin`, and what else, has the history in time that it has at this shape."""
         return self.kin
 
-    def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""
-        return self.shapes
 
-    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
-        """Return every combination of the shape parameters; `[{}]` where there are none."""
-        shapes = self.shapes_for(conditions)
-        return [
-            dict(zip((shape.name for shape in shapes), values, strict=True))
-            for values in itertools.product(*(shape.grid for shape in shapes))
-        ]
+@dataclass(frozen=True)
+class Scatter:
+    """Coefficients that scatter: of which rows they are the same, or how long they remember.
 
-    def accepts(self, parameter: str) -> bool:
-        """Whether a model file may give a value for a parameter of this name."""
-        declared = [declared.name for declared in self.parameters]
-        if self.per_channel:
-            return any(parameter.startswith(f"{name}_") for name in declared)
-        return parameter in declared
+    `columns` (n, c, p): what a coefficient of unit size does to each rate. Either `group` (n,), integer labels: they
+    are drawn anew for each label. Or `tau_s`, s: they wander with that correlation time (Gauss-Markov, unit variance);
+    infinite with `walk`: a random walk of unit variance per hour from the first row on.
+    """
+
+    columns: FloatArray
+    group: IntArray | None = None
+    tau_s: float | None = None
+    walk: bool = False
+
+    def covariance(self, conditions: Conditions) -> FloatArray:
+        """Return the covariance of the rates of n collects, shape (n·c, n·c), rows (n, c) flattened."""
+        seen, channels = flattened(self.columns), self.columns.shape[1]
+        return np.asarray((seen @ seen.T) * np.kron(self._between(conditions), np.ones((channels, channels))))
+
+    def draw(self, conditions: Conditions, rng: np.random.Generator) -> FloatArray:
+        """Return one draw of the rates, shape (n, c), of which `covariance` is the covariance."""
+        rows, _, count = self.columns.shape
+        if self.group is not None:
+            labels, of_row = np.unique(self.group, return_inverse=True)
+            values = rng.standard_normal((len(labels), count))[of_row]
+        else:
+            order = np.argsort(middle_hr(conditions), kind="stable")
+            steps, between = rng.standard_normal((rows, count)), np.diff(middle_hr(conditions)[order])
+            keep, kick = self.step(between)
+            walked = [np.zeros(count) if self.walk else steps[0]] if rows else []
+            for row in range(1, rows):
+                walked.append(keep[row - 1] * walked[-1] + kick[row - 1] * steps[row])
+            values = np.empty((rows, count))
+            values[order] = walked
+        return np.asarray(np.einsum("ncp,np->nc", self.columns, values))
+
+    def step(self, hours: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what is kept of a coefficient after `hours` (m,), and the deviation of what is new, (m,) each."""
+        keep = np.ones_like(hours) if self.walk else np.exp(-hours * _HOUR_S / float(self.tau_s or np.nan))
+        return keep, np.sqrt(hours) if self.walk else np.sqrt(1.0 - keep**2)
+
+    def _between(self, conditions: Conditions) -> FloatArray:
+        if self.group is not None:
+            return np.equal.outer(self.group, self.group).astype(np.float64)
+        hours = middle_hr(conditions)
+        if self.walk:
+            since = hours - hours.min()
+            return np.asarray(np.minimum.outer(since, since))
+        return self.step(np.abs(np.subtract.outer(hours, hours)))[0]
 
 
 class VarianceEffect(Described):
-    """An effect that only scatters averages, without moving their mean: it contributes to the covariance."""
+    """An effect that only scatters averages, without moving their mean. It has one parameter, its size."""
+
+    odds: ClassVar[float] = 1.0  # as an effect's on the mean
 
     @abstractmethod
-    def covariance(self, conditions: Conditions) -> FloatArray:
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return the independent parts that add up to it, at unit size of the parameter, for n collects."""
+
+    def covariance(self, conditions: Conditions, shape: Mapping[str, float] = MappingProxyType({})) -> FloatArray:
         """Return the covariance of the rates at unit size of the parameter, shape (n·c, n·c), rows (n, c) flattened."""
+        return np.asarray(sum(part.covariance(conditions) for part in self.scatter(conditions, shape)))
+
+    def draw(self, conditions: Conditions, shape: Mapping[str, float], rng: np.random.Generator) -> FloatArray:
+        """Return one draw of the rates at unit size of the parameter, shape (n, c)."""
+        return np.asarray(sum(part.draw(conditions, rng) for part in self.scatter(conditions, shape)))
 
 
 @dataclass(frozen=True)
@@ -282,6 +346,11 @@ def median_of(conditions: Conditions, names: str) -> float:
     values = column(conditions, names)
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else math.nan
+
+
+def middle_hr(conditions: Conditions) -> FloatArray:
+    """Return the middle of each row, hours from the campaign's beginning, (n,)."""
+    return np.asarray((conditions.start_s + 0.5 * conditions.duration_s) / _HOUR_S)
 
 
 def above_reference(conditions: Conditions) -> FloatArray:

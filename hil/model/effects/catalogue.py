@@ -77,6 +77,7 @@ VARIANCE_EFFECTS: tuple[VarianceEffect, ...] = (
     noise.Quantisation(),
     noise.BiasInstability(),
     noise.RateRandomWalk(),
+    noise.GaussMarkovBias(),
     noise.TurnOnBias(),
     noise.RetainerNoise(),
     environment.Frost(),

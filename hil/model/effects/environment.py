@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Parameter, VarianceEffect, column
+from hil.campaign import Conditions
+from hil.model.effects.base import Parameter, Scatter, VarianceEffect, column, per_channel
 from hil.model.effects.geometry import local_frame
 
 _TAU_S = 1800.0
@@ -26,11 +28,10 @@ class Frost(VarianceEffect):
     confusable_with = ("jump", "turnon", "hash")
     experiment = "Purge with dry nitrogen; log the dew point."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the covariance of one offset per run and channel, weighed by nearness to 0 °C."""
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return one offset per run and channel, weighed by nearness to 0 °C."""
         near = np.nan_to_num(np.exp(-0.5 * (column(conditions, "temperature_degC") / 5.0) ** 2))
-        between = np.equal.outer(conditions.run, conditions.run) * np.multiply.outer(near, near)
-        return np.kron(between, np.eye(len(conditions.sensor.channels)))
+        return (Scatter(per_channel(near, conditions.sensor), group=conditions.run),)
 
 
 class BaseMotion(VarianceEffect):
@@ -46,15 +47,11 @@ class BaseMotion(VarianceEffect):
     confusable_with = ("arw", "drift", "flicker")
     experiment = "A reference gyro or tiltmeter; sensor 1 less sensor 2."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the covariance of a slow random rate about each of the room's axes, seen by the channels.
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return a slow random rate about each of the room's axes, as the channels see it.
 
         Where north is not known, only rotation about the vertical can be followed from row to row.
         """
         frame = local_frame(conditions)
         directions = np.stack([frame.up, frame.north, frame.east], -1)[:, conditions.sensor.channel_axes, :]
-        seen = directions.reshape(-1, 3)
-        middle = conditions.start_s + 0.5 * conditions.duration_s
-        between = np.exp(-np.abs(np.subtract.outer(middle, middle)) / _TAU_S)
-        channels = len(conditions.sensor.channels)
-        return np.asarray((seen @ seen.T) * np.kron(between, np.ones((channels, channels))))
+        return (Scatter(directions, tau_s=_TAU_S),)

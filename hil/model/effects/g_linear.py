@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect, above_reference, channel_labels, flattened
+from hil.model.effects.base import Base, Effect, Parameter, Scatter, VarianceEffect, above_reference, channel_labels
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
 _MATRIX_TYPICAL = {"RLG": (0.0, 0.01), "FOG": (0.0, 0.01), "DTG": (0.5, 20.0), "MEMS": (10.0, 500.0)}
@@ -159,11 +159,9 @@ class AxialDriftScatter(VarianceEffect):
         """Only in a two-channel rotor sensor."""
         return sensor.is_rotor
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the covariance of an independent MUA and MUB per run, unit variance."""
-        columns = flattened(mu_columns(conditions))
-        same_run = np.equal.outer(conditions.run, conditions.run).astype(np.float64)
-        return np.asarray((columns @ columns.T) * np.kron(same_run, np.ones((2, 2))))
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return an independent MUA and MUB of unit deviation per run."""
+        return (Scatter(mu_columns(conditions), group=conditions.run),)
 
 
 class AnisotropicSensitivity(_RotorEffect):

@@ -13,17 +13,18 @@ from hil.model.effects.base import (
     Base,
     Effect,
     Parameter,
+    Scatter,
     ShapeParameter,
     VarianceEffect,
     channel_labels,
     column,
+    middle_hr,
     per_channel,
 )
 from hil.model.effects.history import collect_interval_s, place_in_run
 
 _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
-_DAY_S = 86400.0
 _FEWEST_CYCLES = 3
 
 
@@ -85,8 +86,7 @@ class Ageing(Effect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the days since the campaign began, at the collect's middle, for each channel."""
-        days = (conditions.start_s + 0.5 * conditions.duration_s) / _DAY_S
-        return per_channel(days, conditions.sensor)
+        return per_channel(middle_hr(conditions) / 24.0, conditions.sensor)
 
 
 class Jump(Effect):
@@ -121,12 +121,12 @@ class Jump(Effect):
         return per_channel(holds.astype(np.float64), conditions.sensor)
 
 
-def _each_channel(between_rows: FloatArray, conditions: Conditions) -> FloatArray:
-    return np.asarray(np.kron(between_rows, np.eye(len(conditions.sensor.channels))))
+def _white(sigma: FloatArray, conditions: Conditions) -> tuple[Scatter, ...]:
+    return (Scatter(per_channel(sigma, conditions.sensor), group=np.arange(len(conditions))),)
 
 
-def _middle_hr(conditions: Conditions) -> FloatArray:
-    return (conditions.start_s + 0.5 * conditions.duration_s) / _HOUR_S
+def _averaged_s(conditions: Conditions) -> FloatArray:
+    return np.maximum(conditions.duration_s, 1.0)
 
 
 class AngleRandomWalk(VarianceEffect):
@@ -148,9 +148,9 @@ class AngleRandomWalk(VarianceEffect):
     confusable_with = ("hash", "beat", "base")
     experiment = "Longer collects: the scatter falls with the root of the time."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return 1/duration on the diagonal, per hr; rows of no duration count as one second."""
-        return _each_channel(np.diag(_HOUR_S / np.maximum(conditions.duration_s, 1.0)), conditions)
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return one over the root of the duration, in hr, of each row; rows of no duration count as one second."""
+        return _white(np.sqrt(_HOUR_S / _averaged_s(conditions)), conditions)
 
 
 class Quantisation(VarianceEffect):
@@ -165,9 +165,9 @@ class Quantisation(VarianceEffect):
     confusable_with = ("arw",)
     experiment = "Look at the last digits of the samples."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return 1/duration² on the diagonal (arcsec/s is deg/hr); rows of no duration count as one second."""
-        return _each_channel(np.diag(np.maximum(conditions.duration_s, 1.0) ** -2.0), conditions)
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return one over the duration (arcsec/s is deg/hr) of each row; rows of no duration count as one second."""
+        return _white(1.0 / _averaged_s(conditions), conditions)
 
 
 class BiasInstability(VarianceEffect):
@@ -184,16 +184,15 @@ class BiasInstability(VarianceEffect):
     confusable_with = ("drift", "rrw")
     experiment = "Allan variance of one to three hours at rest, at each temperature."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the covariance of 1/f noise, as Gauss-Markov processes a factor 4 apart in time constant.
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return 1/f noise, as Gauss-Markov processes a factor 4 apart in time constant.
 
         Equal variances B² ln 4/(2π) sum to the one-sided density B²/(2π f) between the shortest and longest.
         """
-        lag = np.abs(np.subtract.outer(_middle_hr(conditions), _middle_hr(conditions))) * _HOUR_S
-        longest = max(float(lag.max()), 100.0) * 4.0
+        longest = max(float(np.ptp(middle_hr(conditions))) * _HOUR_S, 100.0) * 4.0
         taus = 10.0 * 4.0 ** np.arange(np.ceil(np.log(longest / 10.0) / np.log(4.0)) + 1)
-        between = sum(np.exp(-lag / tau) for tau in taus) * np.log(4.0) / (2.0 * np.pi)
-        return _each_channel(np.asarray(between), conditions)
+        each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / (2.0 * np.pi))), conditions.sensor)
+        return tuple(Scatter(each, tau_s=float(tau)) for tau in taus)
 
 
 class RateRandomWalk(VarianceEffect):
@@ -208,10 +207,39 @@ class RateRandomWalk(VarianceEffect):
     confusable_with = ("ageing", "turnon", "jump", "flicker")
     experiment = "Allan variance; structure function against the distance of runs."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the hours from the first row to the earlier of two, for each channel."""
-        hours = _middle_hr(conditions) - _middle_hr(conditions).min()
-        return _each_channel(np.minimum.outer(hours, hours), conditions)
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return a walk of each channel from the first row on, one after an hour."""
+        return (Scatter(per_channel(np.ones(len(conditions)), conditions.sensor), tau_s=np.inf, walk=True),)
+
+
+class GaussMarkovBias(VarianceEffect):
+    """The bias wanders about its value, exponentially correlated: the first-order Gauss-Markov process of IEEE Std 952.
+
+    Correlated over much less than a collect's distance it is a bias of each collect, over much more one of the night:
+    turn-on bias and rate random walk are its limits. Sizes and times are assumed.
+    """
+
+    id = "markov"
+    family = "noise"
+    title = "Bias that wanders, correlated over a time"
+    equation = "cov(B(t1), B(t2)) = sigma_m^2 exp(-|t2 - t1| / tau)"
+    parameters = (
+        Parameter(
+            "sigma_m",
+            "deg/hr",
+            (0.5, 5.0),
+            {"RLG": (0.001, 0.02), "FOG": (0.01, 1.5), "DTG": (0.02, 0.5), "MEMS": (0.5, 15.0)},
+        ),
+    )
+    shapes = (ShapeParameter("tau_hr", "hr", (0.5, 2.0, 8.0, 40.0), continuous=True),)
+    signature = "Neighbours in time are alike, and the likeness fades; the whole does not grow, as a walk's does."
+    confusable_with = ("turnon", "rrw", "flicker", "ageing")
+    experiment = "Hours at rest at one temperature: the autocorrelation of the averages; a second night."
+
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return a bias of unit deviation per channel, correlated over `tau_hr`."""
+        each = per_channel(np.ones(len(conditions)), conditions.sensor)
+        return (Scatter(each, tau_s=_HOUR_S * shape["tau_hr"]),)
 
 
 class TurnOnBias(VarianceEffect):
@@ -233,13 +261,12 @@ class TurnOnBias(VarianceEffect):
     confusable_with = ("bias_T", "rrw", "jump")
     experiment = "Several power cycles at one temperature."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return 1 between rows of the same power cycle, for each channel."""
-        since = column(conditions, "time_since_power_on_s")
-        cycle = conditions.run.astype(np.float64)
-        if np.all(np.isfinite(since)):
-            cycle = np.round((conditions.start_s - since) / 60.0)
-        return _each_channel(np.equal.outer(cycle, cycle).astype(np.float64), conditions)
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return one bias per channel for the rows of each power cycle."""
+        cycle = conditions.run
+        if np.all(np.isfinite(column(conditions, "time_since_power_on_s"))):
+            cycle = power_cycles(conditions).astype(np.int64)
+        return (Scatter(per_channel(np.ones(len(conditions)), conditions.sensor), group=cycle),)
 
 
 class PowerCycleBias(Effect):
@@ -297,7 +324,7 @@ class RetainerNoise(VarianceEffect):
     confusable_with = ("arw", "frost")
     experiment = "Spin-motor current and noise density against temperature."
 
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the white variance that grows below 5 °C, one at −25 °C per hour of averaging."""
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return the white noise that grows below 5 °C, one at −25 °C after an hour of averaging."""
         cold = np.nan_to_num(np.maximum(5.0 - column(conditions, "temperature_degC"), 0.0) / 30.0)
-        return _each_channel(np.diag(cold**2 * _HOUR_S / np.maximum(conditions.duration_s, 1.0)), conditions)
+        return _white(cold * np.sqrt(_HOUR_S / _averaged_s(conditions)), conditions)

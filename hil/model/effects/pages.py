@@ -66,7 +66,6 @@ def _works_on(entry: Described) -> str:
 
 
 def _entry(entry: Described) -> dict[str, Any]:
-    shapes = entry.shapes if isinstance(entry, Effect) else ()
     return {
         "id": entry.id,
         "family": entry.family,
@@ -84,7 +83,7 @@ def _entry(entry: Described) -> dict[str, Any]:
             }
             for parameter in entry.parameters
         ],
-        "shape_parameters": [{"name": s.name, "unit": s.unit, "grid": list(s.grid)} for s in shapes],
+        "shape_parameters": [{"name": s.name, "unit": s.unit, "grid": list(s.grid)} for s in entry.shapes],
         "needs": sorted(entry.needs),
         "common_to_sensors": entry.common_to_sensors,
         "signature": entry.signature,
@@ -127,9 +126,9 @@ def _page(family: str, found: list[Described]) -> str:
         lines += ["| parameter | unit | typical, rotor | elsewhere |", "|---|---|---|---|"]
         lines += [_parameter_row(parameter, per_channel=entry.per_channel) for parameter in entry.parameters]
         lines.append("")
-        shapes = entry.shapes if isinstance(entry, Effect) else ()
         lines += [
-            f"- **Searched over** {s.name}: {', '.join(f'{value:g}' for value in s.grid)} {s.unit}" for s in shapes
+            f"- **Searched over** {s.name}: {', '.join(f'{value:g}' for value in s.grid)} {s.unit}"
+            for s in entry.shapes
         ]
         if entry.needs:
             columns = ", ".join(f"`{need}`".replace("|", "` or `") for need in sorted(entry.needs))

@@ -111,10 +111,36 @@ def test_covariances_are_symmetric_and_never_negative(data: str) -> None:
     for effect in VARIANCE_EFFECTS:
         if not effect.applies_to(conditions.sensor):
             continue
-        covariance = effect.covariance(conditions)
-        assert covariance.shape == (len(conditions) * len(conditions.sensor.channels),) * 2
-        assert np.allclose(covariance, covariance.T)
-        assert np.linalg.eigvalsh(covariance).min() >= -1e-9 * max(np.abs(covariance).max(), 1.0)
+        assert len(effect.parameters) == 1
+        for shape in effect.shape_grid(conditions):
+            covariance = effect.covariance(conditions, shape)
+            assert covariance.shape == (len(conditions) * len(conditions.sensor.channels),) * 2
+            assert np.allclose(covariance, covariance.T)
+            assert np.linalg.eigvalsh(covariance).min() >= -1e-9 * max(np.abs(covariance).max(), 1.0)
+
+
+@pytest.mark.parametrize("effect", VARIANCE_EFFECTS, ids=_named)
+def test_draws_scatter_as_the_covariance_says(effect: VarianceEffect) -> None:
+    """Over many draws, whatever the order of the rows: every covariance within 6 standard errors, none left out."""
+    conditions = campaign(temperatures=(-10.0, 20.0), runs_each=2)
+    conditions = conditions.rows(np.random.default_rng(3).permutation(len(conditions)))
+    shape, rng, count = effect.shape_grid(conditions)[-1], np.random.default_rng(4), 1000
+    draws = np.array([effect.draw(conditions, shape, rng).ravel() for _ in range(count)])
+    expected = effect.covariance(conditions, shape)
+    size = np.diag(expected)
+    error = np.sqrt((np.multiply.outer(size, size) + expected**2) / count)
+    assert np.all(np.abs(draws.T @ draws / count - expected) <= 6.0 * error + 1e-12)
+
+
+def test_a_bias_that_wanders_is_between_turn_on_and_white() -> None:
+    """At lag tau its correlation is 1/e; over a time much longer than the campaign it is one bias of each channel."""
+    conditions = campaign(temperatures=(0.0, 20.0), runs_each=2)
+    markov = next(v for v in VARIANCE_EFFECTS if v.id == "markov")
+    lag_hr = (conditions.start_s[-1] - conditions.start_s[0]) / 3600.0
+    covariance = markov.covariance(conditions, {"tau_hr": lag_hr})[::2, ::2]
+    assert covariance[0, -1] == pytest.approx(np.exp(-1.0), rel=1e-3)
+    assert np.allclose(markov.covariance(conditions, {"tau_hr": 1e6})[::2, ::2], 1.0, atol=1e-4)
+    assert not markov.covariance(conditions, {"tau_hr": 1e6})[::2, 1::2].any()
 
 
 def test_every_effect_of_the_reference_is_in_the_catalogue(reference: Path) -> None:
@@ -128,7 +154,7 @@ def test_every_effect_of_the_reference_is_in_the_catalogue(reference: Path) -> N
         identifier: family for identifier, family in rows.items() if family not in families.get(identifier, ())
     } == {}
     added = set(families) - set(rows)
-    assert added == {"bias", "GS", "MU_T", "g_sensitivity_T", "ageing", "saturation"}
+    assert added == {"bias", "GS", "MU_T", "g_sensitivity_T", "ageing", "saturation", "markov"}
 
 
 @pytest.mark.parametrize("entry", list(entries()), ids=_named)
