@@ -20,17 +20,17 @@ from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
-from hil.reconcile.search.calibration import CALIBRATED, ONE_SET, PER_TEMPERATURE, per_temperature
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
-from hil.reconcile.search.fit import UNSEEN
+from hil.reconcile.search.terms import UNSEEN
 from hil.solve.identifiability import independent_columns, kept_shares, orthonormal, smallest_fit
-from hil.solve.rows import Block, is_repeated, sensor_blocks
+from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
-_RICH_ORDER = 5
 _ROUNDS = 5
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
 _BEYOND_DOUBT = 12.0  # log likelihood
+TEMPERATURE_FREE = frozenset({"constant", "collins-4", "matrix-6", "triad-12"})
+"""Forms that say nothing of temperature: a unit may have been calibrated at each."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,10 @@ class Problem:
     notes: Sequence[str] = field(default_factory=tuple)
 
 
-def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibration: str = ONE_SET) -> Problem:
+def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
     """Fit the model's form to every sensor, cut the rows into blocks, and list the candidates.
 
-    `calibration` is one set of values for the campaign, or one per temperature. Raises `InputError` where the form does
-    not fit a sensor or needs a column that the campaign lacks.
+    Raises `InputError` where the form does not fit a sensor or needs a column that the campaign lacks.
     """
     sensors: dict[int, SensorProblem] = {}
     blocks: list[Block] = []
@@ -107,14 +106,10 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect], calibrat
     for number, collects in campaign.sensors.items():
         form, note = _form(model, collects.conditions)
         notes += note
-        if calibration == PER_TEMPERATURE:
-            form = per_temperature(form, collects.conditions)
         sensor = _sensor(number, collects, model, form)
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-        own = sensor_blocks(number, collects, sensor.known_rates(), columns)
-        alone = calibration == PER_TEMPERATURE and not is_repeated(own)
-        blocks += [replace(block, sigma_trusted=alone and block.sigma_stated) for block in own]
+        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns)
     bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
     if any(bears):
         notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]
@@ -177,7 +172,7 @@ def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> 
 def _given(model: Model, conditions: Conditions) -> Model | None:
     """Return the model where its values for this sensor follow temperature in a way that its form does not refit."""
     number = conditions.sensor.number
-    if model.form not in CALIBRATED or number not in model.sensors:
+    if model.form not in TEMPERATURE_FREE or number not in model.sensors:
         return None
     temperature = conditions.columns.get("temperature_degC")
     follows = any(curve.depends_on_temperature for curve in model.sensors[number].values())
@@ -258,43 +253,3 @@ def _term_columns(model: Model, conditions: Conditions, base: Base) -> FloatArra
             columns = np.concatenate([columns * step for step in steps], axis=2)
         out.append(columns)
     return np.concatenate(out, axis=2)
-
-
-def rich_columns(block: Block, conditions: Conditions) -> list[FloatArray]:
-    """Return flexible models of the means for one block, each (N, p): what of the scatter may be no noise.
-
-    Per setpoint, smooth over time, per position, and with all that was recorded: earth rate and conditions.
-    """
-    targets = [np.ones((len(block.y), 1))]
-    f = conditions.f_g[block.rows]
-    targets += [f[:, k : k + 1] for k in range(3) if np.std(f[:, k]) > 0.05]
-    target = np.hstack(targets)
-    out = []
-    numbers = np.unique(block.station)
-    if len(numbers) > 1:
-        steps = (block.station[:, None] == numbers).astype(np.float64)
-        out.append(independent_columns((target[:, :, None] * steps[:, None, :]).reshape(len(block.y), -1), 1e-6))
-    else:
-        out.append(independent_columns(target, 1e-6))
-    time = conditions.start_s[block.rows]
-    unit = (time - time.min()) / max(float(np.ptp(time)), 1e-12)
-    order = min(_RICH_ORDER, len(np.unique(block.run)) // 3)
-    if order:
-        smooth = np.stack([np.cos(np.pi * k * unit) for k in range(order + 1)], axis=1)
-        out.append(independent_columns((target[:, :, None] * smooth[:, None, :]).reshape(len(block.y), -1), 1e-6))
-    labels = np.unique(conditions.position[block.rows])
-    if 1 < len(labels) < 0.5 * len(block.y):
-        out.append((conditions.position[block.rows][:, None] == labels).astype(np.float64))
-    out.append(independent_columns(np.hstack([target, _recorded(block, conditions)]), 1e-3))
-    return out
-
-
-def _recorded(block: Block, conditions: Conditions) -> FloatArray:
-    """Earth rate and conditions at a block's rows, each of unit size, as many as a third of the rows bears, (N, k)."""
-    known = [np.nan_to_num(conditions.w_deg_per_hr[block.rows])]
-    known += [values[block.rows, None] for values in conditions.columns.values() if np.all(np.isfinite(values))]
-    columns = np.hstack(known)
-    columns = columns - columns.mean(axis=0)
-    size = np.linalg.norm(columns, axis=0)
-    varies = size > 1e-9 * np.sqrt(len(columns))
-    return np.asarray((columns / np.where(varies, size, 1.0))[:, varies][:, : len(block.y) // 3])

@@ -1,0 +1,274 @@
+"""The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes.
+
+    search = SensorSearch(blocks, noises, terms)
+    search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by kind of scatter and block
+    search.likely_sets()           # the sets that are worth anything
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.reconcile.search.evidence import HOLDS, UNKNOWN, Beside, columns_by_size, log_factors
+from hil.reconcile.search.noise import Noise, Points, joined_points
+from hil.reconcile.search.terms import Term
+from hil.solve.rows import Block
+
+POINTS = 24
+"""Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
+DEPTH = 9.0
+"""Noise this much (in log probability) below the best is left out: one part in eight thousand."""
+LEADING = 6
+"""Terms beside which the noise is looked at anew."""
+Set = tuple[int, ...]
+
+
+@dataclass
+class BlockSearch:
+    """One block: its rows, its noise, and the points at which it is weighed."""
+
+    block: Block
+    noise: Noise
+    every: Points
+    points: Points
+    scales: Sequence[tuple[float, float, float]]
+    y: FloatArray
+    unit: float
+
+    @classmethod
+    def of(cls, block: Block, noise: Noise) -> BlockSearch:
+        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary is not out of the question."""
+        unit = float(np.sqrt(noise.unit))
+        y = block.y / unit
+        scales = HOLDS if block.sigma_stated else UNKNOWN
+        ordinary = noise.ordinary()
+        log_null = _posterior(ordinary, scales, y, block.base)
+        good = log_null > log_null.max() - 2.0 * DEPTH
+        levels = np.unique(ordinary.level[good])
+        wide = np.unique(ordinary.calibration[good])
+        every = joined_points(ordinary, noise.scattering(levels, wide, ordinary)) if noise.kinds else ordinary
+        out = cls(block, noise, every, every, scales, y, unit)
+        out.points = every.take(out.relevant([np.zeros((len(y), 0))]))
+        return out
+
+    def relevant(self, extras: Sequence[FloatArray]) -> IntArray:
+        """Return the places of the points that are probable with one of several further columns (N, q) in the base."""
+        chosen: set[int] = set()
+        for extra in extras:
+            log_null = _posterior(self.every, self.scales, self.y, np.hstack([self.block.base, extra]))
+            order = np.argsort(-log_null)[:POINTS]
+            chosen |= set(order[log_null[order] > log_null.max() - DEPTH].tolist())
+        quiet = (self.every.kind < 0) & (self.every.level == self.every.level.max()) & (self.every.offset < 1.0)
+        best = self.every.calibration[int(np.argmax(log_null))]
+        chosen |= set(np.flatnonzero(quiet & (self.every.calibration == best)).tolist())
+        return np.array(sorted(chosen))
+
+
+def _posterior(points: Points, scales: Sequence[tuple[float, float, float]], y: FloatArray, base: FloatArray) -> FloatArray:
+    return points.log_prior + Beside.of(points, scales, y, base).log_null()
+
+
+@dataclass
+class SensorSearch:
+    """One sensor: what may be in it, and how probable any set of that is."""
+
+    blocks: Sequence[BlockSearch]
+    terms: Sequence[Term]
+    kinds: Sequence[tuple[object, ...]] = ()
+    _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
+
+    def refine(self) -> None:
+        """Choose the points of the noise anew, so that they serve the leading terms as well as the base alone."""
+        scan = self.scan(())
+        leading = np.argsort(-(scan + self.log_odds))[: LEADING]
+        for b, block in enumerate(self.blocks):
+            parts = [self.terms[j].parts[b] for j in leading.tolist()]
+            extras = [np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)]
+            block.points = block.every.take(block.relevant(extras))
+
+    @property
+    def log_odds(self) -> FloatArray:
+        """Log prior odds of every term, (j,)."""
+        return np.array([term.log_odds for term in self.terms])
+
+    def scan(self, given: Set) -> FloatArray:
+        """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
+        total = np.zeros(len(self.terms))
+        for b, search in enumerate(self.blocks):
+            points = search.points
+            own = [part.columns for j in given if (part := self.terms[j].parts[b]) is not None]
+            beside = Beside.of(points, search.scales, search.y, np.hstack([search.block.base, *own]))
+            empty = np.zeros((len(search.y), 0))
+            columns = [empty if t.parts[b] is None else t.parts[b].columns for t in self.terms]
+            amplitudes = [t.amplitudes[b] for t in self.terms]
+            groups = [(places, points.factor @ (several / search.unit)) for places, several in columns_by_size(columns)]
+            by_point = log_factors(beside, groups, amplitudes, len(self.terms)) + points.log_prior[:, None]
+            total += np.logaddexp.reduce(by_point, axis=0) - np.logaddexp.reduce(beside.log_null() + points.log_prior)
+        return total
+
+    def evidence(self, chosen: Set) -> list[FloatArray]:
+        """Log evidence of a set by block: (kinds + 1,) each, ordinary noise first, without the kinds' own odds."""
+        if chosen not in self._known:
+            self._known[chosen] = self._evidence(chosen)
+        return self._known[chosen]
+
+    def _evidence(self, chosen: Set) -> list[FloatArray]:
+        out, ties = [], any(self.terms[j].ties for j in chosen)
+        at: list[tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]] = []
+        for b, search in enumerate(self.blocks):
+            weighed = SetInBlock.of(search, [(j, self.terms[j]) for j in chosen], b)
+            out.append(weighed.by_kind(len(search.noise.kinds)))
+            if ties:
+                at.append(weighed.at_best())
+        if ties:
+            tied = {j for j in chosen if self.terms[j].ties}
+            out[0] = out[0] + _tied(at, tied)
+        return out
+
+
+@dataclass
+class SetInBlock:
+    """A set of terms in one block: inner products at every point, and which sizes its amplitudes probably have."""
+
+    beside: Beside
+    points: Points
+    gram: FloatArray
+    score: FloatArray
+    owner: list[tuple[int, int]]
+    options: list[list[tuple[float, FloatArray, FloatArray]]]
+    places: list[IntArray]
+    terms_log: FloatArray
+    best: list[int]
+
+    @classmethod
+    def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
+        """Weigh the members' parts in block `b` together."""
+        beside = Beside.of(search.points, search.scales, search.y, search.block.base)
+        columns, owner, options, places = [], [], [], []
+        for j, term in members:
+            part = term.parts[b]
+            if part is None:
+                continue
+            first = len(owner)
+            columns.append(part.columns)
+            owner += [(j, int(k)) for k in part.parameters]
+            places.append(np.arange(first, len(owner)))
+            options.append(
+                [
+                    (float(a.log_weights[u]), a.mean, a.deviation * a.sizes[u])
+                    for a in term.amplitudes[b]
+                    for u in range(len(a.sizes))
+                ]
+            )
+        stacked = np.hstack([np.zeros((len(search.y), 0)), *columns])
+        gram, score = beside.products(search.points.factor @ (stacked / search.unit))
+        out = cls(beside, search.points, gram, score, owner, options, places, np.zeros(0), [])
+        out._weigh()
+        return out
+
+    def _weigh(self) -> None:
+        """Sum over sizes about the best of each term: they are nearly independent given the data."""
+        if not self.options:
+            self.terms_log = self.beside.log_null()
+            return
+        self.best = self._best_sizes()
+        base = self._at(self.best)
+        total = base.copy()
+        for e, options in enumerate(self.options):
+            others = []
+            for o in range(max(0, self.best[e] - 2), min(len(options), self.best[e] + 3)):
+                others.append(base if o == self.best[e] else self._at([*self.best[:e], o, *self.best[e + 1 :]]))
+            total += np.logaddexp.reduce(others, axis=0) - base
+        self.terms_log = total
+
+    def _best_sizes(self) -> list[int]:
+        t = int(np.argmax(self.beside.log_null() + self.points.log_prior))
+        values, fit = np.zeros(len(self.owner)), np.zeros(len(self.owner))
+        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
+        fit = inverse @ self.score[t]
+        freedom = max(self.beside.freedom - len(fit), 1)
+        values = np.diag(inverse) * max((self.beside.rss[t] - fit @ self.score[t]) / freedom, 1e-9)
+        best = []
+        for options, places in zip(self.options, self.places, strict=True):
+            logs = []
+            for log_weight, mean, deviation in options:
+                variance = deviation**2 + values[places]
+                logs.append(log_weight - 0.5 * float(np.sum((fit[places] - mean) ** 2 / variance + np.log(variance))))
+            best.append(int(np.argmax(logs)))
+        return best
+
+    def prior_at(self, chosen: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
+        """Return log weight, mean (k,) and deviation (k,) of a choice of sizes."""
+        picked = [options[o] for options, o in zip(self.options, chosen, strict=True)]
+        mean, deviation = (np.concatenate([p[i] for p in picked]) for i in (1, 2))
+        return sum(p[0] for p in picked), mean, deviation
+
+    def _at(self, chosen: Sequence[int]) -> FloatArray:
+        """Log evidence (t,) with one choice of sizes."""
+        log_weight, mean, deviation = self.prior_at(chosen)
+        pull = self.gram @ mean
+        rss = self.beside.rss - 2.0 * self.score @ mean + pull @ mean
+        scaled = self.gram * np.multiply.outer(deviation, deviation)
+        turned = (self.score - pull) * deviation
+        values, vectors = np.linalg.eigh(scaled)
+        values = np.maximum(values, 0.0)
+        z = np.einsum("tqk,tq->tk", vectors, turned)
+        usable = values > 1e-10 * np.maximum(values.max(axis=1, keepdims=True), 1e-300)
+        least = np.maximum(rss - np.sum(np.where(usable, z**2 / np.where(usable, values, 1.0), 0.0), axis=1), 1e-12)
+        terms = []
+        for k in range(len(self.beside.scales)):
+            variance = self.beside.scale_left(least, k)[:, None]
+            shrunk = 1.0 + values / variance
+            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=1), 1e-12)
+            terms.append(self.beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=1), k))
+        return np.asarray(log_weight + np.logaddexp.reduce(terms, axis=0))
+
+    def by_kind(self, kinds: int) -> FloatArray:
+        """Log evidence by kind of scatter, (kinds + 1,), ordinary noise first."""
+        total = self.terms_log + self.points.log_prior
+        out = np.full(kinds + 1, -np.inf)
+        np.logaddexp.at(out, self.points.kind + 1, total)
+        return out
+
+    def at_best(self) -> tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]:
+        """Return Gram, score, owners, mean and deviation in units of the noise, at the most probable point."""
+        t = int(np.argmax(self.terms_log + self.points.log_prior))
+        if not self.owner:
+            none = np.zeros(0)
+            return np.zeros((0, 0)), none, [], none, none
+        _, mean, deviation = self.prior_at(self.best)
+        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
+        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), 1e-9)
+        variance = left / max(self.beside.freedom - len(self.owner), 1)
+        return self.gram[t] / variance, self.score[t] / variance, self.owner, mean, deviation
+
+
+def _tied(
+    blocks: Sequence[tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]], tied: set[int]
+) -> float:
+    """How much more probable the data are if tied parameters are one number in all blocks, not one in each (log)."""
+    apart = sum(_gaussian(gram, score - gram @ mean, dev) for gram, score, _, mean, dev in blocks if len(score))
+    keys: dict[tuple[object, ...], int] = {}
+    for b, (_, _, owner, _, _) in enumerate(blocks):
+        for j, k in owner:
+            keys.setdefault((j, k) if j in tied else (j, k, b), len(keys))
+    gram, score, deviation = np.zeros((len(keys), len(keys))), np.zeros(len(keys)), np.zeros(len(keys))
+    for b, (own_gram, own_score, owner, mean, dev) in enumerate(blocks):
+        index = np.array([keys[(j, k) if j in tied else (j, k, b)] for j, k in owner], dtype=np.int64)
+        if len(index):
+            gram[np.ix_(index, index)] += own_gram
+            score[index] += own_score - own_gram @ mean
+            deviation[index] = np.maximum(deviation[index], dev)
+    return _gaussian(gram, score, deviation) - apart
+
+
+def _gaussian(gram: FloatArray, score: FloatArray, deviation: FloatArray) -> float:
+    """Log Bayes factor of amplitudes N(0, deviation²) against none, in units of the noise."""
+    scaled = np.eye(len(score)) + gram * np.multiply.outer(deviation, deviation)
+    factor = np.linalg.cholesky(scaled)
+    z = np.linalg.solve(factor, score * deviation)
+    return float(0.5 * z @ z - np.sum(np.log(np.diag(factor))))

@@ -1,0 +1,205 @@
+"""What may be beside the base in one sensor, as its blocks of rows show it: effects, terms without a name, mistakes.
+
+A term has columns in every block, a prior of its amplitudes, and odds before the data. An effect's are its class's; a
+term of the second tier shares what is left for what nobody has described; rows, runs and labels that are wrong are terms
+like any other, and compete with them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.model.effects.base import Parameter
+from hil.reconcile.search.candidates import POWERS, Candidate
+from hil.reconcile.search.evidence import Amplitude
+from hil.solve.identifiability import kept_shares, orthonormal
+from hil.solve.rows import Block
+
+SECOND_TIER = 0.2
+"""Prior of what no effect of the catalogue describes, given that something is missing."""
+WRONG = {"row": 0.1, "run": 0.02, "swap": 0.02}
+"""Prior odds that a campaign has a wrong row, a wrong run, exchanged labels."""
+PLAIN = 5.0
+"""A value that is one number is this many times as probable as one that follows temperature in some form."""
+EXACT = 0.03
+"""Deviation of an amplitude that is one or nothing: the columns are right to a few per cent."""
+STEP = 3.0
+"""Factor between sizes that are tried: a normal prior that is off by its root loses a tenth of a log."""
+UNSEEN = 0.03
+"""A column of which the base leaves less is not asked about."""
+TIES = 0.03
+"""A parameter that moves a block less than this, beside the one it moves most, does not tie the two."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a term is in one block: columns (N, q), and which of the term's parameters they belong to, (q,)."""
+
+    columns: FloatArray
+    parameters: IntArray
+
+
+@dataclass(frozen=True)
+class Term:
+    """Something that may be beside the base of one sensor. `parts` has one entry per block, None where it has none.
+
+    `log_odds` are those of this very shape and form against nothing. `ties` says that a parameter acts on several blocks.
+    """
+
+    name: str
+    tier: int
+    candidate: Candidate
+    parts: tuple[Part | None, ...]
+    amplitudes: tuple[tuple[Amplitude, ...], ...]
+    log_odds: float
+    ties: bool = False
+
+    @property
+    def is_mistake(self) -> bool:
+        """Whether it is a mistake in the data, which no model should learn."""
+        return self.tier == 0
+
+
+def terms(
+    candidates: Sequence[Candidate],
+    blocks: Sequence[Block],
+    noise_deg_per_hr: float,
+    known: Mapping[str, Sequence[tuple[float, FloatArray, FloatArray]]],
+) -> list[Term]:
+    """Return the terms of one sensor's candidates; `noise_deg_per_hr` is what a collect scatters by.
+
+    `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
+    """
+    bases = [orthonormal(block.base) for block in blocks]
+    shares = _prior_odds(candidates)
+    out = []
+    for candidate, odds in zip(candidates, shares, strict=True):
+        parts = tuple(_part(candidate, block, base) for block, base in zip(blocks, bases, strict=True))
+        if not any(part is not None for part in parts):
+            continue
+        amplitudes = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
+        own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
+        seen = [set(part.parameters.tolist()) for part in parts if part is not None]
+        ties = any(a & b for a, b in itertools.combinations(seen, 2)) and not _is_exact(candidate)
+        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, float(np.log(odds)), ties))
+    return out
+
+
+def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
+    """Share the odds out: over tiers, over names by their class's odds, over the shapes and forms of a name."""
+    within: dict[tuple[int, str], float] = {}
+    odds: dict[tuple[int, str], float] = {}
+    for c in candidates:
+        key = (c.tier, c.name)
+        within[key] = within.get(key, 0.0) + _form_weight(c)
+        odds[key] = max(odds.get(key, 0.0), c.effect.odds if c.effect is not None and c.tier == 1 else 1.0)
+    tiers = {tier: sum(value for (t, _), value in odds.items() if t == tier) for tier, _ in odds}
+    share = {1: 1.0 - SECOND_TIER, 2: SECOND_TIER}
+    out = []
+    for c in candidates:
+        key = (c.tier, c.name)
+        of_name = WRONG[c.name] if c.tier == 0 else share[c.tier] * odds[key] / tiers[c.tier]
+        out.append(of_name * _form_weight(c) / within[key])
+    return out
+
+
+def _form_weight(candidate: Candidate) -> float:
+    plain = "constant" if candidate.effect is None else candidate.effect.plain_form
+    return PLAIN if candidate.form == plain else 1.0
+
+
+def _part(candidate: Candidate, block: Block, base: FloatArray) -> Part | None:
+    columns = block.select(candidate.columns)
+    largest = np.sqrt(np.mean(candidate.columns**2, axis=0)).max(axis=0)
+    here = np.sqrt(np.mean(columns**2, axis=0))
+    acts = np.flatnonzero((here > TIES * largest) & (here > 0.0))
+    if not len(acts):
+        return None
+    acts = acts[kept_shares(base, columns[:, acts]) > UNSEEN]
+    return Part(columns[:, acts], acts) if len(acts) else None
+
+
+def _is_exact(candidate: Candidate) -> bool:
+    """Whether its amplitudes are one or nothing: a sign that is wrong or right, labels exchanged or not."""
+    return all(p.typical[0] == p.typical[1] for p in candidate.parameters)
+
+
+def _amplitudes(
+    candidate: Candidate, noise: float, known: Iterable[tuple[float, FloatArray, FloatArray]]
+) -> list[Amplitude]:
+    """Return the prior of all parameters of a candidate."""
+    count = candidate.size
+    if _is_exact(candidate):
+        choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=count) if any(c)]
+        one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
+        return [Amplitude(np.full(count, EXACT), one, log_weight, mean) for mean in choices]
+    middle, sizes, log_weights = _sizes(candidate, noise)
+    fixed = list(known)
+    free = 1.0 - sum(weight for weight, _, _ in fixed)
+    out = [Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count))]
+    for weight, mean, deviation in fixed:
+        out.append(Amplitude(deviation, np.ones(1), np.array([np.log(weight)]), mean))
+    return out
+
+
+def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The middle of each parameter's typical range, and how many times that it may be, with log weights."""
+    rms = np.sqrt(np.mean(candidate.columns**2, axis=(0, 1)))
+    rms = np.where(rms > 0.0, rms, 1.0)
+    if candidate.tier != 1:
+        # Of what nobody has described, sizes from the noise up are as probable, order by order.
+        typical = Parameter("", "", (0.5 * noise, 50.0 * noise))
+        middle = np.sqrt(0.5 * 50.0) * noise / rms * _dilution(candidate)
+    else:
+        first = candidate.parameters[0]
+        typical = first
+        middle = np.array([_middle(p) for p in candidate.parameters])
+        if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
+            own = candidate.size // POWERS[candidate.form]
+            middle = middle * np.tile(rms[:own], POWERS[candidate.form]) / rms
+    low, high = max(typical.typical[0], 0.01 * typical.typical[1]), typical.typical[1]
+    start = _middle(typical)
+    count = int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP)))
+    values = 0.1 * low * STEP ** np.arange(count + 1)
+    log_weights = np.array([typical.log_density(float(v)) for v in values])
+    return middle, values / start, log_weights - np.logaddexp.reduce(log_weights)
+
+
+def _dilution(candidate: Candidate) -> float:
+    """A curve of several columns is as large as one column would be."""
+    return float(1.0 / np.sqrt(max(candidate.size, 1)))
+
+
+def _middle(parameter: Parameter) -> float:
+    low, high = parameter.typical
+    return float(np.sqrt(max(low, 0.01 * high) * high))
+
+
+def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:
+    return replace(amplitude, deviation=amplitude.deviation[part.parameters], mean=amplitude.mean[part.parameters])
+
+
+def wrong_rows(number: int, blocks: Sequence[Block], shape: tuple[int, int]) -> Iterator[Candidate]:
+    """Yield one candidate per row, and one per run and block: its rows say nothing. `shape` is (n, c) of the sensor."""
+    for block in blocks:
+        for row, channel in zip(block.rows, block.channel, strict=True):
+            columns = np.zeros((*shape, 1))
+            columns[row, channel] = 1.0
+            yield _wrong("row", number, columns, {"collect": float(row), "channel": float(channel)})
+        for run in np.unique(block.run):
+            here = np.flatnonzero(block.run == run)
+            if not 1 < len(here) < 0.5 * len(block.y):
+                continue
+            columns = np.zeros((*shape, len(here)))
+            columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
+            yield _wrong("run", number, columns, {"run": float(run), "channel": float(block.channel[0])})
+
+
+def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:
+    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(columns.shape[2]))
+    return Candidate(name, 0, number, columns, parameters, shape=shape, title=f"A {name} that is wrong")
