@@ -13,13 +13,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import HOLDS, UNKNOWN, Beside, columns_by_size, log_factors
+from hil.reconcile.search.evidence import (
+    HOLDS,
+    LEAST,
+    UNKNOWN,
+    Beside,
+    Group,
+    decoupled,
+    explained,
+    log_factors,
+    log_sum,
+)
 from hil.reconcile.search.noise import Noise, Points, joined_points
 from hil.reconcile.search.terms import Term
 from hil.solve.rows import Block
 
-POINTS = 24
+POINTS = 32
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
+SCANNED = 10
+"""And of these, at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
 LEADING = 6
@@ -38,6 +50,8 @@ class BlockSearch:
     scales: Sequence[tuple[float, float, float]]
     y: FloatArray
     unit: float
+    beside: Beside
+    scanned: IntArray
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
@@ -46,30 +60,30 @@ class BlockSearch:
         y = block.y / unit
         scales = HOLDS if block.sigma_stated else UNKNOWN
         ordinary = noise.ordinary()
-        log_null = _posterior(ordinary, scales, y, block.base)
+        beside = Beside.of(ordinary, scales, y, block.base)
+        log_null = ordinary.log_prior + beside.log_null()
         good = log_null > log_null.max() - 2.0 * DEPTH
-        levels = np.unique(ordinary.level[good])
-        wide = np.unique(ordinary.calibration[good])
+        levels, wide = np.unique(ordinary.level[good]), np.unique(ordinary.calibration[good])
         every = joined_points(ordinary, noise.scattering(levels, wide, ordinary)) if noise.kinds else ordinary
-        out = cls(block, noise, every, every, scales, y, unit)
-        out.points = every.take(out.relevant([np.zeros((len(y), 0))]))
+        out = cls(block, noise, every, every, scales, y, unit, beside, np.zeros(0, dtype=np.int64))
+        out.choose([np.zeros((len(y), 0))])
         return out
 
-    def relevant(self, extras: Sequence[FloatArray]) -> IntArray:
-        """Return the places of the points that are probable with one of several further columns (N, q) in the base."""
-        chosen: set[int] = set()
+    def choose(self, extras: Sequence[FloatArray]) -> None:
+        """Keep the points that are probable with one of several further columns (N, q) in the base."""
+        best = np.full(len(self.every), -np.inf)
         for extra in extras:
-            log_null = _posterior(self.every, self.scales, self.y, np.hstack([self.block.base, extra]))
-            order = np.argsort(-log_null)[:POINTS]
-            chosen |= set(order[log_null[order] > log_null.max() - DEPTH].tolist())
+            base = np.hstack([self.block.base, extra])
+            log_null = self.every.log_prior + Beside.of(self.every, self.scales, self.y, base).log_null()
+            best = np.maximum(best, log_null - log_null.max())
         quiet = (self.every.kind < 0) & (self.every.level == self.every.level.max()) & (self.every.offset < 1.0)
-        best = self.every.calibration[int(np.argmax(log_null))]
-        chosen |= set(np.flatnonzero(quiet & (self.every.calibration == best)).tolist())
-        return np.array(sorted(chosen))
-
-
-def _posterior(points: Points, scales: Sequence[tuple[float, float, float]], y: FloatArray, base: FloatArray) -> FloatArray:
-    return points.log_prior + Beside.of(points, scales, y, base).log_null()
+        quiet &= self.every.calibration == self.every.calibration[int(np.argmax(best))]
+        order = np.argsort(-best)
+        kept = order[: POINTS][best[order[:POINTS]] > -DEPTH]
+        kept = np.unique(np.concatenate([kept, np.flatnonzero(quiet)]))
+        self.points = self.every.take(kept)
+        self.beside = Beside.of(self.points, self.scales, self.y, self.block.base)
+        self.scanned = np.argsort(-best[kept])[:SCANNED]
 
 
 @dataclass
@@ -78,36 +92,40 @@ class SensorSearch:
 
     blocks: Sequence[BlockSearch]
     terms: Sequence[Term]
-    kinds: Sequence[tuple[object, ...]] = ()
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
+    _laid: list[list[tuple[Group, FloatArray]]] = field(default_factory=list)
 
     def refine(self) -> None:
         """Choose the points of the noise anew, so that they serve the leading terms as well as the base alone."""
-        scan = self.scan(())
-        leading = np.argsort(-(scan + self.log_odds))[: LEADING]
+        leading = np.argsort(-(self.scan(()) + self.log_odds))[:LEADING].tolist()
         for b, block in enumerate(self.blocks):
-            parts = [self.terms[j].parts[b] for j in leading.tolist()]
-            extras = [np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)]
-            block.points = block.every.take(block.relevant(extras))
+            parts = [self.terms[j].parts[b] for j in leading]
+            block.choose([np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)])
+        self._laid, self._known = [], {}
 
     @property
     def log_odds(self) -> FloatArray:
         """Log prior odds of every term, (j,)."""
         return np.array([term.log_odds for term in self.terms])
 
+    def _groups(self) -> list[list[tuple[Group, FloatArray]]]:
+        if not self._laid:
+            for b, search in enumerate(self.blocks):
+                factor, empty = search.points.factor[search.scanned], np.zeros((len(search.y), 0))
+                columns = [empty if (p := t.parts[b]) is None else p.columns / search.unit for t in self.terms]
+                groups = Group.several(columns, [t.amplitudes[b] for t in self.terms])
+                self._laid.append([(group, factor @ group.columns) for group in groups])
+        return self._laid
+
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
         total = np.zeros(len(self.terms))
-        for b, search in enumerate(self.blocks):
-            points = search.points
+        for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
+            points = search.points.take(search.scanned)
             own = [part.columns for j in given if (part := self.terms[j].parts[b]) is not None]
             beside = Beside.of(points, search.scales, search.y, np.hstack([search.block.base, *own]))
-            empty = np.zeros((len(search.y), 0))
-            columns = [empty if t.parts[b] is None else t.parts[b].columns for t in self.terms]
-            amplitudes = [t.amplitudes[b] for t in self.terms]
-            groups = [(places, points.factor @ (several / search.unit)) for places, several in columns_by_size(columns)]
-            by_point = log_factors(beside, groups, amplitudes, len(self.terms)) + points.log_prior[:, None]
-            total += np.logaddexp.reduce(by_point, axis=0) - np.logaddexp.reduce(beside.log_null() + points.log_prior)
+            by_point = log_factors(beside, groups, len(self.terms)) + points.log_prior[:, None]
+            total += log_sum(by_point) - log_sum(beside.log_null() + points.log_prior)
         return total
 
     def evidence(self, chosen: Set) -> list[FloatArray]:
@@ -147,7 +165,6 @@ class SetInBlock:
     @classmethod
     def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
         """Weigh the members' parts in block `b` together."""
-        beside = Beside.of(search.points, search.scales, search.y, search.block.base)
         columns, owner, options, places = [], [], [], []
         for j, term in members:
             part = term.parts[b]
@@ -165,8 +182,8 @@ class SetInBlock:
                 ]
             )
         stacked = np.hstack([np.zeros((len(search.y), 0)), *columns])
-        gram, score = beside.products(search.points.factor @ (stacked / search.unit))
-        out = cls(beside, search.points, gram, score, owner, options, places, np.zeros(0), [])
+        gram, score = search.beside.products(search.points.factor @ (stacked / search.unit))
+        out = cls(search.beside, search.points, gram, score, owner, options, places, np.zeros(0), [])
         out._weigh()
         return out
 
@@ -182,7 +199,7 @@ class SetInBlock:
             others = []
             for o in range(max(0, self.best[e] - 2), min(len(options), self.best[e] + 3)):
                 others.append(base if o == self.best[e] else self._at([*self.best[:e], o, *self.best[e + 1 :]]))
-            total += np.logaddexp.reduce(others, axis=0) - base
+            total += log_sum(np.array(others)) - base
         self.terms_log = total
 
     def _best_sizes(self) -> list[int]:
@@ -212,20 +229,15 @@ class SetInBlock:
         log_weight, mean, deviation = self.prior_at(chosen)
         pull = self.gram @ mean
         rss = self.beside.rss - 2.0 * self.score @ mean + pull @ mean
-        scaled = self.gram * np.multiply.outer(deviation, deviation)
-        turned = (self.score - pull) * deviation
-        values, vectors = np.linalg.eigh(scaled)
-        values = np.maximum(values, 0.0)
-        z = np.einsum("tqk,tq->tk", vectors, turned)
-        usable = values > 1e-10 * np.maximum(values.max(axis=1, keepdims=True), 1e-300)
-        least = np.maximum(rss - np.sum(np.where(usable, z**2 / np.where(usable, values, 1.0), 0.0), axis=1), 1e-12)
+        values, z = decoupled(self.gram * np.multiply.outer(deviation, deviation), (self.score - pull) * deviation)
+        least = np.maximum(rss - explained(values, z), LEAST)
         terms = []
         for k in range(len(self.beside.scales)):
             variance = self.beside.scale_left(least, k)[:, None]
             shrunk = 1.0 + values / variance
-            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=1), 1e-12)
+            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=1), LEAST)
             terms.append(self.beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=1), k))
-        return np.asarray(log_weight + np.logaddexp.reduce(terms, axis=0))
+        return log_weight + log_sum(np.array(terms))
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (kinds + 1,), ordinary noise first."""
