@@ -11,6 +11,7 @@ built-in (`matrix-6`, `collins-4` …) is the same object without values: they a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,12 +25,12 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve
-from hil.model.effects.base import Base, Effect
-from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.model.effects.base import Base, Described, Effect, VarianceEffect
+from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, variance_effect_by_id
+from hil.model.effects.empirical import PREFIX
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
 from hil.model.forms import (
-    MATRIX_6,
     MODEL_NAMES,
     PER_G,
     RATE,
@@ -39,8 +40,11 @@ from hil.model.forms import (
     matrix_6_form,
     triad_12_form,
 )
+from hil.model.stated_noise import ScatterTerm, SensorNoise
 
 SCHEMA = "hil.model/1"
+_ROTOR = Sensor(0, ("A", "B", "S"), {"A": "A", "B": "B"})
+_ROTOR_FORMS = frozenset({"matrix-6", "collins-4", "matrix-6-thermal"})
 
 
 class _Section(BaseModel):
@@ -72,21 +76,6 @@ class InsideCollects(_Section):
     added: Mapping[str, Any] = Field(default_factory=dict)
 
 
-class SensorNoise(_Section):
-    """What a simulated sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
-
-    `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`
-    pairs of those parameters ("BA MUB") with their correlation.
-    """
-
-    angle_random_walk: Curve
-    bias_instability: Curve
-    rate_random_walk: Curve
-    resolution_deg_per_hr: FiniteFloat
-    run_to_run: Mapping[str, Curve] = Field(default_factory=dict)
-    correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
-
-
 class Model(_Section):
     """A measurement model, with or without values. See the module for what it can be asked."""
 
@@ -113,6 +102,37 @@ class Model(_Section):
         pairs = ((term, effect_by_id(term.effect)) for term in self.terms if term.sensor in (None, sensor.number))
         return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
 
+    def scatter_for(self, sensor: Sensor) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
+        """Return the named effects that scatter a sensor's rates, each with its values."""
+        noise = self.noise.get(sensor.number)
+        return () if noise is None else noise.scatter_for(sensor)
+
+    def stated_covariance(self, conditions: Conditions) -> FloatArray | None:
+        """Return what n collects scatter by beside their own standard errors, (n·c, n·c), rows (n, c) flattened.
+
+        All that the noise section states but the angle random walk, which shows inside the collects and so in their
+        errors; None where it states nothing of the sensor. Raises `InputError` where a size follows a temperature that
+        rows lack.
+        """
+        noise = self.noise.get(conditions.sensor.number)
+        return None if noise is None else noise.covariance(conditions, value_form(self.form, conditions.sensor))
+
+    def check_sensor(self, sensor: Sensor, source: str | Path = "") -> None:
+        """Raise `InputError` where the model does not fit a sensor of this layout: names, units, shapes, effects.
+
+        `source` is the file, for the message. What can be told without the layout, `load_model` has told already.
+        """
+        where = str(source) or f"model {self.title}"
+        form = value_form(self.form, sensor)
+        units = dict(zip(form.names, form.units, strict=True))
+        if self.has_values(sensor):
+            _check_base(f"{where}: sensors.{sensor.number}", self.form, units, self.sensors[sensor.number])
+        for index, term in enumerate(self.terms):
+            if term.sensor in (None, sensor.number):
+                _check_term(f"{where}: terms.{index}", term, effect_by_id(term.effect), sensor, exact=True)
+        noise = self.noise.get(sensor.number, SensorNoise())
+        _check_noise(f"{where}: noise.{sensor.number}", noise, units, sensor, exact=True)
+
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
         """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.
 
@@ -129,14 +149,8 @@ class Model(_Section):
                 "and the data has rows without temperature_degC"
             )
         form = value_form(self.form, sensor)
-        absent = [name for name in form.names if name not in curves]
-        if absent:
-            raise InputError(f"model {self.title}: sensor {sensor.number} lacks {', '.join(absent)} of {self.form}")
-        unknown = [name for name in curves if name not in form.names]
-        if unknown:
-            raise InputError(f"model {self.title}: sensor {sensor.number}: {unknown[0]}: unknown key for {self.form}")
-        for name, unit in zip(form.names, form.units, strict=True):
-            _check_unit(f"model {self.title}: sensors.{sensor.number}.{name}", curves[name].unit, unit)
+        units = dict(zip(form.names, form.units, strict=True))
+        _check_base(f"model {self.title}: sensors.{sensor.number}", self.form, units, curves)
         per_bias, per_k = _unit_terms(form, sensor)
         values = np.stack([curves[name].at(temperatures) for name in form.names], -1)
         slopes = np.stack([curves[name].slope_at(temperatures) for name in form.names], -1)
@@ -227,31 +241,82 @@ def _parse(path: Path, document: dict[str, Any]) -> Model:
 def _check(path: Path, model: Model) -> None:
     if model.form not in MODEL_NAMES:
         raise InputError(f"{path}: form: unknown form {model.form}; there are {', '.join(sorted(MODEL_NAMES))}")
-    for index, term in enumerate(model.terms):
-        try:
-            effect = effect_by_id(term.effect)
-        except InputError as error:
-            raise InputError(f"{path}: terms.{index}.effect: {error}") from error
-        if not effect.in_models:
-            raise InputError(f"{path}: terms.{index}.effect: {effect.id} is a mistake in a record; correct it there")
-        unknown = [name for name in term.parameters if not effect.accepts(name)]
-        if unknown:
-            raise InputError(f"{path}: terms.{index}.parameters.{unknown[0]}: unknown key for effect {effect.id}")
     for index, known in enumerate(model.inside_collects):
         if known.effect not in {effect.id for effect in SERIES_EFFECTS}:
             names = ", ".join(sorted({effect.id for effect in SERIES_EFFECTS}))
             raise InputError(f"{path}: inside_collects.{index}.effect: {known.effect} is not one of {names}")
-    if model.form in {"matrix-6", "collins-4", "matrix-6-thermal"}:
-        expected = MATRIX_6[:4] if model.form == "collins-4" else MATRIX_6
+    layout = _ROTOR if model.form in _ROTOR_FORMS else None
+    for index, term in enumerate(model.terms):
+        where = f"{path}: terms.{index}"
+        try:
+            effect = effect_by_id(term.effect)
+        except InputError as error:
+            raise InputError(f"{where}.effect: {error}") from error
+        if not effect.in_models:
+            raise InputError(f"{where}.effect: {effect.id} is a mistake in a record; correct it there")
+        _check_term(where, term, effect, layout)
+    units = {}
+    if layout is not None:  # its names are the report's, whatever its axes are called
+        form = value_form(model.form, layout)
+        units = dict(zip(form.names, form.units, strict=True))
         for number, curves in model.sensors.items():
-            for name in curves:
-                if name not in expected:
-                    raise InputError(f"{path}: sensors.{number}.{name}: unknown key for {model.form}")
-            for name in expected:
-                if name not in curves:
-                    raise InputError(f"{path}: sensors.{number}.{name}: missing")
-                unit = RATE if name.startswith("B") else PER_G
-                _check_unit(f"{path}: sensors.{number}.{name}", curves[name].unit, unit)
+            _check_base(f"{path}: sensors.{number}", model.form, units, curves)
+    for number, noise in model.noise.items():
+        _check_noise(f"{path}: noise.{number}", noise, units, layout)
+
+
+def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping[str, Curve]) -> None:
+    for name in curves:
+        if name not in units:
+            raise InputError(f"{where}.{name}: unknown key for {form}; it has {', '.join(units)}")
+    for name, unit in units.items():
+        if name not in curves:
+            raise InputError(f"{where}.{name}: missing; {form} has {', '.join(units)}, in {RATE} or {PER_G}")
+        _check_unit(f"{where}.{name}", curves[name].unit, unit)
+
+
+def _check_noise(
+    where: str, noise: SensorNoise, units: Mapping[str, str], sensor: Sensor | None, *, exact: bool = False
+) -> None:
+    if mistake := noise.mistake(units):
+        raise InputError(f"{where}.{mistake}")
+    for index, term in enumerate(noise.scatter):
+        try:
+            effect = variance_effect_by_id(term.effect)
+        except InputError as error:
+            raise InputError(f"{where}.scatter.{index}.effect: {error}") from error
+        _check_term(f"{where}.scatter.{index}", term, effect, sensor, exact=exact)
+
+
+def _check_term(
+    where: str, term: Term | ScatterTerm, effect: Described, sensor: Sensor | None, *, exact: bool = False
+) -> None:
+    """Refuse a term that lacks a shape, has a name or a unit that does not fit, or cannot be in the sensor.
+
+    `exact`: the sensor is the very one, with its own names of axes; otherwise what its form tells of it, if anything.
+    """
+    if sensor is not None and not effect.applies_to(sensor):
+        if exact and isinstance(term, Term) and term.sensor is None:
+            return
+        channels = ", ".join(sensor.channels)
+        raise InputError(f"{where}.effect: {effect.id} cannot be in a sensor with channels {channels}; take it out")
+    columns = {name: np.zeros(4) for need in effect.needs for name in need.split("|")}
+    sample = replace(_still_and_pulled(sensor or _ROTOR), columns=columns)
+    units = {} if sensor is None else {each.name: each.unit for each in effect.parameters_for(sample)}
+    for name, curve in term.parameters.items():
+        if not effect.accepts(name) or (exact and name not in units and not effect.named_by_data):
+            names = ", ".join(units or [each.name for each in effect.parameters])
+            raise InputError(f"{where}.parameters.{name}: unknown key for effect {effect.id}; it has {names}")
+        if units or not effect.id.startswith(PREFIX):
+            _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, effect.unit_of(name)))
+    shapes = {shape.name: shape.unit for shape in effect.shapes_for(sample)}
+    for name, unit in shapes.items():
+        if name not in term.shape:
+            raise InputError(f"{where}.shape.{name}: missing; {effect.id} needs it{f', in {unit}' if unit else ''}")
+    for name in term.shape:
+        if name not in shapes and term.shape[name]:
+            there = ", ".join(shapes) or "none"
+            raise InputError(f"{where}.shape.{name}: unknown key for effect {effect.id}; it has {there}")
 
 
 def _check_unit(where: str, given: str, needed: str) -> None:
@@ -261,7 +326,12 @@ def _check_unit(where: str, given: str, needed: str) -> None:
 
 def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArray]:
     """Return what a unit of each parameter adds to the bias (c, p) and to K (c, 3, p), from the form's own columns."""
-    still_and_pulled = Conditions(
+    columns = form.columns(_still_and_pulled(sensor))
+    return columns[0], np.moveaxis(columns[1:] - columns[0], 0, 1)
+
+
+def _still_and_pulled(sensor: Sensor) -> Conditions:
+    return Conditions(
         sensor,
         collect=np.arange(4),
         run=np.zeros(4, dtype=np.int64),
@@ -271,8 +341,6 @@ def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArra
         f_g=np.concatenate([np.zeros((1, 3)), np.eye(3)]),
         w_deg_per_hr=np.zeros((4, 3)),
     )
-    columns = form.columns(still_and_pulled)
-    return columns[0], np.moveaxis(columns[1:] - columns[0], 0, 1)
 
 
 def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base: Base) -> FloatArray:
@@ -280,9 +348,6 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     lacking = [need for need in sorted(effect.needs) if not set(need.split("|")) & set(rows.columns)]
     if lacking:
         raise InputError(f"model {title}: term {effect.id} needs {', '.join(lacking)}, which the data lacks")
-    absent = [shape.name for shape in effect.shapes_for(rows) if shape.name not in term.shape]
-    if absent:
-        raise InputError(f"model {title}: term {effect.id} lacks its shape parameter {', '.join(absent)}")
     columns = effect.columns(rows, base, term.shape)
     temperatures = _temperature(rows)
     if any(curve.depends_on_temperature for curve in term.parameters.values()) and np.isnan(temperatures).any():
@@ -290,8 +355,6 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     values = np.zeros((len(rows), columns.shape[-1]))
     for index, parameter in enumerate(effect.parameters_for(rows)):
         if parameter.name in term.parameters:
-            where = f"model {title}: term {effect.id}: {parameter.name}"
-            _check_unit(where, term.parameters[parameter.name].unit, parameter.unit)
             values[:, index] = term.parameters[parameter.name].at(temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))
 

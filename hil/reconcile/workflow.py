@@ -82,6 +82,8 @@ def reconcile(
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
     chosen = load_model(model) if isinstance(model, str) else model
+    for sensor in campaign.sensors.values():
+        chosen.check_sensor(sensor.conditions.sensor, model if isinstance(model, str) else "")
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     rng = np.random.default_rng(seed)
     campaign = with_stand_ins(campaign)

@@ -60,14 +60,17 @@ def simulate_devices(
     earlier part of the night had, for new noise.
     Raises `InputError` where the section, the model and the description do not go together.
     """
-    settings, roles, model = bench.simulation, description.roles, bench.simulation_model
-    if settings is None or model is None:
+    settings, roles, path = bench.simulation, description.roles, bench.simulation_model
+    if settings is None or path is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
     if roles is None or not set(bench.sensors) <= set(roles.sensors):
         raise InputError(
             f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
             f"rates of sensor {', '.join(map(str, bench.sensors))}"
         )
+    model = load_model(path)
+    for number in bench.sensors:
+        model.check_sensor(bench.sensor(number), path)
     plant = LoggedPlant(
         ambient_degC=settings.start.temperature,
         heating_degC_per_min=settings.chamber.heating,
@@ -81,7 +84,7 @@ def simulate_devices(
     rate_hz = bench.imu.rate or description.sample_rate_hz
     unit = SimulatedUnit(
         bench,
-        load_model(model),
+        model,
         roles,
         plant,
         sample_rate_hz=rate_hz,

@@ -6,12 +6,10 @@ point, both in time order; run-to-run scatter is drawn by the number of the self
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.model.model_file import SensorNoise
+from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
 _WHITE, _SLOW, _RUNS, _WANDER = 0, 1, 2, 3
@@ -88,13 +86,5 @@ def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperatur
     at = np.array([temperature_degC])
     sigmas = np.array([float(noise.run_to_run[name].at(at)[0]) for name in names])
     standard = _generator(seed, _RUNS, run, sensor).standard_normal(len(names))
-    drawn = sigmas * (np.linalg.cholesky(_correlation(names, noise.correlation)) @ standard)
+    drawn = sigmas * (noise.correlation_factor() @ standard)
     return dict(zip(names, drawn.tolist(), strict=True))
-
-
-def _correlation(names: list[str], pairs: Mapping[str, float]) -> FloatArray:
-    matrix = np.eye(len(names))
-    for pair, value in pairs.items():
-        first, second = (names.index(name) for name in pair.split())
-        matrix[first, second] = matrix[second, first] = value
-    return matrix

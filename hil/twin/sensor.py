@@ -15,7 +15,7 @@ from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.equation import pickoff_rates
 from hil.model.forms import bias_names
-from hil.model.model_file import SensorNoise
+from hil.model.stated_noise import SensorNoise
 from hil.twin.scatter import run_scatter
 
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
@@ -41,7 +41,7 @@ class SimulatedSensor:
         self.acceleration_axes = np.array(
             [self.sensor.axes.index(axis) for axis in self.acceleration_fields], dtype=int
         )
-        self.noise = model.noise.get(number, _white_only(bench.simulation.noise.angle_random_walk))
+        self.noise = _noise(model, number, bench.simulation.noise.angle_random_walk)
         self.bias_names = bias_names(self.sensor)
         self._seed = bench.simulation.seed
         self._scatters = bench.simulation.noise.run_to_run
@@ -121,11 +121,9 @@ def _field(bench: Bench, number: int, what: str, given: Mapping[str, str], name:
     return given[name]
 
 
-def _white_only(angle_random_walk: float) -> SensorNoise:
-    none = Constant(unit="deg/hr", value=0.0)
-    return SensorNoise(
-        angle_random_walk=Constant(unit="deg/sqrt(hr)", value=angle_random_walk),
-        bias_instability=none,
-        rate_random_walk=none,
-        resolution_deg_per_hr=0.0,
-    )
+def _noise(model: Model, number: int, angle_random_walk: float) -> SensorNoise:
+    """Return what the model states; where it states no white noise (it may hold only scatter), the bench's is added."""
+    stated = model.noise.get(number, SensorNoise())
+    if "angle_random_walk" in stated.model_fields_set:
+        return stated
+    return stated.model_copy(update={"angle_random_walk": Constant(unit="deg/sqrt(hr)", value=angle_random_walk)})

@@ -127,6 +127,7 @@ class Described(ABC):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
+    named_by_data: ClassVar[bool] = False  # which parameters there are depends on positions or power cycles
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
     signature: ClassVar[str] = ""
@@ -175,6 +176,11 @@ class Described(ABC):
         if self.per_channel:
             return any(parameter.startswith(f"{name}_") for name in declared)
         return parameter in declared
+
+    def unit_of(self, parameter: str) -> str:
+        """Return the unit of a parameter of this name: that of the declared one with which it begins."""
+        begun = [declared for declared in self.parameters if parameter.startswith(declared.name)]
+        return max(begun or self.parameters[:1], key=lambda declared: len(declared.name)).unit
 
 
 class Effect(Described):
@@ -382,4 +388,4 @@ def required_base(effect: Effect, base: Base | None) -> Base:
 
 def flattened(columns: FloatArray) -> FloatArray:
     """Return columns of shape (n, c, p) as (n·c, p)."""
-    return columns.reshape(-1, columns.shape[-1])
+    return columns.reshape(math.prod(columns.shape[:2]), columns.shape[2])

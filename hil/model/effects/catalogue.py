@@ -128,6 +128,15 @@ def effect_by_id(identifier: str) -> Effect:
     raise InputError(f"no effect of the catalogue has the id {identifier}; `hil effects` lists them")
 
 
+def variance_effect_by_id(identifier: str) -> VarianceEffect:
+    """Return the effect on the scatter with this id; raise `InputError` naming all where there is none."""
+    for effect in VARIANCE_EFFECTS:
+        if effect.id == identifier:
+            return effect
+    known = ", ".join(effect.id for effect in VARIANCE_EFFECTS)
+    raise InputError(f"{identifier}: no effect that scatters averages has this id; there are {known}")
+
+
 def named(effect: Effect) -> Effect:
     """Return the effect under whose name this one is found: itself, as a rule."""
     return effect_by_id(effect.known_as) if effect.known_as else effect

@@ -281,6 +281,7 @@ class PowerCycleBias(Effect):
         Parameter("b", "deg/hr", (1.0, 5.0), {"RLG": (0.001, 0.005), "FOG": (0.1, 1.0), "MEMS": (5.0, 50.0)}),
     )
     needs = frozenset({"time_since_power_on_s"})
+    named_by_data = True
     signature = "All positions move together, and stay until the power is cycled; MU not at all."
     confusable_with = ("bias_T", "rrw", "jump")
     experiment = "Several power cycles at one temperature."

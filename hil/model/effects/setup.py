@@ -80,6 +80,7 @@ class IndexPositionError(_IndexedRotorEffect):
     title = "Index position error"
     equation = "theta_i += d_i: RA += GSA d fS - MUB d fA + d wS; RB -= GSB d fS - MUA d fA"
     parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
+    named_by_data = True
     signature = "dMUB = (GSA + W1) d3 - (MUB + W3)(d1 - d2)/2; hundredths to tenths of a deg/hr per mrad."
     confusable_with = ("MU_rr", "tilt", "MU_real", "accel")
     odds = OUTSIDE

@@ -184,7 +184,7 @@ def test_saved_models_read_back_equal(tmp_path: Path) -> None:
         Term(
             effect="empirical:MUA*supply_V",
             sensor=2,
-            parameters={"q": Constant(unit="deg/hr/g per V", value=1.5, se=0.2)},
+            parameters={"q": Constant(unit="deg/hr/g per supply_V", value=1.5, se=0.2)},
             shape={"reference": 28.0},
             added={"campaign": "night", "gap_before_deg_per_hr": 3.0, "date": "1985-10-01"},
         ),
@@ -275,6 +275,23 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
             "terms.0.parameters.Q: unknown key",
         ),
         ({"terms": [{**WARMUP, "parameters": {}}]}, "terms.0.parameters: "),
+        ({"terms": [WARMUP]}, "terms.0.shape.tau_min: missing; warmup needs it, in min"),
+        (
+            {"terms": [{**WARMUP, "shape": {"tau_min": 5.0, "tau_s": 3.0}}]},
+            "terms.0.shape.tau_s: unknown key for effect warmup; it has tau_min",
+        ),
+        (
+            {"terms": [{**WARMUP, "effect": "turnon", "parameters": {"b_1_A": {"unit": "deg/hr", "value": 1.0}}}]},
+            "terms.0.shape.power_cycles: missing; turnon needs it",
+        ),
+        (
+            {"terms": [{**WARMUP, "parameters": {"W_A": {"unit": "mdeg/s", "value": 1.0}}}]},
+            "terms.0.parameters.W_A: unit: mdeg/s given, deg/hr needed",
+        ),
+        (
+            {"terms": [{"effect": "empirical:GXY*supply_V", "parameters": {"q": {"unit": "1", "value": 1.0}}}]},
+            "terms.0.effect: empirical:GXY*supply_V cannot be in a sensor with channels A, B",
+        ),
         ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0.tau: there is no such key here"),
     ],
 )
@@ -310,13 +327,8 @@ def test_values_against_temperature_refuse_rows_without_one() -> None:
         load_model("rd-gc-86-1-truth").rates(campaign(every_column=False))
 
 
-def test_a_term_without_its_shape_its_unit_or_temperature_is_refused(tmp_path: Path) -> None:
-    """A time constant that the file does not give; a value against temperature in rows that have none."""
-    with pytest.raises(InputError, match="warmup lacks its shape parameter tau_min"):
-        model(tmp_path, terms=[WARMUP]).rates(campaign())
-    wrong = {**WARMUP, "parameters": {"W_A": {"unit": "mdeg/s", "value": 1.0}}, "shape": {"tau_min": 5.0}}
-    with pytest.raises(InputError, match="warmup: W_A: unit: mdeg/s given, deg/hr needed"):
-        model(tmp_path, terms=[wrong]).rates(campaign())
+def test_a_term_that_follows_temperature_refuses_rows_without_one(tmp_path: Path) -> None:
+    """A value against temperature in rows that have none."""
     curve = {"unit": "deg/hr/day", "polynomial": [1.0, 2.0], "reference_degC": 20.0}
     with pytest.raises(InputError, match="ageing depends on temperature_degC"):
         model(tmp_path, terms=[{"effect": "ageing", "parameters": {"a_A": curve}}]).rates(campaign(every_column=False))

@@ -1,0 +1,130 @@
+"""What a model states of a sensor's noise: its noise section, in numbers that were measured or found; its covariance.
+
+One thing has one name: `angle_random_walk` is the catalogue's `arw`, `bias_instability` its `flicker`,
+`rate_random_walk` its `rrw`, and a `run_to_run` of MUA and MUB alike its `MU_rr`. They are older than the catalogue's
+scatter, and files that have them keep them; whatever else scatters stands in `scatter` by its id.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from hil.campaign import Conditions, FloatArray, Sensor
+from hil.errors import InputError
+from hil.model.curve import Constant, Curve
+from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.catalogue import variance_effect_by_id
+from hil.model.forms import LinearForm
+
+_UNITS = {
+    "angle_random_walk": "deg/sqrt(hr)",
+    "bias_instability": "deg/hr",
+    "rate_random_walk": "deg/hr/sqrt(hr)",
+}
+_OLDER = {"bias_instability": "flicker", "rate_random_walk": "rrw"}  # beside the standard errors of collects
+
+
+def _none(key: str) -> Any:
+    return Field(default_factory=lambda: Constant(unit=_UNITS[key], value=0.0))
+
+
+class ScatterTerm(BaseModel):
+    """One named effect that scatters averages, with the value of its size; `added` says where it came from."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    effect: str
+    parameters: Mapping[str, Curve] = Field(min_length=1, max_length=1)
+    shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+    added: Mapping[str, Any] = Field(default_factory=dict)
+
+    def size_at(self, temperature_degC: FloatArray) -> FloatArray:
+        """Return its size at temperatures (n,), °C; raise `InputError` where it follows one that is not known (NaN)."""
+        (curve,) = self.parameters.values()
+        return _at(curve, temperature_degC, self.effect)
+
+
+class SensorNoise(BaseModel):
+    """What a sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
+
+    `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`
+    pairs of those parameters ("BA MUB") with their correlation; `scatter` effects of the catalogue by their ids.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    angle_random_walk: Curve = _none("angle_random_walk")
+    bias_instability: Curve = _none("bias_instability")
+    rate_random_walk: Curve = _none("rate_random_walk")
+    resolution_deg_per_hr: FiniteFloat = 0.0
+    run_to_run: Mapping[str, Curve] = Field(default_factory=dict)
+    correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+    scatter: tuple[ScatterTerm, ...] = ()
+
+    def scatter_for(self, sensor: Sensor) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
+        """Return the named effects that scatter this sensor, each with its values."""
+        pairs = ((term, variance_effect_by_id(term.effect)) for term in self.scatter)
+        return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
+
+    def correlation_factor(self) -> FloatArray:
+        """Return L of the correlation L·Lᵀ of what varies from run to run, in the order of its sorted names, (k, k)."""
+        names = sorted(self.run_to_run)
+        matrix = np.eye(len(names))
+        for pair, value in self.correlation.items():
+            first, second = (names.index(name) for name in pair.split())
+            matrix[first, second] = matrix[second, first] = value
+        return np.asarray(np.linalg.cholesky(matrix))
+
+    def covariance(self, conditions: Conditions, form: LinearForm) -> FloatArray:
+        """Return the covariance beside the standard errors of n collects, (n·c, n·c); see `Model.stated_covariance`."""
+        temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
+        channels = len(conditions.sensor.channels)
+        names = sorted(self.run_to_run)
+        columns = form.columns(conditions)[:, :, [form.names.index(name) for name in names]]
+        for place, name in enumerate(names):
+            columns[:, :, place] *= _at(self.run_to_run[name], temperature, name)[:, None]
+        total = Scatter(columns @ self.correlation_factor(), group=conditions.run).covariance(conditions)
+        effects = [variance_effect_by_id(identifier) for identifier in _OLDER.values()]
+        older = [
+            (ScatterTerm(effect=effect.id, parameters={effect.parameters[0].name: getattr(self, key)}), effect)
+            for key, effect in zip(_OLDER, effects, strict=True)
+        ]
+        for term, effect in (*older, *self.scatter_for(conditions.sensor)):
+            size = np.repeat(term.size_at(temperature), channels)
+            if size.any():
+                total += np.multiply.outer(size, size) * effect.covariance(conditions, term.shape)
+        return total
+
+    def mistake(self, units: Mapping[str, str]) -> str:
+        """Say what is wrong with the older keys, "key: what"; empty where nothing is.
+
+        `units` are those of the base parameters by name; empty where the file does not tell which there are.
+        """
+        given = {key: (getattr(self, key), unit) for key, unit in _UNITS.items()}
+        for name, curve in self.run_to_run.items():
+            if units and name not in units:
+                return f"run_to_run.{name}: there is no such base parameter; there are {', '.join(units)}"
+            given[f"run_to_run.{name}"] = (curve, units.get(name, curve.unit))
+        for key, (curve, unit) in given.items():
+            if curve.unit != unit:
+                return f"{key}: unit: {curve.unit} given, {unit} needed (values are not converted)"
+        for pair in self.correlation:
+            names = pair.split()
+            if len(names) != 2 or names[0] == names[1] or not set(names) <= set(self.run_to_run):
+                there = ", ".join(sorted(self.run_to_run)) or "none"
+                return f"correlation.{pair}: write two different names of run_to_run ({there}), as in BA MUB"
+        try:
+            self.correlation_factor()
+        except np.linalg.LinAlgError:
+            return "correlation: no scatter has these correlations together; make them smaller"
+        return ""
+
+
+def _at(curve: Curve, temperature_degC: FloatArray, what: str) -> FloatArray:
+    if curve.depends_on_temperature and np.isnan(temperature_degC).any():
+        raise InputError(f"scatter {what} depends on temperature_degC, which some rows lack")
+    return curve.at(temperature_degC)

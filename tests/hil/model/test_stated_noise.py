@@ -1,0 +1,167 @@
+"""The noise section of a model: what it states of the scatter; mistakes in it; a model that does not fit a sensor."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.errors import InputError
+from hil.model import Model, load_model, save_model
+from hil.model.effects.catalogue import variance_effect_by_id
+from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign
+from tests.hil.model.test_models import document, model, written
+
+RESEATS = {"effect": "MU_rr", "parameters": {"s_mu": {"unit": "deg/hr/g", "value": 3.8}}}
+WANDERS = {"effect": "markov", "parameters": {"sigma_m": {"unit": "deg/hr", "value": 2.0}}, "shape": {"tau_hr": 8.0}}
+OLDER = {
+    "angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.12},
+    "bias_instability": {"unit": "deg/hr", "value": 0.5},
+    "rate_random_walk": {"unit": "deg/hr/sqrt(hr)", "value": 1.0},
+    "resolution_deg_per_hr": 0.01,
+}
+SHORT = campaign(temperatures=(0.0, 20.0), runs_each=3)
+
+
+def stating(tmp_path: Path, **noise: Any) -> Model:
+    """Return a model whose noise section states this of sensor 2."""
+    return model(tmp_path, noise={2: noise})
+
+
+def stated(tmp_path: Path, **noise: Any) -> np.ndarray:
+    """Return the covariance that it states of a short campaign."""
+    covariance = stating(tmp_path, **noise).stated_covariance(SHORT)
+    assert covariance is not None
+    return covariance
+
+
+def test_what_the_older_keys_say_is_what_the_catalogue_says(tmp_path: Path) -> None:
+    """Walk, flicker and a reseating MU are the catalogue's effects; white noise is in the standard errors already."""
+    flicker, rrw, mu = (variance_effect_by_id(name).covariance(SHORT) for name in ("flicker", "rrw", "MU_rr"))
+    assert stated(tmp_path, **OLDER) == pytest.approx(0.5**2 * flicker + rrw)
+    sigmas = {name: {"unit": "deg/hr/g", "value": 3.8} for name in ("MUA", "MUB")}
+    assert stated(tmp_path, run_to_run=sigmas) == pytest.approx(3.8**2 * mu)
+    assert stated(tmp_path, scatter=[RESEATS]) == pytest.approx(3.8**2 * mu)
+
+
+def test_correlated_parameters_scatter_together(tmp_path: Path) -> None:
+    """BA and MUB move channel A: in position 3 (fS = -1) what they share is taken away, at no other it shows."""
+    sigmas = {"BA": {"unit": "deg/hr", "value": 2.0}, "MUB": {"unit": "deg/hr/g", "value": 3.0}}
+    covariance = stated(tmp_path, run_to_run=sigmas, correlation={"BA MUB": 0.5})[::2, ::2]
+    axial = SHORT.f_g[:3, 2]
+    assert np.abs(axial).max() == pytest.approx(1.0)
+    expected = 4.0 + 0.5 * 6.0 * np.add.outer(axial, axial) + 9.0 * np.multiply.outer(axial, axial)
+    assert covariance[:3, :3] == pytest.approx(expected)
+    assert not covariance[:3, 3:].any()
+
+
+def test_sizes_follow_temperature_row_by_row(tmp_path: Path) -> None:
+    """A wander that is twice as large at 20 °C as at 0 °C; rows without a temperature are refused."""
+    curve = {"unit": "deg/hr", "polynomial": [1.0, 0.05], "reference_degC": 0.0}
+    growing = {**WANDERS, "parameters": {"sigma_m": curve}}
+    unit = variance_effect_by_id("markov").covariance(SHORT, {"tau_hr": 8.0})
+    size = np.repeat(1.0 + 0.05 * SHORT.columns["temperature_degC"], 2)
+    assert stated(tmp_path, scatter=[growing]) == pytest.approx(np.multiply.outer(size, size) * unit)
+    for noise in ({"scatter": [growing]}, {"run_to_run": {"BA": curve}}):
+        with pytest.raises(InputError, match="depends on temperature_degC"):
+            stating(tmp_path, **noise).stated_covariance(replace(SHORT, columns={}))
+
+
+def test_a_sensor_of_which_nothing_is_stated_has_no_covariance(tmp_path: Path) -> None:
+    """None is not zero: nothing is known of it."""
+    assert model(tmp_path).stated_covariance(SHORT) is None
+    assert model(tmp_path).scatter_for(ROTOR) == ()
+    assert not stated(tmp_path).any()
+
+
+def test_a_model_that_holds_only_scatter_reads_back_equal(tmp_path: Path) -> None:
+    """Also with its record of where it came from."""
+    original = stating(tmp_path, scatter=[{**WANDERS, "added": {"campaign": "night"}}, RESEATS])
+    save_model(original, tmp_path / "again.yaml")
+    again = load_model(tmp_path / "again.yaml")
+    assert again == original
+    assert [(term.effect, effect.id) for term, effect in again.scatter_for(ROTOR)] == [
+        ("markov", "markov"),
+        ("MU_rr", "MU_rr"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("noise", "sentence"),
+    [
+        ({"scatter": [{**RESEATS, "effect": "mu_rr"}]}, "scatter.0.effect: mu_rr: no effect that scatters averages"),
+        ({"scatter": [{**RESEATS, "effect": "jump"}]}, "scatter.0.effect: jump: no effect that scatters averages"),
+        ({"scatter": [{**WANDERS, "shape": {}}]}, "scatter.0.shape.tau_hr: missing; markov needs it, in hr"),
+        (
+            {"scatter": [{**RESEATS, "parameters": {"s": {"unit": "deg/hr/g", "value": 1.0}}}]},
+            "scatter.0.parameters.s: unknown key for effect MU_rr; it has s_mu",
+        ),
+        (
+            {"scatter": [{**RESEATS, "parameters": {"s_mu": {"unit": "deg/hr", "value": 1.0}}}]},
+            "scatter.0.parameters.s_mu: unit: deg/hr given, deg/hr/g needed",
+        ),
+        ({**OLDER, "bias_instability": {"unit": "deg/s", "value": 1.0}}, "bias_instability: unit: deg/s given"),
+        (
+            {"run_to_run": {"MUX": {"unit": "deg/hr/g", "value": 1.0}}},
+            "run_to_run.MUX: there is no such base parameter",
+        ),
+        ({"run_to_run": {"MUA": {"unit": "deg/hr", "value": 1.0}}}, "run_to_run.MUA: unit: deg/hr given"),
+        ({"correlation": {"BA MUB": 0.1}}, "correlation.BA MUB: write two different names of run_to_run (none)"),
+        (
+            {
+                "run_to_run": {name: {"unit": "deg/hr", "value": 1.0} for name in ("BA", "BB")},
+                "correlation": {"BA BB": 1.2},
+            },
+            "correlation: no scatter has these correlations together",
+        ),
+    ],
+)
+def test_mistakes_in_a_noise_section_are_named_by_file_and_key(
+    noise: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    """When the file is read, not when the night has begun."""
+    path = written(tmp_path, document(noise={2: noise}))
+    with pytest.raises(InputError) as refusal:
+        load_model(path)
+    assert str(refusal.value).startswith(f"{path}: noise.2.{sentence}")
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "shape", "sentence"),
+    [
+        ("vre", "K_v_C", {}, "parameters.K_v_C: unknown key for effect vre; it has K_v_A, K_v_B"),
+        ("empirical:MUA*supply_V", "q", {"reference": 28.0}, "parameters.q: unit: deg/hr/g^2 given, deg/hr/g per"),
+    ],
+)
+def test_names_and_units_that_the_layout_gives_are_checked_once_it_is_known(
+    effect: str, parameter: str, shape: dict[str, float], sentence: str, tmp_path: Path
+) -> None:
+    """A model of the form constant may be of any sensor: only the sensor itself can say whether they exist."""
+    term = {"effect": effect, "parameters": {parameter: {"unit": "deg/hr/g^2", "value": 1.0}}, "shape": shape}
+    loaded = model(tmp_path, form="constant", sensors={}, terms=[term])
+    with pytest.raises(InputError, match=re.escape(f"unit.yaml: terms.0.{sentence}")):
+        loaded.check_sensor(ROTOR, "unit.yaml")
+    with pytest.raises(InputError, match="it is not a two-channel rotor sensor"):
+        model(tmp_path).check_sensor(TRIAD)
+
+
+def test_an_effect_that_a_sensor_cannot_have_is_refused_where_it_is_meant_for_that_sensor(tmp_path: Path) -> None:
+    """MU in a triad; a term for every sensor in which it can exist is left alone."""
+    mass = {"effect": "MU_real", "parameters": {"MUA": {"unit": "deg/hr/g", "value": 1.0}}}
+    triad: dict[str, Any] = {"form": "triad-12", "sensors": {}}
+    model(tmp_path, terms=[mass], **triad).check_sensor(TRIAD, "unit.yaml")
+    for changes, place in (
+        ({"terms": [{**mass, "sensor": 1}]}, "terms.0"),
+        ({"noise": {1: {"scatter": [RESEATS]}}}, ""),
+    ):
+        with pytest.raises(InputError, match=rf"^unit.yaml: {place or 'noise.1.scatter.0'}.effect: .* cannot be in"):
+            model(tmp_path, **changes, **triad).check_sensor(TRIAD, "unit.yaml")
+
+
+def test_the_shipped_model_fits_its_sensors() -> None:
+    """Nothing is said where nothing is wrong, also of parameters that only the data name."""
+    load_model("rd-gc-86-1-truth").check_sensor(ROTOR)
