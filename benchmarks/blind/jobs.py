@@ -45,7 +45,8 @@ class Job:
     design: Design = FOUR
     noise: Noise = PLAIN
     alpha: float = 0.05
-    triad: bool = False
+    form: str = "night"  # night, triad, quiet triad, or log: one that was measured
+    log: str = ""
     follow: bool = False
     times_white: float = 3.0  # rms of a hidden effect on the scatter
     without: tuple[str, ...] = ()  # columns that the file lacks
@@ -143,7 +144,7 @@ def triads(cases: int) -> list[Job]:
         Job("triad, nothing", 70_000),
         *(Job(f"triad, g_sensitivity, d = {d:g}", 71_000, ("g_sensitivity",), d) for d in SIZES),
     )
-    return [replace(kind, seed=kind.seed + i, model="constant", triad=True) for kind in kinds for i in range(cases)]
+    return [replace(kind, seed=kind.seed + i, model="constant", form="triad") for kind in kinds for i in range(cases)]
 
 
 def _stride(names: list[str], i: int) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -89,12 +89,10 @@ def listed(document: dict[str, Any], hidden: Sequence[str]) -> bool:
     return bool(hidden) and set(answers(hidden)) <= said
 
 
-def told(document: dict[str, Any], case: Case) -> bool | None:
-    """Whether the result points at spoiled rows: as left out, a finding or a place; None: no rows of their own."""
-    if not case.spoiled.any() or case.spoiled.all():
+def told(document: dict[str, Any], collects: Set[int], runs: Set[int]) -> bool | None:
+    """Whether the result points at spoiled collects or runs, left out, found or as a place; None: there are none."""
+    if not collects:
         return None
-    rows = np.flatnonzero(case.spoiled)
-    collects, runs = set((rows + 1).tolist()), set(case.night.run[rows].tolist())
     if any(outlier.get("collect") in collects for outlier in document.get("outliers", ())):
         return True
     if any(set(place["where"].get("runs", [-1])) <= runs for place in document["disagreements"]):

@@ -20,10 +20,12 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.jobs import GROUPS, Job
@@ -44,7 +46,8 @@ from benchmarks.blind.judge import (
     stated,
     told,
 )
-from benchmarks.blind.poses import write_triad
+from benchmarks.blind.poses import write_quiet_triad, write_triad
+from benchmarks.blind.real import write_real
 from benchmarks.blind.tables import tables
 from benchmarks.blind.wider import WIDER
 
@@ -54,11 +57,27 @@ _MANY_ROWS = 500
 """Rows from which one who knows the truth is not asked: it takes their cube."""
 
 
-def sealed(job: Job, folder: Path) -> Case | None:
-    """Make the case of a job and write it; what is not made from a bench's night comes without one."""
-    if job.triad:
+@dataclass(frozen=True)
+class Sealed:
+    """What is known of a case that was written. What is not made from a bench's night has no `case`."""
+
+    case: Case | None = None
+    collects: frozenset[int] = frozenset()  # that are spoiled, where not all are
+    runs: frozenset[int] = frozenset()
+
+
+def sealed(job: Job, folder: Path) -> Sealed:
+    """Make the case of a job and write it."""
+    mistake = next(iter(job.hidden), "")
+    if job.form == "triad":
         write_triad(job.seed, job.d if job.hidden else 0.0, folder)
-        return None
+        return Sealed()
+    if job.form == "quiet triad":
+        _, collect = write_quiet_triad(job.seed, mistake, folder)
+        return Sealed(collects=frozenset() if collect is None else frozenset({collect}))
+    if job.form == "log":
+        write_real(job.seed, job.log, job.hidden, job.d, folder)
+        return Sealed()
     case = make_case(
         job.seed,
         job.hidden,
@@ -69,7 +88,10 @@ def sealed(job: Job, folder: Path) -> Case | None:
         times_white=job.times_white,
     )
     write_case(case, folder, without=job.without)
-    return case
+    if case.spoiled.all():
+        return Sealed(case)
+    rows = np.flatnonzero(case.spoiled)
+    return Sealed(case, frozenset((rows + 1).tolist()), frozenset(case.night.run[rows].tolist()))
 
 
 def answer(job: Job, folder: Path, engine: str = TODAY) -> dict[str, Any]:
@@ -84,8 +106,9 @@ def answer(job: Job, folder: Path, engine: str = TODAY) -> dict[str, Any]:
     return {**(result if isinstance(result, dict) else result.document()), "seconds": seconds}
 
 
-def judged(job: Job, case: Case | None, document: dict[str, Any], engine: str = TODAY) -> dict[str, Any]:
+def judged(job: Job, known: Sealed, document: dict[str, Any], engine: str = TODAY) -> dict[str, Any]:
     """The document, with what the truth says of it; where asked for, with the case measured again as it advises."""
+    case = known.case
     again = None if case is None or job.row == AGAIN or not job.follow else follow_up(job, document)
     if again:
         document["again"] = outcome(again, reconcile_job(again, engine))
@@ -94,7 +117,7 @@ def judged(job: Job, case: Case | None, document: dict[str, Any], engine: str = 
         document["kept"] = case.kept
         document["oracle_deg_per_hr"] = oracle_gap(case, job) if few else None
         document["places"] = places_f1(document, case, job) if few and case.signals else None
-        document["told"] = told(document, case)
+    document["told"] = told(document, known.collects, known.runs)
     return document
 
 
@@ -102,9 +125,9 @@ def reconcile_job(job: Job, engine: str = TODAY) -> dict[str, Any]:
     """Make the case, write it, read it, reconcile it; return the document, with what the truth says of it."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "case"
-        case = sealed(job, folder)
+        known = sealed(job, folder)
         document = answer(job, folder, engine)
-    return judged(job, case, document, engine)
+    return judged(job, known, document, engine)
 
 
 def outcomes(job: Job, engines: Sequence[str]) -> list[dict[str, Any]]:
@@ -112,10 +135,10 @@ def outcomes(job: Job, engines: Sequence[str]) -> list[dict[str, Any]]:
     out = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "case"
-        case = sealed(job, folder)
+        known = sealed(job, folder)
         for engine in engines:
             try:
-                line = outcome(job, judged(job, case, answer(job, folder, engine), engine))
+                line = outcome(job, judged(job, known, answer(job, folder, engine), engine))
             except Exception as error:  # an engine on trial may fail: that is a result, and the others go on
                 line = {**_FAILED, "error": f"{type(error).__name__}: {error}", **_of_job(job)}
             out.append({"engine": engine, **line})
@@ -144,7 +167,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "kept": list(document.get("kept", ())),
         "verdict": document["verdict"],
         "effects": [(e["id"], round(e["probability"], 4)) for e in document["effects"]],
-        "found": document["verdict"] != "none" or pointed,
+        "found": document["verdict"] != "none" or (pointed and kind_hidden(job.hidden) == "fault"),
         "mean": on_the_mean(document),
         "listed": listed(document, job.hidden),
         "first": first_is_right(document, job.hidden),

@@ -10,6 +10,8 @@ from dataclasses import replace
 
 from benchmarks.blind.cases import Noise
 from benchmarks.blind.jobs import EIGHT, FOUR, HEADINGS, THERMAL, THREE, UP_AND_DOWN, Job, singles, visible
+from benchmarks.blind.poses import MISTAKES
+from benchmarks.blind.real import ADDED, logs
 
 ORDINARY = Noise(rho=0.0)
 """White noise as stated and an independent offset of each run: no finding."""
@@ -163,7 +165,12 @@ def earth(cases: int) -> list[Job]:
         Job("earth rate left out, four collects, collins-4", 0, ("earth@left out",), model="collins-4"),
         Job("earth rate at a wrong heading, three headings", 0, ("earth@heading",), design=HEADINGS),
         Job("earth rate of a wrong sign, three headings", 0, ("frame@sign",), design=HEADINGS),
-    )
+    ) + _rows(315_000, cases, *(_of_a_quiet_triad(mistake) for mistake in MISTAKES))
+
+
+def _of_a_quiet_triad(mistake: str) -> Job:
+    hidden = (mistake,) if mistake else ()
+    return Job(f"quiet triad: {mistake or 'nothing'}", 0, hidden, model="constant", form="quiet triad")
 
 
 def mistakes(cases: int) -> list[Job]:
@@ -211,6 +218,23 @@ def year(cases: int) -> list[Job]:
     return long(cases, "384 runs", 350_000)
 
 
+def real(cases: int) -> list[Job]:
+    """Measured logs as they are, and with an effect added; none where the logs are absent."""
+    names = [path.name for path in logs()]
+    asis = Job("", 0, d=0.0, model="constant", form="log")
+    # One kind of unit has a weak g-sensitivity of its own, which is right where it is found.
+    own = {name: ("g_sensitivity",) if name.startswith("mpu9150") else () for name in names}
+    measured = [replace(asis, row=f"measured: {n}, as it is", hidden=own[n], log=n) for n in names]
+    added = [
+        Job(f"measured, {name} added, d = {d:g}", 0, (name,), d, "constant", form="log")
+        for name in ADDED
+        for d in (8.0, 12.0, 25.0)
+    ]
+    if not names:
+        return []
+    return measured + _rows(360_000, cases, *added, turn=lambda job, i: replace(job, log=names[i % len(names)]))
+
+
 WIDER: dict[str, Callable[[int], list[Job]]] = {
     "layouts": layouts,
     "sizes": every_size,
@@ -224,4 +248,5 @@ WIDER: dict[str, Callable[[int], list[Job]]] = {
     "short": short,
     "long": long,
     "year": year,
+    "real": real,
 }
