@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.blind.cases import AS_IT_IS, MISLABELLED, Noise, alike, kept_share, make_case
+from benchmarks.blind.cases import AS_IT_IS, Noise, alike, kept_share, make_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.physics import CATALOGUE, OUTSIDE
 
@@ -45,8 +45,11 @@ class Job:
     design: Design = FOUR
     noise: Noise = PLAIN
     alpha: float = 0.05
-    triad: bool = False
+    form: str = "night"  # night, triad, quiet triad, or log: one that was measured
+    log: str = ""
     follow: bool = False
+    times_white: float = 3.0  # rms of a hidden effect on the scatter
+    without: tuple[str, ...] = ()  # columns that the file lacks
 
 
 @lru_cache
@@ -126,7 +129,7 @@ def hard(cases: int) -> list[Job]:
         Job("supply, 30 % missing", 62_000, ("supply",), design=HOLES),
         Job("earth, three headings", 25_000, ("earth",), design=HEADINGS),
         Job("frame, three headings", 63_000, ("frame",), design=HEADINGS),
-        Job("labels exchanged in one run", 64_000, (MISLABELLED,)),
+        Job("labels exchanged in one run", 64_000, ("swap",)),
         Job("supply, cold rows 3 x noisier", 65_000, ("supply",), noise=Noise(kind="cold")),
         Job("supply and ageing", 66_000, ("supply", "ageing")),
         Job("warm-up, heavy tails", 67_000, ("warmup",), noise=Noise(kind="heavy")),
@@ -141,7 +144,7 @@ def triads(cases: int) -> list[Job]:
         Job("triad, nothing", 70_000),
         *(Job(f"triad, g_sensitivity, d = {d:g}", 71_000, ("g_sensitivity",), d) for d in SIZES),
     )
-    return [replace(kind, seed=kind.seed + i, model="constant", triad=True) for kind in kinds for i in range(cases)]
+    return [replace(kind, seed=kind.seed + i, model="constant", form="triad") for kind in kinds for i in range(cases)]
 
 
 def _stride(names: list[str], i: int) -> tuple[str, ...]:

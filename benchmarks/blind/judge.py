@@ -2,19 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.cases import Case, base_columns, noise_covariance
+from benchmarks.blind.cases import HIDDEN, Case, base_columns, whitened
+from benchmarks.blind.faults import FAULTS
 from benchmarks.blind.jobs import Job
+from benchmarks.blind.scatter import SCATTER
 
 CONFIDENT = 0.8
 Name = TypeVar("Name", str, list[str])
 _SAME = 0.95
+_SLOW = {"markov", "rrw", "flicker", "turnon"}
+"""Scatter that is correlated in time: limits of one another, which a night can hardly part."""
+_OF_DATA = {
+    *("swap", "swapped", "pose", "position", "label", "labels", "sign", "clip", "clipped", "saturation"),
+    *("row", "rows", "run", "runs", "outlier", "outliers", "bad"),
+}
+"""Words in the ids of mistakes in the data."""
+_FOLLOWS = {
+    "time": "ageing jump warmup drift rrw",
+    "run": "jump",
+    "temperature": "bias_T GS_T demod",
+    "temperature_rate": "bias_Tdot bias_grad T_lag",
+    "temperature_history": "hyst soak_insufficient bias_grad T_lag bias_Tdot warmup",
+    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift",
+    "supply": "supply",
+    "heading": "earth frame mag",
+    "supply_V": "supply",
+    "spin_period_us": "spin",
+    "vibration_rms_g": "vre",
+    "case_degC": "demod",
+    "temperature_degC": "bias_T GS_T demod",
+    "dTdt_degC_per_min": "bias_Tdot bias_grad T_lag",
+}
+"""What each driver moves, by the equations of the effects."""
+
+
+def answers(hidden: Sequence[str]) -> tuple[str, ...]:
+    """The ids that are right: a hidden thing's form stands behind an @; a wrong label alone is nothing to find."""
+    return tuple(name.partition("@")[0] for name in hidden if name != "label@alone")
+
+
+def kind_hidden(hidden: Sequence[str]) -> str:
+    """What is asked for: "mean", "scatter", "both", "fault" or "nothing"."""
+    mean = any(name in HIDDEN or name == "g_sensitivity" for name in hidden)
+    if any(name in FAULTS for name in hidden):
+        return "fault" if answers(hidden) else "nothing"
+    if any(name in SCATTER for name in hidden):
+        return "both" if mean else "scatter"
+    return "mean" if mean else "nothing"
+
+
+def on_scatter(effect: dict[str, Any]) -> bool:
+    """Whether a found effect scatters averages and moves none."""
+    return bool(effect.get("acts_on", "mean") == "scatter")
+
+
+def of_data(effect: dict[str, Any]) -> bool:
+    """Whether a found effect is a mistake in the data, by its id."""
+    return bool(set(effect["id"].replace(":", " ").replace("_", " ").lower().split()) & _OF_DATA)
+
+
+def scatter_named(document: dict[str, Any], hidden: Sequence[str]) -> tuple[bool, bool] | None:
+    """Whether the hidden effect on the scatter was named, and whether it or one of its kin was; None: none hidden."""
+    true = set(answers([name for name in hidden if name in SCATTER]))
+    if not true:
+        return None
+    classes = [c for e, c in zip(document["effects"], named_ids(document), strict=True) if on_scatter(e)]
+    kin = true | (_SLOW if true & _SLOW else set())
+    return any(true & c for c in classes), any(kin & c for c in classes)
+
+
+def on_the_mean(document: dict[str, Any]) -> bool:
+    """Whether anything was found that moves averages, mistakes in the data left aside."""
+    return any(not on_scatter(e) and not of_data(e) for e in document["effects"])
+
+
+def listed(document: dict[str, Any], hidden: Sequence[str]) -> bool:
+    """Whether each hidden effect is among what is said: in an effect's class, or in its 90 % set of names."""
+    said = set().union(*named_ids(document), *(_probable(effect) for effect in document["effects"]))
+    return bool(hidden) and set(answers(hidden)) <= said
+
+
+def told(document: dict[str, Any], collects: Set[int], runs: Set[int]) -> bool | None:
+    """Whether the result points at spoiled collects or runs, left out, found or as a place; None: there are none."""
+    if not collects:
+        return None
+    if any(outlier.get("collect") in collects for outlier in document.get("outliers", ())):
+        return True
+    if any(set(place["where"].get("runs", [-1])) <= runs for place in document["disagreements"]):
+        return True
+    return any(of_data(effect) and _run_of(effect) in runs for effect in document["effects"])
+
+
+def _run_of(effect: dict[str, Any]) -> int | None:
+    run = effect.get("shape", {}).get("run", effect.get("shape", {}).get("from_run"))
+    return None if run is None else int(run)
+
+
+def followed(document: dict[str, Any], hidden: Sequence[str]) -> tuple[float, bool] | None:
+    """(probability stated for the first driver, whether a hidden effect follows it); None where nothing is said."""
+    if not document.get("follows"):
+        return None
+    first = max(document["follows"], key=lambda one: one["probability"])
+    return first["probability"], bool(set(answers(hidden)) & set(_FOLLOWS.get(first["driver"], "").split()))
 
 
 def named_ids(document: dict[str, Any]) -> list[set[str]]:
@@ -29,35 +125,46 @@ def named_ids(document: dict[str, Any]) -> list[set[str]]:
 def first_is_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
     """Whether the first effect's class holds a hidden one."""
     classes = named_ids(document)
-    return bool(classes) and any(name in classes[0] for name in hidden)
+    return bool(classes) and any(name in classes[0] for name in answers(hidden))
 
 
 def all_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
     """Whether exactly the hidden effects were found, each by its class."""
     classes = named_ids(document)
-    return len(classes) == len(hidden) and all(any(name in c for c in classes) for name in hidden)
+    true = answers(hidden)
+    return len(classes) == len(true) and all(any(name in c for c in classes) for name in true)
 
 
-def confidently_wrong(document: dict[str, Any], hidden: Sequence[str]) -> bool:
-    """Whether any effect is named at .8 or more whose class holds none that is hidden."""
+def confidently_wrong(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False) -> bool:
+    """Whether any effect is named at .8 or more whose class holds none that is hidden.
+
+    A mistake in the data under another word is no wrong name where the result points at the spoiled rows (`pointed`).
+    """
     if document["verdict"] != "named":
         return False
     return any(
-        effect["probability"] >= CONFIDENT and not ids & set(hidden)
+        effect["probability"] >= CONFIDENT and not ids & set(answers(hidden)) and not (pointed and of_data(effect))
         for effect, ids in zip(document["effects"], named_ids(document), strict=True)
     )
 
 
-def stated(document: dict[str, Any], hidden: Sequence[str]) -> list[tuple[float, bool]]:
+def stated(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False) -> list[tuple[float, bool]]:
     """(probability stated for a catalogue name, whether that very name is hidden), one per added effect."""
-    return [(e["probability"], e["id"] in hidden) for e in document["effects"] if e["kind"] != "empirical"]
+    return [
+        (e["probability"], e["id"] in answers(hidden) or (pointed and of_data(e)))
+        for e in document["effects"]
+        if e.get("kind") != "empirical" and not e["id"].startswith("empirical")
+    ]
 
 
 def ninety_percent_set(document: dict[str, Any]) -> set[str]:
     """The first effect's most probable names that together reach 90 %."""
     if not document["effects"]:
         return set()
-    effect = document["effects"][0]
+    return _probable(document["effects"][0])
+
+
+def _probable(effect: dict[str, Any]) -> set[str]:
     names = [(effect["probability"], effect["id"])] + [(r["probability"], r["id"]) for r in effect["confusable_with"]]
     return set(_most_probable(names))
 
@@ -127,9 +234,9 @@ def _by_position(collects: np.ndarray, case: Case) -> np.ndarray:
 
 def _left_by_base(signal: np.ndarray, case: Case, job: Job) -> np.ndarray:
     """What a fitted base leaves of a signal (n, 2), deg/hr."""
-    base, column = base_columns(case.night, job.model), signal.T.ravel()
-    white = np.kron(np.eye(2), np.linalg.inv(np.linalg.cholesky(noise_covariance(case.night, job.noise))))
-    fitted = np.linalg.lstsq(white @ base, white @ column, rcond=None)[0]
+    base, column = base_columns(case.filed, job.model), signal.T.ravel()
+    both = whitened(case.covariance, np.column_stack([base, column]))
+    fitted = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
     return (column - base @ fitted).reshape(2, -1).T
 
 
@@ -139,12 +246,11 @@ def _f1(found: np.ndarray, truth: np.ndarray) -> float:
 
 def oracle_gap(case: Case, job: Job) -> float:
     """Rms in deg/hr of what is left out by run when the hidden terms and the noise are known, deg/hr."""
-    night = case.night
-    factor = np.linalg.inv(np.linalg.cholesky(noise_covariance(night, job.noise)))
+    night = case.filed
+    white = whitened(case.covariance, np.eye(2 * len(night)))
     columns = [base_columns(night, job.model)] + [s.T.ravel()[:, None] for s in case.signals]
     design, y = np.hstack(columns), (case.rates - night.w[:, :2]).T.ravel()
     left = np.empty_like(y)
-    white = np.kron(np.eye(2), factor)
     for run in np.unique(night.run):
         out = np.tile(night.run == run, 2)
         # A row that is left out has no weight: its noise is made endless.

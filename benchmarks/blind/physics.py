@@ -86,7 +86,7 @@ def _soak(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
 
 def _warmup(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
     tau = r.uniform(1800.0, 9000.0)
-    return _axes(r, np.exp(-n.start_s / tau))
+    return _axes(r, np.exp(-n.since_power_s / tau))
 
 
 def _mu(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
@@ -137,6 +137,16 @@ def _jump(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
     last = n.run.max()
     at = r.integers(max(2, last // 4), max(3, 3 * last // 4))
     return _axes(r, (n.run >= at).astype(float))
+
+
+def _jump_anywhere(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """From any collect on, the second to the last."""
+    return _axes(r, (np.arange(len(n)) >= r.integers(1, len(n))).astype(float))
+
+
+def _jump_within(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
+    """From a collect on that is not the first of its run."""
+    return _axes(r, (np.arange(len(n)) >= r.choice(np.flatnonzero(np.diff(n.run) == 0)) + 1).astype(float))
 
 
 def _supply(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
@@ -264,6 +274,10 @@ def _mu_step(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
 
 def _gs_ripple(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
     return _axes(r, n.f[:, 0] * np.sin(2.0 * np.pi * n.rotor / 23.0 + r.uniform(0.0, 6.0)))
+
+
+VARIANTS: dict[str, Hidden] = {"jump@any collect": _jump_anywhere, "jump@within a run": _jump_within}
+"""Effects of the catalogue in a form of their own; the name that is right stands before the @."""
 
 
 OUTSIDE: dict[str, Hidden] = {

@@ -1,74 +1,151 @@
 """Score the discrepancy workflow on sealed cases, once, and print the tables of docs/reconcile-benchmark.md.
 
-    python -m benchmarks.blind.score --cases 40                          # everything, 40 cases per row
+    python -m benchmarks.blind.score --cases 40                          # what the tables ask for, 40 cases a row
     python -m benchmarks.blind.score --only nulls --cases 200 --alpha 0.01
     python -m benchmarks.blind.score --only singles --cases 40 --keep outcomes.jsonl
+    python -m benchmarks.blind.score --only scatter --cases 10 --engine hil.reconcile:reconcile --engine other:reconcile
 
 Each case is written as a campaign folder, read back, reconciled with the public function, and compared with its truth
-here, where the workflow cannot see it. `--keep` adds one line of JSON per case to a file; `--tables FILE` prints the
-tables of such a file again.
+here, where the workflow cannot see it. Engines that are named are given the same files, and stand side by side.
+`--keep` adds one line of JSON per case and engine to a file; `--tables FILE` prints the tables of such a file again.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.jobs import GROUPS, Job
 from benchmarks.blind.judge import (
-    CONFIDENT,
     all_right,
     confidently_wrong,
     first_is_right,
     follow_up,
+    followed,
+    kind_hidden,
+    listed,
     ninety_percent_classes,
     ninety_percent_set,
+    on_the_mean,
     oracle_gap,
     places_f1,
-    share,
+    scatter_named,
     stated,
+    told,
 )
-from benchmarks.blind.poses import write_triad
+from benchmarks.blind.poses import write_quiet_triad, write_triad
+from benchmarks.blind.real import write_real
+from benchmarks.blind.tables import tables
+from benchmarks.blind.wider import WIDER
 
 AGAIN = "measured again as advised"
+TODAY = "hil.reconcile:reconcile"
+_MANY_ROWS = 500
+"""Rows from which one who knows the truth is not asked: it takes their cube."""
 
 
-def reconcile_job(job: Job) -> dict[str, Any]:
-    """Make the case, write it, read it, reconcile it; return the document, with what the truth says of it."""
+@dataclass(frozen=True)
+class Sealed:
+    """What is known of a case that was written. What is not made from a bench's night has no `case`."""
+
+    case: Case | None = None
+    collects: frozenset[int] = frozenset()  # that are spoiled, where not all are
+    runs: frozenset[int] = frozenset()
+
+
+def sealed(job: Job, folder: Path) -> Sealed:
+    """Make the case of a job and write it."""
+    mistake = next(iter(job.hidden), "")
+    if job.form == "triad":
+        write_triad(job.seed, job.d if job.hidden else 0.0, folder)
+        return Sealed()
+    if job.form == "quiet triad":
+        _, collect = write_quiet_triad(job.seed, mistake, folder)
+        return Sealed(collects=frozenset() if collect is None else frozenset({collect}))
+    if job.form == "log":
+        write_real(job.seed, job.log, job.hidden, job.d, folder)
+        return Sealed()
+    case = make_case(
+        job.seed,
+        job.hidden,
+        job.d,
+        model=job.model,
+        design=job.design,
+        noise=job.noise,
+        times_white=job.times_white,
+    )
+    write_case(case, folder, without=job.without)
+    if case.spoiled.all():
+        return Sealed(case)
+    rows = np.flatnonzero(case.spoiled)
+    return Sealed(case, frozenset((rows + 1).tolist()), frozenset(case.night.run[rows].tolist()))
+
+
+def answer(job: Job, folder: Path, engine: str = TODAY) -> dict[str, Any]:
+    """What an engine (module:function) says of a folder, as a document, and the seconds that it took."""
     from hil.campaign.reader import read_campaign
-    from hil.reconcile import reconcile
 
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "case"
-        if job.triad:
-            write_triad(job.seed, job.d if job.hidden else 0.0, folder)
-        else:
-            case = make_case(job.seed, job.hidden, job.d, model=job.model, design=job.design, noise=job.noise)
-            write_case(case, folder)
-        document = dict(reconcile(read_campaign(folder), job.model, alpha=job.alpha).document())
-    again = None if job.triad or job.row == AGAIN else follow_up(job, document)
-    if job.follow and again:
-        document["again"] = outcome(again, reconcile_job(again))
-    if not job.triad:
+    module, _, function = engine.partition(":")
+    reconcile, campaign = getattr(importlib.import_module(module), function), read_campaign(folder)
+    begun = time.perf_counter()
+    result = reconcile(campaign, job.model, alpha=job.alpha)
+    seconds = time.perf_counter() - begun
+    return {**(result if isinstance(result, dict) else result.document()), "seconds": seconds}
+
+
+def judged(job: Job, known: Sealed, document: dict[str, Any], engine: str = TODAY) -> dict[str, Any]:
+    """The document, with what the truth says of it; where asked for, with the case measured again as it advises."""
+    case = known.case
+    again = None if case is None or job.row == AGAIN or not job.follow else follow_up(job, document)
+    if again:
+        document["again"] = outcome(again, reconcile_job(again, engine))
+    if case is not None:
+        few = bool(case.hidden) and len(case.night) < _MANY_ROWS
         document["kept"] = case.kept
-        document["oracle_deg_per_hr"] = oracle_gap(case, job) if case.signals else None
-        document["places"] = places_f1(document, case, job) if case.signals else None
+        document["oracle_deg_per_hr"] = oracle_gap(case, job) if few else None
+        document["places"] = places_f1(document, case, job) if few and case.signals else None
+    document["told"] = told(document, known.collects, known.runs)
     return document
 
 
-def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
-    """What one case came to, as one line of the kept file."""
-    gap = document["gap"]
+def reconcile_job(job: Job, engine: str = TODAY) -> dict[str, Any]:
+    """Make the case, write it, read it, reconcile it; return the document, with what the truth says of it."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "case"
+        known = sealed(job, folder)
+        document = answer(job, folder, engine)
+    return judged(job, known, document, engine)
+
+
+def outcomes(job: Job, engines: Sequence[str]) -> list[dict[str, Any]]:
+    """One line for each engine, all of them on the same files; what an engine raises is its answer."""
+    out = []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "case"
+        known = sealed(job, folder)
+        for engine in engines:
+            try:
+                line = outcome(job, judged(job, known, answer(job, folder, engine), engine))
+            except Exception as error:  # an engine on trial may fail: that is a result, and the others go on
+                line = {**_FAILED, "error": f"{type(error).__name__}: {error}", **_of_job(job)}
+            out.append({"engine": engine, **line})
+    return out
+
+
+def _of_job(job: Job) -> dict[str, Any]:
     return {
         "row": job.row,
         "seed": job.seed,
@@ -77,23 +154,49 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "model": job.model,
         "positions": len(job.design.positions),
         "hidden": list(job.hidden),
+        "asks": kind_hidden(job.hidden),
+    }
+
+
+def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
+    """What one case came to, as one line of the kept file."""
+    gap, pointed = document["gap"], bool(document.get("told"))
+    scatter = scatter_named(document, job.hidden)
+    return {
+        **_of_job(job),
         "kept": list(document.get("kept", ())),
         "verdict": document["verdict"],
         "effects": [(e["id"], round(e["probability"], 4)) for e in document["effects"]],
-        "found": document["verdict"] != "none",
+        "found": document["verdict"] != "none" or (pointed and kind_hidden(job.hidden) == "fault"),
+        "mean": on_the_mean(document),
+        "listed": listed(document, job.hidden),
         "first": first_is_right(document, job.hidden),
         "exact": all_right(document, job.hidden),
-        "wrong": confidently_wrong(document, job.hidden),
+        "wrong": confidently_wrong(document, job.hidden, pointed=pointed),
         "empirical": document["verdict"] == "empirical",
-        "stated": stated(document, job.hidden),
+        "scatter": None if scatter is None else scatter[0],
+        "kin": None if scatter is None else scatter[1],
+        "told": document.get("told"),
+        "follows": followed(document, job.hidden),
+        "stated": stated(document, job.hidden, pointed=pointed),
         "set": sorted(ninety_percent_set(document)),
         "classes": ninety_percent_classes(document),
         "gap_ratio": _ratio(document),
-        "worse": gap["after"] > gap["before"] * 1.001,
+        "worse": bool(gap["before"] and gap["after"] and gap["after"] > gap["before"] * 1.001),
         "places": document.get("places"),
         "advice": (document["next_experiment"] or {}).get("what", "none" if document["verdict"] == "ambiguous" else ""),
         "again": document.get("again"),
+        "seconds": document.get("seconds"),
     }
+
+
+_FAILED: dict[str, Any] = {
+    **dict.fromkeys(("kept", "effects", "stated", "set", "classes"), ()),
+    **dict.fromkeys(("found", "mean", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
+    **dict.fromkeys(("scatter", "kin", "told", "follows", "gap_ratio", "places", "again", "seconds")),
+    "verdict": "failed",
+    "advice": "",
+}
 
 
 def _ratio(document: dict[str, Any]) -> float | None:
@@ -102,97 +205,41 @@ def _ratio(document: dict[str, Any]) -> float | None:
     return (after / oracle) ** 2 if oracle and after and document["effects"] else None
 
 
-def tables(outcomes: Sequence[dict[str, Any]]) -> str:
-    """The tables, as Markdown."""
-    lines = [
-        "| case | n | finds something | first class right | all right | confidently wrong | empirical |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in dict.fromkeys(o["row"] for o in outcomes):
-        mine = [o for o in outcomes if o["row"] == row]
-        cells = [share(o[key] for o in mine) for key in ("found", "first", "exact", "wrong", "empirical")]
-        lines.append(f"| {row} | {len(mine)} | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", *_by_effect(outcomes), "", *_summary(outcomes)])
-
-
-def _by_effect(outcomes: Sequence[dict[str, Any]]) -> list[str]:
-    """Of the single effects at d of 8 and more: how often the first class is right, by effect."""
-    mine = [o for o in outcomes if o["row"].startswith("one effect") and o["d"] >= 8.0]
-    lines = ["| one effect, d = 8 and 12 | n | first class right |", "|---|---|---|"] if mine else []
-    for name in sorted({o["hidden"][0] for o in mine}):
-        of_name = [o for o in mine if o["hidden"][0] == name]
-        lines.append(f"| {name} | {len(of_name)} | {share(o['first'] for o in of_name)} |")
-    return lines
-
-
-def _summary(outcomes: Sequence[dict[str, Any]]) -> list[str]:
-    """Probabilities, sets, places, gap."""
-    said = [(p, right) for o in outcomes for p, right in o["stated"]]
-    lines = ["| stated probability | n | right |", "|---|---|---|"]
-    for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 1.01)):
-        inside = [(p, right) for p, right in said if low <= p < high]
-        mean = f", mean {np.mean([p for p, _ in inside]):.2f}" if inside else ""
-        lines.append(f"| {low:g} to {min(high, 1.0):g}{mean} | {len(inside)} | {share(r for _, r in inside)} |")
-    named = [o for o in outcomes if len(o["hidden"]) == 1 and o["row"].startswith(("one effect", "MU,", "earth"))]
-    sets = [o for o in named if o["set"]]
-    if sets:
-        lines.append(f"\n90 % sets hold the truth: {share(set(o['hidden']) <= set(o['set']) for o in sets)}")
-        lines[-1] += f", mean size {np.mean([len(o['set']) for o in sets]):.2f} names"
-    sets = [o for o in named if o.get("classes")]
-    if sets:
-        held = share(any(o["hidden"][0] in names for names in o["classes"]) for o in sets)
-        lines.append(f"90 % sets of classes hold the truth: {held}, mean size {_mean_size(sets):.2f} classes")
-    places = [o["places"] for o in outcomes if o.get("places") and o["effects"]]
-    if places:
-        means = [f"{reading} {np.mean([p[reading] for p in places]):.2f}" for reading in places[0]]
-        lines.append(f"\nplaces, mean F1 of {len(places)}: {'; '.join(means)}")
-    again = [o["again"] for o in outcomes if o["again"]]
-    if again:
-        settled = share(a["verdict"] == "named" and a["exact"] for a in again)
-        lines.append(f"\nambiguous, then measured again as advised: named and right in {settled} of {len(again)}")
-    ratios = [o["gap_ratio"] for o in outcomes if o["gap_ratio"] is not None]
-    if ratios:
-        lines.append(f"\nheld-out mean square over the oracle's, median of {len(ratios)}: {np.median(ratios):.3f}")
-        lines[-1] += f"; worse than before in {share(o['worse'] for o in outcomes if o['effects'])}"
-    lines.append(f"\nstated {CONFIDENT} or more is right: {share(r for p, r in said if p >= CONFIDENT)}")
-    return lines
-
-
-def _mean_size(outcomes: Sequence[dict[str, Any]]) -> float:
-    return float(np.mean([len(o["classes"]) for o in outcomes]))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the chosen groups and print the tables."""
     parser = argparse.ArgumentParser(description="Score the discrepancy workflow on sealed cases.")
     parser.add_argument("--cases", type=int, default=20, help="cases per row")
-    parser.add_argument("--only", choices=sorted(GROUPS), action="append")
+    parser.add_argument("--only", choices=sorted({**GROUPS, **WIDER}), action="append")
     parser.add_argument("--seed", type=int, default=0, help="added to every case's seed: fresh sealed cases")
     parser.add_argument("--alpha", type=float, default=0.05, help="false-alarm rate that the search is asked for")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--keep", type=Path, help="add one line of JSON per case to this file")
     parser.add_argument("--tables", type=Path, nargs="+", help="print the tables of kept files, and run nothing")
     parser.add_argument("--follow", action="store_true", help="measure ambiguous cases again, as the result advises")
+    parser.add_argument(
+        "--engine", action="append", metavar="MODULE:FUNCTION", help=f"who is judged, {TODAY}; twice: side by side"
+    )
     parser.add_argument("--verbose", action="store_true", help="one line per case")
     chosen = parser.parse_args(arguments)
     if chosen.tables:
         lines = [line for path in chosen.tables for line in path.read_text().splitlines()]
         print(tables([json.loads(line) for line in lines]))
         return
-    jobs = [job for group in chosen.only or GROUPS for job in GROUPS[group](chosen.cases)]
+    groups = {**GROUPS, **WIDER}
+    jobs = [job for group in chosen.only or GROUPS for job in groups[group](chosen.cases)]
     given = {"alpha": chosen.alpha, "follow": chosen.follow}
     jobs = [replace(job, seed=job.seed + chosen.seed, **given) for job in jobs]
-    outcomes = []
+    engines, lines = chosen.engine or [TODAY], []
     with ProcessPoolExecutor(chosen.processes) as pool:
-        for job, document in zip(jobs, pool.map(reconcile_job, jobs, chunksize=1), strict=True):
-            outcomes.append(outcome(job, document))
+        for done in pool.map(partial(outcomes, engines=engines), jobs, chunksize=1):
+            lines += done
             if chosen.keep:
                 with chosen.keep.open("a") as file:
-                    file.write(json.dumps(outcomes[-1]) + "\n")
-            if chosen.verbose:
-                o = outcomes[-1]
-                print(job.row, job.seed, job.hidden, o["kept"], o["verdict"], o["effects"], o["set"], file=sys.stderr)
-    print(tables(outcomes))
+                    file.writelines(json.dumps(o) + "\n" for o in done)
+            for o in done if chosen.verbose else ():
+                said = o.get("error", f"{o['verdict']} {o['effects']} {o['set']}")
+                print(o["engine"], o["row"], o["seed"], o["hidden"], o["kept"], said, file=sys.stderr)
+    print(tables(lines))
 
 
 if __name__ == "__main__":
