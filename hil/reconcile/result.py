@@ -48,10 +48,14 @@ class Rival:
     overlap: float
     title: str = ""
     same_on: Sequence[int] = ()
+    bayes_factor: float | None = None
+    prior_odds: float | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
         document = {"id": self.id, "probability": self.probability, "overlap": self.overlap, "title": self.title}
+        if self.bayes_factor is not None:
+            document |= {"bayes_factor": self.bayes_factor, "prior_odds": self.prior_odds}
         return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
 
 
@@ -97,6 +101,7 @@ class FoundEffect:
     physics: str = ""
     experiment: str = ""
     inside_collects: bool = False
+    acts_on: str = "mean"
 
     @property
     def shape_in_words(self) -> str:
@@ -120,6 +125,7 @@ class FoundEffect:
             "inside_collects": self.inside_collects,
             "probability": self.probability,
             "confusable_with": [rival.document() for rival in self.confusable_with],
+            "acts_on": self.acts_on,
         }
 
 
@@ -135,6 +141,7 @@ class Gap:
     standardised_after: float
     improved_p_value: float
     blocks: Mapping[str, float] = field(default_factory=dict)
+    log_score: Mapping[str, float] | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
@@ -148,6 +155,7 @@ class Gap:
             "standardised": {"before": self.standardised_before, "after": self.standardised_after},
             "improvement_p_value": self.improved_p_value,
             "by_contiguous_block": dict(self.blocks),
+            **({"log_score": dict(self.log_score)} if self.log_score else {}),
         }
 
 
@@ -173,6 +181,8 @@ class Reconciliation:
     simulated: bool = False
     calibration: str = "one set"
     picture: Mapping[str, Any] = field(default_factory=dict)
+    follows: Sequence[tuple[str, float]] = ()
+    noise: Sequence[Mapping[str, Any]] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -194,6 +204,8 @@ class Reconciliation:
             "as_it_stands": dict(self.as_it_stands) if self.as_it_stands else None,
             "within_collects": [dict(finding) for finding in self.within_collects],
             "notes": list(self.notes),
+            "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
+            "noise": [dict(channel) for channel in self.noise],
         }
         return dict(_plain(document))
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
-from hil.model.effects.noise import power_cycles
-from hil.reconcile.naming import Naming, Weighed, with_rivals
-from hil.solve.temperatures import same_temperature
+from hil.reconcile.naming import Also, Named
+from hil.reconcile.search.posterior import Posterior
 from procedures.words import listed
 
 _TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
@@ -26,28 +26,6 @@ _SPELLINGS = {
     "spin_period_us": re.compile(r"(spin|rotor).*(period|_us)", re.IGNORECASE),
 }
 """Conditions that effects ask for, and how else people call them."""
-
-
-def _zone(columns: FloatArray, conditions: Conditions) -> str:
-    """The range of setpoints in which alone, and always, a step's bias stands; empty where no range is that."""
-    temperature = conditions.columns.get("temperature_degC")
-    there = np.any(columns, axis=(1, 2))
-    if temperature is None or not np.all(np.isfinite(temperature)) or there.all() or not there.any():
-        return ""
-    inside, outside = temperature[there], temperature[~there]
-    setpoint = same_temperature(conditions)
-    first, last = setpoint[there].min(), setpoint[there].max()
-    if np.any((setpoint[~there] >= first) & (setpoint[~there] <= last)):
-        return ""
-    below, above = outside[outside < inside.min()], outside[outside > inside.max()]
-    if not len(above):
-        return f"B × temperature_degC>{0.5 * (below.max() + inside.min()):.1f}"
-    if not len(below):
-        return f"B × temperature_degC<{0.5 * (above.min() + inside.max()):.1f}"
-    return f"B × temperature_degC[{inside.min() - 1.0:.1f}..{inside.max() + 1.0:.1f}]"
-
-
-_NO_LAW = 0.25  # what no effect describes, against what one does: 20 to 80, as in the search
 
 
 def with_stand_ins(campaign: Campaign) -> Campaign:
@@ -85,62 +63,25 @@ def _known(values: FloatArray | None) -> bool:
     return values is not None and bool(np.all(np.isfinite(values)))
 
 
-def _cycles_are_setpoints(conditions: Conditions) -> bool:
-    """Whether each power cycle stood at one setpoint, which no other cycle visited."""
-    pairs = set(zip(same_temperature(conditions).tolist(), power_cycles(conditions).tolist(), strict=True))
-    return len(pairs) == len({setpoint for setpoint, _ in pairs}) == len({cycle for _, cycle in pairs})
-
-
-@dataclass(frozen=True)
-class _Unasked:
-    """A name beside the leader: what would tell them apart, and how probable it is before the data, the leader's 1."""
-
-    name: str
-    title: str
-    remedy: str
-    weight: float = 1.0
-    tier: int = 1
-
-
-def beside_unasked(naming: Naming, conditions: Mapping[int, Conditions]) -> Naming:
-    """Share a name's probability with those of the same history that this data leaves unasked."""
-    leader = naming.leader
-    if leader.tier != 1:
-        return naming
-    unasked = list(_unasked(leader, conditions[leader.added.hypothesis.candidate.sensor]))
-    if not unasked:
-        return naming
-    share = 1.0 / (1.0 + sum(one.weight for one in unasked))
-    others = [
-        replace(
-            leader,
-            name=one.name,
-            title=one.title,
-            tier=one.tier,
-            probability=leader.probability * share * one.weight,
-            overlap=1.0,
-            remedy=one.remedy,
-        )
-        for one in unasked
-    ]
-    return with_rivals(naming, share, others)
-
-
-def _unasked(leader: Weighed, here: Conditions) -> Iterator[_Unasked]:
-    """Yield the names of the leader's history in time that nothing recorded tells from it."""
-    candidate = leader.added.hypothesis.candidate
-    kin = {} if leader.effect is None else leader.effect.kin_for(here, candidate.shape)
+def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, Conditions]) -> Named:
+    """Share a name's probability with those of the same history in time that this data leaves unasked."""
+    if not named.terms or not isinstance(named.effect, Effect):
+        return named
+    number, places = next(iter(named.terms.items()))
+    here = conditions[number]
+    kin = named.effect.kin_for(here, posterior.term(number, places[0]).candidate.shape)
+    unasked = []
     for name, weight in kin.items():
         effect = effect_by_id(name)
-        needs = effect.missing(here)
-        if needs:
+        if needs := effect.missing(here):
             remedy = f"record {listed(need.replace('|', ' or ') for need in needs)}"
-            yield _Unasked(name, effect.title, remedy, weight)
-    if candidate.shape.get("runs_held"):
-        yield _Unasked("turnon", "Turn-on bias", "repeat the run; a state of the bearing comes back, scatter does not")
-    if leader.name == "turnon" and _cycles_are_setpoints(here):
-        yield _Unasked("bias_T", effect_by_id("bias_T").title, "several power cycles at one temperature")
-    zone = _zone(candidate.columns, here) if leader.name == "jump" else ""
-    if zone:
-        title = f"Bias follows {zone.removeprefix('B × ')}"
-        yield _Unasked(zone, title, "visit the temperatures in another order", _NO_LAW, 2)
+            unasked.append((effect, weight, remedy))
+    if not unasked:
+        return named
+    share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))
+    others = [
+        Also(effect.id, effect.title, named.probability * share * weight, 1.0, 1.0, weight, 1, {}, remedy)
+        for effect, weight, remedy in unasked
+    ]
+    rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)
+    return replace(named, probability=named.probability * share, rivals=rivals, kind="ambiguous")

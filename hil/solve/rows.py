@@ -160,7 +160,7 @@ def _block(
         station=station[row],
         f_random=conditions.f_g[row][:, random_axes],
     )
-    return replace(block, sigma=sigma * _station_scatter(block, conditions.f_g[row]))
+    return block
 
 
 def _stated_sigma(stated: FloatArray) -> tuple[FloatArray, bool]:

@@ -130,6 +130,8 @@ class Described(ABC):
     named_by_data: ClassVar[bool] = False  # which parameters there are depends on positions or power cycles
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
+    follows: ClassVar[str] = "pose"
+    """What it follows: time, run, temperature, temperature_rate, temperature_history, pose, supply, heading, or a column."""
     signature: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""

@@ -21,6 +21,7 @@ class EarthRateFrame(Effect):
 
     id = "frame"
     family = "data"
+    follows = "heading"
     title = "Earth-rate sign or frame defect"
     equation = "R -= 2 w_used of the component whose sign is wrong"
     parameters = (
@@ -55,6 +56,7 @@ class Mislabelled(Effect):
 
     id = "swap"
     family = "data"
+    follows = "run"
     title = "Mislabelled collect or axis"
     equation = "R(p) becomes R(q) and R(q) becomes R(p) in one run; or RA and RB change places"
     parameters = (Parameter("swapped", "1", (1.0, 1.0)),)

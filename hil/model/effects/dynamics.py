@@ -48,6 +48,7 @@ class SpinSpeed(Effect):
 
     id = "spin"
     family = "dynamics"
+    follows = "spin_period_us"
     title = "Spin-speed error"
     equation = "R += gain (dN/N) R + turn (dN/N) (-RB, RA); dN/N = nominal/period - 1"
     parameters = (Parameter("gain", "1", (0.5, 3.0)), Parameter("turn", "rad", (0.1, 10.0)))

@@ -32,6 +32,7 @@ class QuadratureLeakage(Effect):
 
     id = "demod"
     family = "electronics"
+    follows = "temperature"
     title = "Quadrature leakage"
     equation = "B += Q dphi/dT (T_case - 25 degC)"
     per_channel = True
@@ -51,6 +52,7 @@ class SupplyVoltage(Effect):
 
     id = "supply"
     family = "electronics"
+    follows = "supply"
     title = "Supply voltage"
     equation = "B += K_V 100 (V/nominal - 1)"
     per_channel = True
@@ -76,6 +78,7 @@ class MagneticSensitivity(Effect):
 
     id = "mag"
     family = "electronics"
+    follows = "heading"
     title = "Magnetic sensitivity"
     equation = "R += K_m b, b = the earth's field along the sensor's axes"
     parameters = (Parameter("m", "deg/hr/G", (0.1, 5.0), {"RLG": (0.01, 1.0), "FOG": (0.01, 1.0)}),)

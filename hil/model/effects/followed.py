@@ -59,6 +59,26 @@ def driver_columns(expression: str) -> frozenset[str]:
     return frozenset(names - {"start_s", "run", "duration_s"})
 
 
+_DRIVERS = {
+    "start_s": "time",
+    "run": "time",
+    "time_since_power_on_s": "time",
+    "temperature_degC": "temperature",
+    "case_degC": "temperature",
+    "dTdt_degC_per_min": "temperature_rate",
+    "time_since_setpoint_s": "temperature_history",
+    "supply_V": "supply",
+    "position": "pose",
+}
+
+
+def driver_of(expression: str) -> str:
+    """Return what an expression follows, in one word: time, temperature, pose … or the name of its column."""
+    columns = driver_columns(expression) | ({"run"} if expression.startswith("run>") else set())
+    first = next(iter(sorted(columns)), "start_s" if expression.startswith("start_s") else "position")
+    return _DRIVERS.get(first, first)
+
+
 def position_is(label: str) -> str:
     """Return the expression that is one at a position, whatever its label contains."""
     return f"position={label.replace('%', '%25').replace('&', '%26')}"

@@ -101,6 +101,7 @@ class RotorSensitivityTemperature(_TemperatureDependent):
 
     id = "GS_T"
     family = "g-linear"
+    follows = "temperature"
     title = "GSA, GSB temperature dependence"
     equation = "GS += GS1 (T - 25 degC) + GS2 (T - 25 degC)^2, for GSA and GSB"
     parameters = (
@@ -125,6 +126,7 @@ class AxialDriftTemperature(_TemperatureDependent):
 
     id = "MU_T"
     family = "g-linear"
+    follows = "temperature"
     title = "MUA, MUB temperature dependence"
     equation = "MU += MU1 (T - 25 degC) + MU2 (T - 25 degC)^2, for MUA and MUB"
     parameters = (
@@ -217,6 +219,7 @@ class LinearSensitivityTemperature(LinearSensitivity):
     """G that follows temperature linearly."""
 
     id = "g_sensitivity_T"
+    follows = "temperature"
     title = "Acceleration sensitivity's temperature dependence"
     equation = "R += G1 f (T - 25 degC)"
     parameters = (Parameter("G1", "deg/hr/g/degC", (0.02, 0.8), {"DTG": (0.001, 0.1), "MEMS": (0.01, 2.0)}),)

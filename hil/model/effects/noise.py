@@ -33,6 +33,7 @@ class Drift(Effect):
 
     id = "drift"
     family = "noise"
+    follows = "time"
     title = "Linear drift between collects"
     equation = "R += d k, k = -1, 0, 1 in the order taken within the run; or k = 1, 2, 3 … through all runs"
     per_channel = True
@@ -74,6 +75,7 @@ class Ageing(Effect):
 
     id = "ageing"
     family = "noise"
+    follows = "time"
     title = "Ageing of the bias"
     equation = "B += a t"
     per_channel = True
@@ -94,6 +96,7 @@ class Jump(Effect):
 
     id = "jump"
     family = "noise"
+    follows = "time"
     title = "Bearing or retainer jump"
     equation = "B += J from run r on, or in run r alone"
     per_channel = True
@@ -247,6 +250,7 @@ class TurnOnBias(VarianceEffect):
 
     id = "turnon"
     family = "noise"
+    follows = "run"
     title = "Turn-on bias"
     equation = "B of power cycle k = B + N(0, s_b)"
     parameters = (
@@ -274,6 +278,7 @@ class PowerCycleBias(Effect):
 
     id = "turnon"
     family = "noise"
+    follows = "run"
     title = "Turn-on bias, one per power cycle"
     equation = "B of power cycle k = B + b_k"
     per_channel = True

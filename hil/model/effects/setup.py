@@ -109,6 +109,7 @@ class EarthRateError(Effect):
 
     id = "earth"
     family = "setup"
+    follows = "heading"
     title = "Earth-rate knowledge error"
     equation = "R -= dW . channel axis, dW = used - true, along up, north and east"
     parameters = (

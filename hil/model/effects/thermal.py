@@ -33,6 +33,7 @@ class BiasTemperature(Effect):
 
     id = "bias_T"
     family = "thermal"
+    follows = "temperature"
     title = "Bias temperature coefficient"
     equation = "B += b1 (T - 25 degC) + b2 (T - 25 degC)^2"
     per_channel = True
@@ -71,6 +72,7 @@ class TemperatureRateBias(Effect):
 
     id = "bias_Tdot"
     family = "thermal"
+    follows = "temperature_rate"
     title = "Temperature-rate bias"
     equation = "B += K_Tdot dT/dt"
     per_channel = True
@@ -92,6 +94,7 @@ class GradientBias(Effect):
 
     id = "bias_grad"
     family = "thermal"
+    follows = "temperature_rate"
     title = "Case-to-rotor gradient bias"
     equation = "B += K_g (T_case - T)"
     per_channel = True
@@ -114,6 +117,7 @@ class ThermometerLag(Effect):
 
     id = "T_lag"
     family = "thermal"
+    follows = "temperature_rate"
     title = "Thermometer lag"
     equation = "R += (dB/dT + k_share dK/dT f) dT/dt lag"
     parameters = (Parameter("lag", "min", (5.0, 25.0)),)
@@ -147,6 +151,7 @@ class Hysteresis(Effect):
 
     id = "hyst"
     family = "thermal"
+    follows = "temperature_history"
     title = "Rate-independent thermal hysteresis"
     equation = "B += h (T - play(T, half_width)) / half_width"
     per_channel = True
@@ -172,6 +177,7 @@ class InsufficientSoak(Effect):
 
     id = "soak_insufficient"
     family = "thermal"
+    follows = "temperature_history"
     title = "Incomplete restabilisation"
     equation = "B += b step exp(-t_setpoint/tau)"
     per_channel = True
@@ -198,6 +204,7 @@ class WarmUp(Effect):
 
     id = "warmup"
     family = "thermal"
+    follows = "time"
     title = "Warm-up since power-on"
     equation = "B += W exp(-t_on/tau)"
     per_channel = True
@@ -224,6 +231,7 @@ class GasConvection(Effect):
 
     id = "convection"
     family = "thermal"
+    follows = "temperature"
     title = "Orientation-dependent gas convection"
     equation = "R += (c1 fA + c3 fS) (298 K / T) (1 - exp(-t_index/tau))"
     per_channel = True

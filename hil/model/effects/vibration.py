@@ -15,6 +15,7 @@ class VibrationRectification(Effect):
 
     id = "vre"
     family = "vibration"
+    follows = "vibration_rms_g"
     title = "Vibration rectification"
     equation = "B += K_v a_rms^2"
     per_channel = True

@@ -1,4 +1,4 @@
-"""The findings of a search in the words and numbers of the result: verdict, effects, gap, places, origin."""
+"""The findings of a search in the words and numbers of the result: verdict, effects, gap, mistakes, places, origin."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ import numpy as np
 from drivers.clock import SystemClock
 from hil.campaign import Campaign, Conditions
 from hil.model import Model
-from hil.model.effects.base import Effect
+from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
-from hil.reconcile.bad_data.exchanges import Exchange
-from hil.reconcile.explanations import Step
-from hil.reconcile.naming import Weighed, certainty
-from hil.reconcile.outcome.improve import described_parameters
+from hil.reconcile.naming import NO_NAME, Named, Reading
+from hil.reconcile.outcome.improve import Values, described_parameters
+from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.proof.held_out import HeldOut
-from hil.reconcile.result import Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
-from hil.reconcile.search.fit import BlockNoise, Fit
-from hil.solve.rows import Block
+from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.fitted import Fitted
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.terms import Term
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -28,167 +29,232 @@ NOT_HELD_OUT = (
 
 
 def gap_of(
-    proof: tuple[HeldOut, HeldOut] | None,
-    noise: Sequence[BlockNoise],
-    blocks: Sequence[Block],
-    *,
-    unjudged: bool,
-    swapped: Sequence[Exchange],
-    rng: np.random.Generator,
+    proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, rng: np.random.Generator, chance: float
 ) -> Gap:
-    """Return the held-out gap before and after.
-
-    Exchanged labels show in one fold, which sign flips by fold cannot tell from chance: their own chance counts too.
-    """
+    """Return the held-out gap before and after; that of the fits themselves where nothing can be held out."""
+    noise = float(np.sqrt(np.mean(np.concatenate([np.diag(b.noise_alone()) for b in fit.blocks]))))
     if proof is None:
-        rows = sum(len(block.y) for block in blocks)
-        floor = float(np.sqrt(sum(np.trace(n.covariance) for n in noise) / max(rows, 1)))
-        return Gap(np.nan, np.nan, floor, "too few rows to hold any out", np.nan, np.nan, 1.0)
-    runs, contiguous = proof
-    floor = runs.floor
-    before, after = runs.rms
-    scaled_before, scaled_after = runs.standardised
-    folds = len(runs.rows)
-    if unjudged:
+        sizes = [np.concatenate([f.residual(block) for block in f.blocks]) for f in (before, fit)]
+        rms = [round(float(np.sqrt(np.mean(r**2))), 6) for r in sizes]
+        scaled = [round(v**2 / max(noise, 1e-9) ** 2, 6) for v in rms]
         nothing = "not held out (one run per temperature): residuals of the fit itself"
-        # As many values as rows leave nothing but rounding.
-        values = (before, after, scaled_before, scaled_after)
-        before, after, scaled_before, scaled_after = (round(value, 6) for value in values)
-        return Gap(before, after, floor, nothing, scaled_before, scaled_after, np.nan)
-    kind = "run" if len(np.unique(blocks[0].run)) >= 4 else "collect"
+        return Gap(rms[0], rms[1], min(noise, *rms), nothing, scaled[0], scaled[1], np.nan)
+    runs, contiguous = proof
+    (raw_before, raw_after), (scaled_before, scaled_after) = runs.rms, runs.standardised
+    kind = "run" if len(np.unique(fit.blocks[0].search.block.run)) >= 4 else "collect"
     return Gap(
-        before=before,
-        after=after,
-        noise_floor=floor,
-        held_out=f"leave-one-{kind}-out, {folds} folds, selection repeated in every fold",
+        before=raw_before,
+        after=raw_after,
+        noise_floor=min(noise, raw_before, raw_after),
+        held_out=f"leave-one-{kind}-out, {len(runs.rows)} folds, selection repeated in every fold",
         standardised_before=scaled_before,
         standardised_after=scaled_after,
-        improved_p_value=min([runs.improvement_p_value(rng), *(e.chance for e in swapped)]),
+        improved_p_value=max(runs.improvement_p_value(rng), min(chance, 1.0)),
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
+        log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
     )
 
 
-def verdict_of(steps: Sequence[Step], inside: Sequence[FoundEffect], *, unresolved: bool, swapped: bool) -> str:
+def verdict_of(reading: Reading, names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
     """Return the verdict of all that was found, in averages and inside collects: the least certain kind among them."""
-    kinds = {step.naming.kind for step in steps} | {effect.kind for effect in inside}
     if unresolved:
         return "unresolved"
-    if not kinds:
-        return "named" if swapped else "none"
-    for kind in ("ambiguous", "empirical"):
-        if kind in kinds:
-            return kind
-    return "named"
+    kinds = {named.kind for named in names} | {effect.kind for effect in others}
+    return next((kind for kind in ("ambiguous", "empirical", "named") if kind in kinds), "none")
 
 
-def channels_touched(
-    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], fit: Fit, p_value: float
-) -> list[Disagreement]:
-    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
-    out = []
-    for b, block in enumerate(blocks):
-        effect = fit.effect[b]
-        if np.any(effect):
-            score = float(np.linalg.norm(noise[b].beside(block.base, effect)))
-            size = float(np.sqrt(np.mean(effect**2)))
-            channels = list(conditions[block.sensor].sensor.channels)
-            where = {"sensor": block.sensor, "channel": channels[int(block.channel[0])]}
-            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
-    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
-
-
-def described(index: int, step: Step, fit: Fit, conditions: Mapping[int, Conditions]) -> FoundEffect:
+def described(
+    named: Named,
+    posterior: Posterior,
+    fit: Fitted,
+    scatter: Sequence[FoundScatter],
+    conditions: Mapping[int, Conditions],
+) -> FoundEffect:
     """Return one found effect for the result."""
-    leader = step.naming.leader
-    candidate = leader.added.hypothesis.candidate
-    effect = candidate.effect
+    pairs = [(n, j) for n, places in named.terms.items() for j in places]
+    parameters = [
+        p
+        for n, j in pairs
+        for p in described_parameters(posterior.term(n, j).candidate, values_of(fit, n, j), conditions[n])
+    ]
+    parameters += [
+        {"name": f.parameter.name, "value": f.value, "se": f.se, "unit": f.parameter.unit, "at": "", "sensor": f.sensor}
+        for f in scatter
+    ]
+    first = posterior.term(*pairs[0]).candidate if pairs else None
+    shape = dict(first.shape) if first is not None else dict(scatter[0].shape) if scatter else {}
+    title = first.title if first is not None else getattr(named.effect, "title", named.name)
+    equation = first.equation if first is not None else getattr(named.effect, "equation", "")
+    name = named.name if first is None or first.tier == 1 else f"empirical: {first.name}"
     return FoundEffect(
-        id=leader.name if leader.tier == 1 else f"empirical: {leader.name}",
-        title=candidate.title,
-        equation=candidate.equation,
-        parameters=described_parameters(index, step.added, fit, conditions),
-        probability=_stated(step, leader),
-        confusable_with=[_rival(step, rival) for rival in step.naming.rivals],
-        kind=step.naming.kind,
-        shape=candidate.shape,
-        sensors=sorted({unit.candidate.sensor for unit in step.added.units}),
-        physics=_physics(effect),
-        experiment=effect.experiment if effect is not None else "Vary the driver alone.",
+        id=name,
+        title=title,
+        equation=equation,
+        parameters=parameters,
+        probability=named.probability,
+        confusable_with=[
+            Rival(r.name, r.probability, r.overlap, r.title, (), r.bayes_factor, r.prior_odds) for r in named.rivals
+        ],
+        kind=named.kind,
+        shape=shape,
+        sensors=sorted(named.terms) or sorted({f.sensor for f in scatter}),
+        physics=_physics(named.effect if named.name != NO_NAME else None),
+        experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
+        acts_on=named.acts_on,
     )
 
 
-def _stated(step: Step, weighed: Weighed) -> float:
-    """The probability of a name, that nothing is missing at all included among the alternatives."""
-    return weighed.probability * certainty(step.scan)
+def values_of(fit: Fitted, number: int, place: int) -> Values:
+    """Return the values and errors of a term's columns."""
+    return {key[2]: fit.value(key) for key in fit.keys if key[:2] == (number, place)}
 
 
-def _rival(step: Step, rival: Weighed) -> Rival:
-    name = rival.name if rival.tier == 1 else f"empirical: {rival.name}"
-    return Rival(name, _stated(step, rival), rival.overlap, rival.title, rival.same_on)
-
-
-def _physics(effect: Effect | None) -> str:
+def _physics(effect: Described | None) -> str:
     if effect is None:
         return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
     text = " ".join((type(effect).__doc__ or "").split())
     return f"{text} {effect.signature}".strip()
 
 
-def swap_findings(found: Sequence[Exchange]) -> list[FoundEffect]:
-    """Return exchanged labels as found effects: each is certain and already mended."""
-    return [
+def mistakes_found(reading: Reading, campaign: Campaign, fit: Fitted) -> list[FoundEffect]:
+    """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
+    out = [
         FoundEffect(
-            id="swap",
-            title="Mislabelled collect",
-            equation=f"run {e.run}: collects at positions {e.positions[0]} and {e.positions[1]} exchanged",
-            parameters=[
-                {"name": "swapped", "value": 1.0, "se": 0.0, "unit": "1", "at": f"run {e.run}", "sensor": e.sensor}
-            ],
-            probability=float(1.0 / (1.0 + np.exp(6.0 - e.gain))),
+            id=term.name,
+            title=term.candidate.title,
+            equation=_exchange(term.candidate, campaign),
+            parameters=[],
+            probability=1.0,
             confusable_with=[],
             kind="named",
-            shape={"run": float(e.run)},
-            sensors=(e.sensor,),
-            physics="Two collects of one run carry each other's label; exchanged back, both fit the rest.",
-            experiment="Look at the accelerometers of that run: they show which way it stood.",
+            shape=term.candidate.shape,
+            sensors=(number,),
+            physics=_physics(term.candidate.effect),
+            experiment=getattr(term.candidate.effect, "experiment", ""),
         )
-        for e in found
+        for number, term in reading.mistakes
+        if term.name == "swap"
     ]
+    runs = wrong_runs(reading)
+    if runs:
+        numbers = runs_in_words(sorted({run for _, _, run in runs}))
+        many = "runs" in numbers
+        out.append(
+            FoundEffect(
+                id=f"empirical: {numbers}",
+                title=f"{numbers.capitalize()} {'do' if many else 'does'} not agree with the others "
+                "in any way that an effect of the catalogue does",
+                equation="",
+                parameters=[],
+                probability=1.0 - reading.chance,
+                confusable_with=[],
+                kind="empirical",
+                shape={LEFT_OUT: float(len({(n, run) for n, _, run in runs}))},
+                sensors=tuple(sorted({n for n, _, _ in runs})),
+                physics="No effect of the catalogue behaves like this; what is certain is which runs differ, not why.",
+                experiment=f"Look at {numbers}; repeat {'them' if many else 'it'}.",
+            )
+        )
+    return out
 
 
-def look_up(found: Sequence[Exchange]) -> dict[str, Any] | None:
-    """The experiment for exchanged labels: what was recorded of the run settles them, no further collect is needed."""
-    if not found:
-        return None
-    which = runs_in_words(e.run for e in found)
-    return without_collects(
-        f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed"
-    )
-
-
-def labels_to_correct(found: Sequence[Exchange]) -> list[str]:
-    """Say which rows of the file carry each other's labels, one sentence for each pair."""
+def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
+    """Return sensor, channel and the campaign's number of every run that is wrong."""
     return [
-        f"sensor {e.sensor}, run {e.run}: correct the labels of collects {e.collects[0]} (position {e.positions[0]}) "
-        f"and {e.collects[1]} (position {e.positions[1]}) in collects.csv, they carry each other's; the model is not "
-        "changed by this"
-        for e in found
+        (n, int(t.candidate.shape["channel"]), int(t.candidate.shape["number"]))
+        for n, t in reading.mistakes
+        if t.name == "run"
     ]
 
 
-def exchange_places(found: Sequence[Exchange], campaign: Campaign) -> list[Disagreement]:
-    """Return where exchanged labels showed: by how much each channel's rate moves when they are put right."""
+def _exchange(candidate: Candidate, campaign: Campaign) -> str:
+    """Say which labels of which run were exchanged."""
+    conditions = campaign.sensors[candidate.sensor].conditions
+    run = int(candidate.shape["run"])
+    rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
+    positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
+    collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
+    return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
+
+
+def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:
+    """Say which rows of the file carry each other's labels, and which runs are left out."""
+    notes = [
+        f"sensor {n}, {_exchange(t.candidate, campaign)}: correct the labels in collects.csv; the model is not changed "
+        "by this"
+        for n, t in reading.mistakes
+        if t.name == "swap"
+    ]
+    for n, channel, run in wrong_runs(reading):
+        name = list(campaign.sensors[n].conditions.sensor.channels)[channel]
+        notes.append(f"sensor {n}, {name}, run {run}: left out of the search, and the gap is that of the others")
+    return notes
+
+
+def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:
+    """Return where mistakes show: channel, position and run of each, and by how much."""
     out = []
-    for e in found:
-        collects = campaign.sensors[e.sensor]
-        here, there = e.rows
-        moves = np.nan_to_num(collects.rates_deg_per_hr[here] - collects.rates_deg_per_hr[there])
-        errors = np.hypot(*np.nan_to_num(collects.rates_se_deg_per_hr[[here, there]]))
-        for channel, move, error in zip(collects.conditions.sensor.channels, moves, errors, strict=True):
-            for position, sign in zip(e.positions, (1.0, -1.0), strict=True):
-                where = {"sensor": e.sensor, "channel": channel, "position": position, "runs": [e.run]}
-                out.append(Disagreement(where, sign * float(move), float(error), e.chance))
+    for n, term in reading.mistakes:
+        if term.name == "row":
+            continue
+        conditions = campaign.sensors[n].conditions
+        channels = list(conditions.sensor.channels)
+        for block in fit.blocks:
+            own = block.search.block
+            if own.sensor != n or not np.any(part := own.select(term.candidate.columns)):
+                continue
+            noise = np.sqrt(np.diag(block.noise_alone()))
+            before = fit.residual(block) + (fit.design(block) @ fit.values if term.name == "run" else part[:, 0])
+            for c in np.unique(own.channel):
+                rows = np.any(part != 0.0, axis=1) & (own.channel == c)
+                if term.name == "run" and np.any(rows):
+                    size = float(np.sqrt(np.mean(before[rows] ** 2)))
+                    where = {"sensor": n, "channel": channels[c], "runs": [int(term.candidate.shape["number"])]}
+                    out.append(Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance))
+                    continue
+                for i in np.flatnonzero(rows):
+                    label, run = str(conditions.position[own.rows[i]]), int(conditions.run[own.rows[i]])
+                    where = {"sensor": n, "channel": channels[c], "position": label, "runs": [run]}
+                    out.append(Disagreement(where, float(before[i]), float(noise[i]), reading.chance))
     return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
+
+
+def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior: Posterior) -> list[dict[str, Any]]:
+    """Return single rows that are wrong, by the campaign's own names, each with its size and score."""
+    out = []
+    for n, places in reading.found.terms.items():
+        for j in places:
+            term = posterior.term(n, j)
+            if term.name != "row":
+                continue
+            conditions = campaign.sensors[n].conditions
+            row, (value, error) = int(term.candidate.shape["collect"]), fit.value((n, j, 0))
+            out.append(
+                {
+                    "sensor": n,
+                    "channel": list(conditions.sensor.channels)[int(term.candidate.shape["channel"])],
+                    "collect": int(conditions.collect[row]),
+                    "run": int(conditions.run[row]),
+                    "position": str(conditions.position[row]),
+                    "size_deg_per_hr": value,
+                    "score": abs(value) / max(error, 1e-9),
+                }
+            )
+    return out
+
+
+def look_up(reading: Reading) -> dict[str, Any] | None:
+    """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
+    swaps = [int(t.candidate.shape["run"]) for _, t in reading.mistakes if t.name == "swap"]
+    if swaps:
+        which = runs_in_words(swaps)
+        why = f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed"
+        return without_collects(why)
+    runs = sorted({run for _, _, run in wrong_runs(reading)})
+    if not runs:
+        return None
+    numbers = runs_in_words(runs)
+    return without_collects(f"look at {numbers}; repeat {'them' if 'runs' in numbers else 'it'}")
 
 
 def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campaign: Campaign) -> Model:
@@ -214,32 +280,16 @@ def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campai
     return model.model_copy(update={"inside_collects": (*model.inside_collects, *new), "version": version})
 
 
-def outlier_found(outlier: Mapping[str, Any], campaign: Campaign) -> dict[str, Any]:
-    """Return one row that was left out, by the campaign's own names."""
-    conditions = campaign.sensors[outlier["sensor"]].conditions
-    row = outlier["row"]
-    return {
-        "sensor": outlier["sensor"],
-        "channel": list(conditions.sensor.channels)[outlier["channel"]],
-        "collect": int(conditions.collect[row]),
-        "run": int(conditions.run[row]),
-        "position": str(conditions.position[row]),
-        "size_deg_per_hr": outlier["size_deg_per_hr"],
-        "score": outlier["score"],
-    }
-
-
-def origin(campaign: Campaign, step: Step, gap: Gap) -> dict[str, Any]:
+def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
     """Return where a term came from, for the model file."""
-    leader = step.naming.leader
     return {
         "campaign": campaign.title,
         "simulated": campaign.simulated,
         "date": SystemClock().utc().astimezone(UTC).date().isoformat(),
-        "verdict": step.naming.kind,
-        "name": leader.name,
-        "probability": round(_stated(step, leader), 4),
-        "rivals": {rival.name: round(_stated(step, rival), 4) for rival in step.naming.rivals},
+        "verdict": named.kind,
+        "name": named.name,
+        "probability": round(named.probability, 4),
+        "rivals": {rival.name: round(rival.probability, 4) for rival in named.rivals},
         "gap_before_deg_per_hr": _number(gap.before),
         "gap_after_deg_per_hr": _number(gap.after),
         "noise_floor_deg_per_hr": _number(gap.noise_floor),
@@ -250,27 +300,27 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def picture(
-    blocks: Sequence[Block], noise: Sequence[BlockNoise], conditions: Mapping[int, Conditions], after: Fit, before: Fit
-) -> dict[str, Any]:
+def picture(fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions]) -> dict[str, Any]:
     """Standardised residuals by row, before and after, for the page."""
     rows = []
-    for b, block in enumerate(blocks):
-        known = conditions[block.sensor]
-        sigma = np.sqrt(np.diag(noise[b].covariance))
+    for block, plain in zip(fit.blocks, before.blocks, strict=True):
+        own = block.search.block
+        known = conditions[own.sensor]
+        sigma = np.sqrt(np.diag(block.noise_alone()))
+        left, whole = fit.residual(block), before.residual(plain)
         temperature = known.columns.get("temperature_degC")
-        for i, row in enumerate(block.rows):
+        for i, row in enumerate(own.rows):
             rows.append(
                 {
-                    "sensor": block.sensor,
-                    "channel": list(known.sensor.channels)[block.channel[i]],
+                    "sensor": own.sensor,
+                    "channel": list(known.sensor.channels)[own.channel[i]],
                     "run": int(known.run[row]),
                     "position": str(known.position[row]),
                     "temperature_degC": None if temperature is None else float(temperature[row]),
-                    "before": float(before.residual[b][i] / sigma[i]),
-                    "after": float(after.residual[b][i] / sigma[i]),
-                    "before_deg_per_hr": float(before.residual[b][i]),
-                    "after_deg_per_hr": float(after.residual[b][i]),
+                    "before": float(whole[i] / sigma[i]),
+                    "after": float(left[i] / sigma[i]),
+                    "before_deg_per_hr": float(whole[i]),
+                    "after_deg_per_hr": float(left[i]),
                 }
             )
     return {"rows": rows}

@@ -7,46 +7,44 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Conditions
+from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
 from hil.model.curve import Constant, Polynomial, Table, TableRows
 from hil.model.effects.empirical import empirical
 from hil.model.effects.followed import driver_reference
-from hil.model.forms import LinearForm, matrix_6_form, triad_12_form
-from hil.reconcile.search.calibration import PerTemperatureForm
+from hil.model.forms import matrix_6_form, triad_12_form
+from hil.model.stated_noise import ScatterTerm, SensorNoise
+from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import POWERS, Candidate
-from hil.reconcile.search.fit import Added, Fit
-from hil.reconcile.search.hypotheses import Unit
+from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.problem import SensorProblem
+from hil.solve.identifiability import smallest_fit
+from hil.solve.temperatures import same_temperature
 
 Curve = Constant | Polynomial | Table
+Values = Mapping[int, tuple[float, float]]
+"""Value and standard error by the place of a candidate's column."""
 
 
-def described_parameters(
-    index: int, added: Added, fit: Fit, conditions: Mapping[int, Conditions]
-) -> list[dict[str, Any]]:
-    """Return the fitted parameters of one added effect, for the result document."""
+def described_parameters(candidate: Candidate, values: Values, conditions: Conditions) -> list[dict[str, Any]]:
+    """Return the fitted parameters of one effect on one sensor, for the result document."""
     out = []
-    for place, (owner, u, k) in enumerate(fit.owner):
-        if owner != index:
-            continue
-        unit = added.units[u]
-        candidate = unit.candidate
-        number = unit.parameters[k]
-        parameter = candidate.parameters[number]
-        if fit.covariance[place, place] <= 0.0:
+    for number, (value, error) in sorted(values.items()):
+        if error <= 0.0:
             continue  # the base can imitate it altogether: these collects give it no value
+        parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
         entry: dict[str, Any] = {
             "name": parameter.name,
-            "value": float(fit.values[place]),
-            "se": float(np.sqrt(max(fit.covariance[place, place], 0.0))),
+            "value": value,
+            "se": error,
             "unit": parameter.unit + _power_unit(power),
-            "at": at or _range(conditions[candidate.sensor]),
+            "at": at or _range(conditions),
             "sensor": candidate.sensor,
         }
         if candidate.tier == 2:
-            entry["name"] = f"{_base_parameter(candidate, unit, number, conditions)} × {candidate.driver}"
+            channel = _channel_and_power(candidate, number, conditions)[0]
+            entry["name"] = f"{_parameter_of(candidate, channel, conditions)} × {candidate.driver}"
         out.append(entry)
     return out
 
@@ -77,55 +75,88 @@ def _range(conditions: Conditions) -> str:
 def improved(
     model: Model,
     sensors: Mapping[int, SensorProblem],
-    added: Sequence[Added],
-    fit: Fit,
-    values: Mapping[int, np.ndarray[Any, Any]],
-    record: Sequence[Mapping[str, Any]],
+    terms: Sequence[tuple[Candidate, Values]],
+    scatter: Sequence[FoundScatter],
+    record: Mapping[str, Mapping[str, Any]],
+    calibrated: frozenset[int],
 ) -> Model:
-    """Return the model with the added terms; a built-in gets the base values that were fitted with them.
+    """Return the model with the added terms and scatter; a built-in gets the base values that belong to them.
 
-    `values` are the refitted base parameters, (p,), by sensor, `record` says where each term came from.
+    `record` says where each name came from. The base of sensors in `calibrated` has values at each temperature.
     """
-    terms = list(model.terms)
-    for index, effect in enumerate(added):
-        for number in sorted({unit.candidate.sensor for unit in effect.units}):
-            terms += _terms(index, number, effect, fit, sensors[number], record[index])
+    added = [t for candidate, values in terms for t in _terms(candidate, values, sensors, record)]
     base = {
-        number: _base_curves(sensor.form, values[number])
-        if sensor.given is None
-        else _shifted(model.sensors[number], sensor.form, values[number])
+        number: _base_curves(sensor, [t for t in terms if t[0].sensor == number], number in calibrated)
         for number, sensor in sensors.items()
     }
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
-    changes: dict[str, Any] = {"terms": tuple(terms), "version": model.version + 1}
+    noise = dict(model.noise)
+    for found in scatter:
+        present = noise.get(found.sensor, SensorNoise())
+        entry = ScatterTerm(
+            effect=found.effect.id,
+            parameters={found.parameter.name: Constant(unit=found.parameter.unit, value=found.value, se=found.se)},
+            shape=dict(found.shape),
+            added=dict(record[found.effect.id]),
+        )
+        noise[found.sensor] = present.model_copy(update={"scatter": (*present.scatter, entry)})
+    changes: dict[str, Any] = {"terms": (*model.terms, *added), "noise": noise, "version": model.version + 1}
     if comparable:
         changes["sensors"] = {**model.sensors, **base}
     return model.model_copy(update=changes)
 
 
-def _base_curves(form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Curve]:
-    if isinstance(form, PerTemperatureForm):
-        own = values.reshape(len(form.plain_names), len(form.centres_degC))
-        return {
-            name: Table(unit=unit, table=TableRows(temperature_degC=form.centres_degC, value=tuple(map(float, row))))
-            for name, unit, row in zip(form.plain_names, form.plain_units, own, strict=True)
-        }
+def _base_curves(
+    sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]], calibrated: bool
+) -> Mapping[str, Curve]:
+    """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
+    collects, form = sensor.collects, sensor.form
+    rates = collects.rates_deg_per_hr - sensor.known_rates()
+    for candidate, values in terms:
+        for column, (value, _) in values.items():
+            rates = rates - candidate.columns[:, :, column] * value
+    columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
+    fit = _least_squares(columns, rates)[: len(form.names)]
+    if sensor.given is not None:
+        return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
+    if calibrated:
+        return _tables(sensor, columns, rates, fit)
     if form.reference_degC is None:
-        return {n: Constant(unit=u, value=float(v)) for n, u, v in zip(form.names, form.units, values, strict=True)}
+        return {n: Constant(unit=u, value=float(v)) for n, u, v in zip(form.names, form.units, fit, strict=True)}
     return {
         form.names[i]: Polynomial(
-            unit=form.units[i],
-            polynomial=tuple(float(v) for v in values[i : i + 3]),
-            reference_degC=form.reference_degC,
+            unit=form.units[i], polynomial=tuple(float(v) for v in fit[i : i + 3]), reference_degC=form.reference_degC
         )
         for i in range(0, len(form.names), 3)
     }
 
 
-def _shifted(given: Mapping[str, Curve], form: LinearForm, values: np.ndarray[Any, Any]) -> dict[str, Curve]:
+def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole: FloatArray) -> dict[str, Curve]:
+    """Values at each temperature; what one temperature leaves open is as it is over the whole campaign."""
+    conditions, form = sensor.collects.conditions, sensor.form
+    numbers, temperature = same_temperature(conditions), conditions.columns["temperature_degC"]
+    stations = [k for k in range(numbers.max() + 1) if np.any(numbers == k)]
+    centres = [float(np.nanmean(temperature[numbers == k])) for k in stations]
+    own = []
+    for k in stations:
+        here = numbers == k
+        left = rates[here] - columns[here][:, :, : len(whole)] @ whole
+        own.append(whole + _least_squares(columns[here], left)[: len(whole)])
+    return {
+        name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
+        for i, (name, unit) in enumerate(zip(form.names, form.units, strict=True))
+    }
+
+
+def _least_squares(columns: FloatArray, rates: FloatArray) -> FloatArray:
+    measured = np.isfinite(rates)
+    return smallest_fit(columns[measured], rates[measured], 1e-3) if columns.shape[2] else np.zeros(0)
+
+
+def _shifted(given: Mapping[str, Curve], names: Sequence[str], values: FloatArray) -> dict[str, Curve]:
     """Return the curves that stood, each with its fitted correction."""
     out: dict[str, Curve] = {}
-    for name, correction in zip(form.names, values, strict=True):
+    for name, correction in zip(names, values, strict=True):
         curve, shift = given[name], float(correction)
         if isinstance(curve, Polynomial):
             change: dict[str, Any] = {"polynomial": (curve.polynomial[0] + shift, *curve.polynomial[1:])}
@@ -139,40 +170,28 @@ def _shifted(given: Mapping[str, Curve], form: LinearForm, values: np.ndarray[An
 
 
 def _terms(
-    index: int, number: int, added: Added, fit: Fit, sensor: SensorProblem, record: Mapping[str, Any]
+    candidate: Candidate,
+    values: Values,
+    sensors: Mapping[int, SensorProblem],
+    record: Mapping[str, Mapping[str, Any]],
 ) -> list[Term]:
-    """Return the terms of one added effect on one sensor."""
-    found: dict[int, tuple[float, float]] = {}
-    candidate: Candidate | None = None
-    units: dict[int, Unit] = {}
-    for place, (owner, u, k) in enumerate(fit.owner):
-        if owner != index:
-            continue
-        unit = added.units[u]
-        if unit.candidate.sensor == number:
-            candidate = unit.candidate
-            column = unit.parameters[k]
-            units[column] = unit
-            found[column] = (float(fit.values[place]), float(np.sqrt(max(fit.covariance[place, place], 0.0))))
-    if candidate is None:
-        return []
+    """Return the terms of one effect on one sensor."""
     if candidate.tier == 2:
-        return _empirical_terms(candidate, units, found, sensor, record)
+        return _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, record["empirical"])
     if candidate.effect is None:
         return []
-    curves = _curves(candidate, found)
     return [
         Term(
             effect=candidate.effect.id,
-            sensor=number,
-            parameters=curves,
+            sensor=candidate.sensor,
+            parameters=_curves(candidate, values),
             shape=dict(candidate.shape),
-            added=dict(record),
+            added=dict(record[candidate.name]),
         )
     ]
 
 
-def _curves(candidate: Candidate, found: Mapping[int, tuple[float, float]]) -> dict[str, Curve]:
+def _curves(candidate: Candidate, found: Values) -> dict[str, Curve]:
     """Return one curve per parameter, in the candidate's form."""
     if candidate.form == "constant":
         return {
@@ -197,14 +216,9 @@ def _curves(candidate: Candidate, found: Mapping[int, tuple[float, float]]) -> d
 
 
 def _empirical_terms(
-    candidate: Candidate,
-    units: Mapping[int, Unit],
-    found: Mapping[int, tuple[float, float]],
-    sensor: SensorProblem,
-    record: Mapping[str, Any],
+    candidate: Candidate, found: Values, conditions: Conditions, record: Mapping[str, Any]
 ) -> list[Term]:
     """Return one term per channel and power: base parameter × driver, with the sign of the parameter's own column."""
-    conditions = sensor.collects.conditions
     out = []
     for column, (value, error) in found.items():
         channel, power = _channel_and_power(candidate, column, conditions)
@@ -213,7 +227,7 @@ def _empirical_terms(
         effect = empirical(name, driver)
         reference = driver_reference(driver, conditions)
         own = effect.columns(conditions, None, {"reference": reference})[:, channel, 0]
-        mine = units[column].candidate.columns[:, channel, column]
+        mine = candidate.columns[:, channel, column]
         scale = float(own @ mine) / max(float(own @ own), 1e-300)
         if name != "w":
             parameter = Constant(
@@ -224,7 +238,7 @@ def _empirical_terms(
         out.append(
             Term(
                 effect=effect.id,
-                sensor=sensor.number,
+                sensor=candidate.sensor,
                 parameters={"q": parameter},
                 shape={"reference": reference},
                 added=dict(record),
@@ -255,8 +269,3 @@ def _parameter_of(candidate: Candidate, channel: int, conditions: Conditions) ->
         name = f"G{axis}{candidate.target.removeprefix('g along ')}"
         return name if name in triad_12_form(sensor).names else f"B{axis}"
     return f"B{axis}"
-
-
-def _base_parameter(candidate: Candidate, unit: Unit, column: int, conditions: Mapping[int, Conditions]) -> str:  # noqa: ARG001
-    rows = conditions[candidate.sensor]
-    return _parameter_of(candidate, _channel_and_power(candidate, column, rows)[0], rows)

@@ -8,7 +8,7 @@ them apart; what counts is by how much the addition raises it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from scipy.special import ndtr, ndtri
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
 from hil.model.effects.history import joined
-from hil.reconcile.naming import Naming, Weighed
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.changes import Addition, additions
@@ -27,25 +26,30 @@ _EASY = 9.0
 _NEARLY = 0.8
 
 
+@dataclass(frozen=True)
+class Fitting:
+    """The leader on one sensor, as fitted: its candidate and values (p,) of all its columns, zero where not fitted."""
+
+    candidate: Candidate
+    values: FloatArray
+
+
 def next_experiment(
-    naming: Naming, sensors: Mapping[int, SensorProblem], sigma: Mapping[int, float]
+    leader: Fitting, rival: Candidate | None, rival_name: str, sensor: SensorProblem, sigma: float, remedy: str = ""
 ) -> dict[str, Any] | None:
-    """Return the addition that separates the leader from its strongest rival, or say that none of those tried does."""
-    rivals = [rival for rival in naming.rivals if rival.tier == 1 or rival.remedy]
-    leader = naming.leader
-    if leader.tier != 1:
-        return None
-    if not rivals:
-        return _once_more(leader, sensors[leader.added.hypothesis.candidate.sensor])
-    rival = max(rivals, key=lambda r: (bool(r.same_on), r.probability))
-    if rival.remedy:
-        return _measured_again(leader, rival, sensors[leader.added.hypothesis.candidate.sensor])
-    touched = [unit.candidate.sensor for unit in leader.added.units]
-    sensor = sensors[next((number for number in touched if number in rival.same_on), touched[0])]
+    """Return the addition that separates the leader from its strongest rival, or say that none of those tried does.
+
+    `remedy` is what this data lacks, where it is no further collect that is needed. `sigma` is the noise, deg/hr.
+    """
+    name = leader.candidate.name
+    if remedy:
+        return _the_same_again(f"separates {name} from {rival_name}: {remedy}", sensor)
+    if rival is None:
+        return _the_same_again(f"shows {name} again, or that it was chance", sensor)
     scored = []
-    present = separation(leader, rival, sensor, None, sigma[sensor.number])
+    present = separation(leader, rival, sensor, None, sigma)
     for addition in additions(sensor.collects.conditions):
-        outcome = separation(leader, rival, sensor, addition, sigma[sensor.number])
+        outcome = separation(leader, rival, sensor, addition, sigma)
         if outcome is not None and present is not None:  # what counts is what the new rows add to those at hand
             scored.append((outcome[0] - present[0], outcome[1], addition))
     if not scored:
@@ -53,24 +57,36 @@ def next_experiment(
     most = max(s[0] for s in scored)
     least = _EASY if most >= _EASY else min(_NEARLY * most, most)
     enough = [s for s in scored if s[0] >= least]  # of what says enough, or nearly the most, what asks least
-    best = min(enough, key=lambda s: (s[2].effort, -s[0]))
-    noncentrality, difference, addition = best
+    noncentrality, difference, addition = min(enough, key=lambda s: (s[2].effort, -s[0]))
     repeats, power = repeated(noncentrality)
     if repeats == 0:
+        effect = leader.candidate.effect
+        otherwise = effect.experiment if effect is not None else "vary the driver alone"
         return {
-            "why": f"no stationary collect that was tried separates {leader.name} from {rival.name}; {_remedy(leader)}",
+            "why": f"no stationary collect that was tried separates {name} from {rival_name}; {otherwise}",
             "collects": [],
             "expected_difference_deg_per_hr": difference,
             "power": power,
             "impossible": True,
         }
     return {
-        "why": f"separates {leader.name} from {rival.name}",
+        "why": f"separates {name} from {rival_name}",
         "what": addition.name,
         "collects": _described(addition.rows),
         "repeats": repeats,
         "expected_difference_deg_per_hr": difference,
         "power": power,
+        "impossible": False,
+    }
+
+
+def _the_same_again(why: str, sensor: SensorProblem) -> dict[str, Any]:
+    return {
+        "why": why,
+        "what": "the same collects again",
+        "collects": _described(sensor.collects.conditions),
+        "expected_difference_deg_per_hr": None,
+        "power": None,
         "impossible": False,
     }
 
@@ -85,38 +101,8 @@ def repeated(noncentrality: float) -> tuple[int, float]:
     return repeats, float(ndtr(shift - limit) + ndtr(-shift - limit))
 
 
-def _once_more(leader: Weighed, sensor: SensorProblem) -> dict[str, Any]:
-    """The same collects once more, where no other name is in question but whether there is anything at all."""
-    return {
-        "why": f"shows {leader.name} again, or that it was chance",
-        "what": "the same collects again",
-        "collects": _described(sensor.collects.conditions),
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
-
-
-def _measured_again(leader: Weighed, rival: Weighed, sensor: SensorProblem) -> dict[str, Any]:
-    """The same collects once more, with what this data lacks."""
-    return {
-        "why": f"separates {leader.name} from {rival.name}: {rival.remedy}",
-        "what": "the same collects again",
-        "collects": _described(sensor.collects.conditions),
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
-
-
-def _remedy(weighed: Weighed) -> str:
-    """What the catalogue says separates a name from its rivals."""
-    effect = weighed.added.hypothesis.candidate.effect
-    return effect.experiment if effect is not None else "vary the driver alone"
-
-
 def separation(
-    leader: Weighed, rival: Weighed, sensor: SensorProblem, addition: Addition | None, sigma: float
+    leader: Fitting, rival: Candidate, sensor: SensorProblem, addition: Addition | None, sigma: float
 ) -> tuple[float, float] | None:
     """Return non-centrality and largest difference in deg/hr, after an addition or with the rows at hand (None).
 
@@ -125,43 +111,25 @@ def separation(
     before = sensor.collects.conditions
     both = before if addition is None else joined(before, addition.rows)
     base = sensor.base_on(both)
-    truth = _signal(leader, sensor.number, both, base)
-    other = _columns(rival, sensor.number, both, base)
-    if truth is None or other is None:
+    if leader.candidate.effect is None or rival.effect is None:
         return None
+    truth = _signal(leader, both, base)
+    other = rival.rebuilt(both, base)
     measured = np.isfinite(sensor.collects.rates_deg_per_hr)
     mask = np.vstack([measured, np.ones((len(both) - len(before), truth.shape[1]), dtype=bool)])
     design = np.concatenate([sensor.form.columns(both), other], axis=2)[mask]
-    target = truth[mask]
-    rest = project_out(orthonormal(design, 1e-6), target)
+    rest = project_out(orthonormal(design, 1e-6), truth[mask])
     return float(np.sum(rest**2)) / sigma**2, float(np.ptp(rest))
 
 
-def _signal(weighed: Weighed, number: int, conditions: Conditions, base: Base) -> FloatArray | None:
-    """The leader's fitted effect on the rows of an enlarged design, (n, c)."""
-    columns = _columns(weighed, number, conditions, base)
-    candidate = _candidate(weighed, number)
-    if columns is None or candidate is None or candidate.effect is None:
-        return None
-    values = np.zeros(columns.shape[2])
-    names = [parameter.name for parameter in candidate.effect.parameters_for(conditions)]
-    for place, (_, u, k) in enumerate(weighed.fit.owner):
-        unit = weighed.added.units[u]
-        if unit.candidate.sensor == number:
-            index = unit.parameters[k]
-            if candidate.form == "constant":  # an enlarged design may have more parameters: match by name
-                index = names.index(candidate.parameters[index].name)
-            values[index] = weighed.fit.values[place]
-    return np.asarray(columns @ values)
-
-
-def _columns(weighed: Weighed, number: int, conditions: Conditions, base: Base) -> FloatArray | None:
-    candidate = _candidate(weighed, number)
-    return None if candidate is None or candidate.effect is None else candidate.rebuilt(conditions, base)
-
-
-def _candidate(weighed: Weighed, number: int) -> Candidate | None:
-    return next((unit.candidate for unit in weighed.added.units if unit.candidate.sensor == number), None)
+def _signal(leader: Fitting, conditions: Conditions, base: Base) -> FloatArray:
+    """The leader's fitted effect on the rows of an enlarged design, (n, c): by name, as that may have more parameters."""
+    columns = leader.candidate.rebuilt(conditions, base)
+    if leader.candidate.form != "constant" or leader.candidate.effect is None:
+        return np.asarray(columns @ leader.values)
+    own = {p.name: v for p, v in zip(leader.candidate.parameters, leader.values, strict=True)}
+    names = [parameter.name for parameter in leader.candidate.effect.parameters_for(conditions)]
+    return np.asarray(columns @ np.array([own.get(name, 0.0) for name in names]))
 
 
 def _described(rows: Conditions) -> list[dict[str, Any]]:

@@ -18,8 +18,8 @@ from scipy.special import ndtr
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.reconcile.result import Disagreement
-from hil.reconcile.search.fit import Added, BlockNoise, Fit
-from hil.reconcile.search.scan import false_discovery
+from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.rows import Block
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
@@ -36,15 +36,13 @@ class _Contribution:
 
 
 def places(
-    blocks: Sequence[Block],
-    noise: Sequence[BlockNoise],
+    fit: Fitted,
+    terms: Sequence[set[tuple[int, int]]],
     conditions: Mapping[int, Conditions],
-    added: Sequence[Added],
-    fit: Fit,
     p_value: float,
     alpha: float,
 ) -> list[Disagreement]:
-    """Return the places of what was added, largest first; `fit` is the joint fit, `p_value` that of the detection.
+    """Return the places of what was added, largest first: `terms` (sensor, term) of each name, `p_value` its detection.
 
     A place is a channel, the positions and the temperatures or runs in which all that was added contributes materially
     and with one sign; its size is the mean contribution. q-values hold for the whole map (Benjamini and Hochberg), and
@@ -52,38 +50,47 @@ def places(
     """
     out: list[Disagreement] = []
     for sensor, known in conditions.items():
-        own = [b for b, block in enumerate(blocks) if block.sensor == sensor]
+        own = [block for block in fit.blocks if block.search.block.sensor == sensor]
         if not own:
             continue
-        parts = [_described(i, added[i], fit, blocks, noise, own) for i in range(len(added))]
+        parts = [_described(members, fit, own) for members in terms]
         peaks = [max(float(np.abs(c.values).max(initial=0.0)) for c in part) for part in parts]
         if not any(peaks):
             continue
         least = _MATERIAL * min(peak for peak in peaks if peak > 0.0)
-        for place, b in enumerate(own):
+        for place, block in enumerate(own):
             values = np.sum([part[place].values for part in parts], axis=0)
             design = np.sum([part[place].design for part in parts], axis=0)
-            for where, rows in _cells(blocks[b], known, values, np.abs(values) >= least):
+            for where, rows in _cells(block.search.block, known, values, np.abs(values) >= least):
                 mean = design[rows].mean(axis=0)
                 error = float(np.sqrt(max(mean @ fit.covariance @ mean, 0.0)))
                 out.append(Disagreement(where, float(values[rows].mean()), error, 1.0))
     return sorted(_sure(out, p_value, alpha), key=lambda d: -abs(d.size_deg_per_hr))
 
 
-def _described(
-    index: int, added: Added, fit: Fit, blocks: Sequence[Block], noise: Sequence[BlockNoise], own: Sequence[int]
-) -> list[_Contribution]:
+def channels_touched(fit: Fitted, conditions: Mapping[int, Conditions], p_value: float) -> list[Disagreement]:
+    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
+    out = []
+    for block in fit.blocks:
+        effect = fit.design(block) @ fit.values
+        if np.any(effect):
+            own = block.search.block
+            white = block.whitening
+            score = float(np.linalg.norm(project_out(orthonormal(white @ own.base), white @ effect)))
+            size = float(np.sqrt(np.mean(effect**2)))
+            channels = list(conditions[own.sensor].sensor.channels)
+            where = {"sensor": own.sensor, "channel": channels[int(own.channel[0])]}
+            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
+    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
+
+
+def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedBlock]) -> list[_Contribution]:
     """One effect's contribution to the sensor's blocks: itself, or beside the base where no more can be known."""
     itself, beside, white, rest_white = [], [], [], []
-    for b in own:
-        block, whitening = blocks[b], noise[b].whitening
-        design = np.zeros((len(block.y), len(fit.owner)))
-        for place, (i, u, k) in enumerate(fit.owner):
-            unit = added.units[u] if i == index else None
-            if unit is not None and b in unit.blocks:
-                design[:, place] = unit.columns[unit.blocks.index(b)][:, k]
-        absorbed = np.linalg.lstsq(whitening @ block.base, whitening @ design, rcond=1e-8)[0]
-        rest = design - block.base @ absorbed
+    for block in own:
+        design, whitening, base = fit.design(block, members), block.whitening, block.search.block.base
+        absorbed = np.linalg.lstsq(whitening @ base, whitening @ design, rcond=1e-8)[0]
+        rest = design - base @ absorbed
         white.append(whitening @ design)
         rest_white.append(whitening @ rest)
         itself.append(_Contribution(design @ fit.values, design))
@@ -111,6 +118,15 @@ def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[D
         for d, q in zip(found, q_values, strict=True)
         if q <= alpha
     ]
+
+
+def false_discovery(p_values: FloatArray) -> FloatArray:
+    """Return the q-values of p-values (m,), after Benjamini and Hochberg (1995)."""
+    order = np.argsort(p_values)[::-1]
+    ranks = np.arange(len(p_values), 0, -1)
+    out = np.empty(len(p_values))
+    out[order] = np.minimum.accumulate(np.minimum(p_values[order] * len(p_values) / ranks, 1.0))
+    return out
 
 
 def _cells(

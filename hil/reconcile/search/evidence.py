@@ -74,6 +74,13 @@ class Beside:
         rss = np.maximum(np.einsum("tn,tn->t", left, left), LEAST)
         return cls(points, scales, own, left, rss, log_base - points.half_log_det, len(y) - base.shape[1])
 
+    def at(self, index: IntArray | slice) -> Beside:
+        """Return some of the points."""
+        if isinstance(index, slice):
+            return self
+        values = (self.basis[index], self.residual[index], self.rss[index], self.log_base[index])
+        return Beside(self.points, self.scales, *values, self.freedom)
+
     def products(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return inner products (t, k, k) of whitened columns (t, N, k) beside the base, and with the data (t, k)."""
         across = np.swapaxes(self.basis, 1, 2) @ white

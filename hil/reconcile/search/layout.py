@@ -40,7 +40,7 @@ def _search(
     ]
     shape = sensor.collects.rates_deg_per_hr.shape
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
-    candidates += [*wrong_rows(sensor.number, blocks, (shape[0], shape[1])), *_exchanges(sensor, mislabelled)]
+    candidates += [*wrong_rows(sensor.number, blocks, (shape[0], shape[1]), conditions.run), *_exchanges(sensor, mislabelled)]
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     search = SensorSearch(laid, terms(candidates, blocks, noise, {}))
     search.refine()
@@ -50,7 +50,7 @@ def _search(
 def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
     """Yield one candidate per exchange of labels in one run: its columns are what the exchange would change."""
     conditions = sensor.collects.conditions
-    for effect in mislabelled:
+    for effect in (e for e in mislabelled if not e.in_models):
         if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         for shape in effect.shape_grid(conditions):

@@ -7,7 +7,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +37,8 @@ DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
+ROUNDS = 4
+"""At most, in which the sizes of a set are improved: two are enough unless columns are nearly the same."""
 Set = tuple[int, ...]
 
 
@@ -136,15 +139,14 @@ class SensorSearch:
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:
         out, ties = [], any(self.terms[j].ties for j in chosen)
-        at: list[tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]] = []
+        at: list[AtBest] = []
         for b, search in enumerate(self.blocks):
             weighed = SetInBlock.of(search, [(j, self.terms[j]) for j in chosen], b)
             out.append(weighed.by_kind(len(search.noise.kinds)))
             if ties:
                 at.append(weighed.at_best())
         if ties:
-            tied = {j for j in chosen if self.terms[j].ties}
-            out[0] = out[0] + _tied(at, tied)
+            out[0] = out[0] + tied_gain(at, [j for j in chosen if self.terms[j].ties])
         return out
 
 
@@ -159,13 +161,15 @@ class SetInBlock:
     owner: list[tuple[int, int]]
     options: list[list[tuple[float, FloatArray, FloatArray]]]
     places: list[IntArray]
+    members: list[int]
     terms_log: FloatArray
     best: list[int]
+    slack: list[FloatArray]
 
     @classmethod
     def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
         """Weigh the members' parts in block `b` together."""
-        columns, owner, options, places = [], [], [], []
+        columns, owner, options, places, present = [], [], [], [], []
         for j, term in members:
             part = term.parts[b]
             if part is None:
@@ -174,6 +178,7 @@ class SetInBlock:
             columns.append(part.columns)
             owner += [(j, int(k)) for k in part.parameters]
             places.append(np.arange(first, len(owner)))
+            present.append(j)
             options.append(
                 [
                     (float(a.log_weights[u]), a.mean, a.deviation * a.sizes[u])
@@ -183,7 +188,7 @@ class SetInBlock:
             )
         stacked = np.hstack([np.zeros((len(search.y), 0)), *columns])
         gram, score = search.beside.products(search.points.factor @ (stacked / search.unit))
-        out = cls(search.beside, search.points, gram, score, owner, options, places, np.zeros(0), [])
+        out = cls(search.beside, search.points, gram, score, owner, options, places, present, np.zeros(0), [], [])
         out._weigh()
         return out
 
@@ -194,13 +199,31 @@ class SetInBlock:
             return
         self.best = self._best_sizes()
         base = self._at(self.best)
+        for _ in range(ROUNDS):
+            t = np.array([int(np.argmax(base + self.points.log_prior))])
+            before, self.best = self.best, self._climbed(t)
+            base = self._at(self.best)
+            if self.best == before:
+                break
         total = base.copy()
-        for e, options in enumerate(self.options):
-            others = []
-            for o in range(max(0, self.best[e] - 2), min(len(options), self.best[e] + 3)):
-                others.append(base if o == self.best[e] else self._at([*self.best[:e], o, *self.best[e + 1 :]]))
-            total += log_sum(np.array(others)) - base
+        for e in range(len(self.options)):
+            others = [base if o == self.best[e] else self._at(self._with(e, o)) for o in self._near(e)]
+            self.slack.append(log_sum(np.array(others)) - base)
+            total += self.slack[-1]
         self.terms_log = total
+
+    def _near(self, e: int) -> range:
+        return range(max(0, self.best[e] - 2), min(len(self.options[e]), self.best[e] + 3))
+
+    def _with(self, e: int, option: int) -> list[int]:
+        return [*self.best[:e], option, *self.best[e + 1 :]]
+
+    def _climbed(self, t: IntArray) -> list[int]:
+        """Improve one size after the other, given the others, at one point of the noise."""
+        for e in range(len(self.options)):
+            tried = {o: float(self._at(self._with(e, o), t)[0]) for o in self._near(e)}
+            self.best = self._with(e, max(tried, key=lambda o: tried[o]))
+        return self.best
 
     def _best_sizes(self) -> list[int]:
         t = int(np.argmax(self.beside.log_null() + self.points.log_prior))
@@ -224,19 +247,23 @@ class SetInBlock:
         mean, deviation = (np.concatenate([p[i] for p in picked]) for i in (1, 2))
         return sum(p[0] for p in picked), mean, deviation
 
-    def _at(self, chosen: Sequence[int]) -> FloatArray:
-        """Log evidence (t,) with one choice of sizes."""
+    def _at(self, chosen: Sequence[int], at: IntArray | slice = slice(None)) -> FloatArray:
+        """Log evidence at some points (t,) with one choice of sizes."""
         log_weight, mean, deviation = self.prior_at(chosen)
-        pull = self.gram @ mean
-        rss = self.beside.rss - 2.0 * self.score @ mean + pull @ mean
-        values, z = decoupled(self.gram * np.multiply.outer(deviation, deviation), (self.score - pull) * deviation)
+        gram, score, beside = self.gram[at], self.score[at], self.beside.at(at)
+        if np.any(mean):
+            pull = gram @ mean
+            rss, score = beside.rss + (pull - 2.0 * score) @ mean, score - pull
+        else:
+            rss = beside.rss
+        values, z = decoupled(gram * np.multiply.outer(deviation, deviation), score * deviation)
         least = np.maximum(rss - explained(values, z), LEAST)
         terms = []
-        for k in range(len(self.beside.scales)):
-            variance = self.beside.scale_left(least, k)[:, None]
+        for k in range(len(beside.scales)):
+            variance = beside.scale_left(least, k)[:, None]
             shrunk = 1.0 + values / variance
             left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=1), LEAST)
-            terms.append(self.beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=1), k))
+            terms.append(beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=1), k))
         return log_weight + log_sum(np.array(terms))
 
     def by_kind(self, kinds: int) -> FloatArray:
@@ -246,40 +273,80 @@ class SetInBlock:
         np.logaddexp.at(out, self.points.kind + 1, total)
         return out
 
-    def at_best(self) -> tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]:
-        """Return Gram, score, owners, mean and deviation in units of the noise, at the most probable point."""
-        t = int(np.argmax(self.terms_log + self.points.log_prior))
-        if not self.owner:
-            none = np.zeros(0)
-            return np.zeros((0, 0)), none, [], none, none
-        _, mean, deviation = self.prior_at(self.best)
+    def left_at(self, t: int) -> tuple[float, float]:
+        """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
         inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
-        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), 1e-9)
+        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
+        scales = range(len(self.beside.scales))
+        best = max(scales, key=lambda k: float(self.beside.student(np.full(len(self.beside.rss), left), np.zeros(1), k)[t]))
+        return left, float(self.beside.scale_left(np.array(left), best))
+
+    def at_best(self) -> AtBest:
+        """Return what the set says at its most probable point, in units of the noise there."""
+        t = int(np.argmax(self.terms_log + self.points.log_prior))
+        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
+        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
         variance = left / max(self.beside.freedom - len(self.owner), 1)
-        return self.gram[t] / variance, self.score[t] / variance, self.owner, mean, deviation
+        slack = {j: float(own[t]) for j, own in zip(self.members, self.slack, strict=True)}
+        scaled = (self.gram[t] / variance, self.score[t] / variance)
+        return AtBest(*scaled, self.owner, self.members, self.options, self.best, slack)
 
 
-def _tied(
-    blocks: Sequence[tuple[FloatArray, FloatArray, list[tuple[int, int]], FloatArray, FloatArray]], tied: set[int]
-) -> float:
+@dataclass(frozen=True)
+class AtBest:
+    """A set in one block at one point of the noise: Gram (k, k), score (k,), owners, and the sizes that are best."""
+
+    gram: FloatArray
+    score: FloatArray
+    owner: Sequence[tuple[int, int]]
+    members: Sequence[int]
+    options: Sequence[Sequence[tuple[float, FloatArray, FloatArray]]]
+    best: Sequence[int]
+    slack: Mapping[int, float]
+
+    def prior(self, instead: Mapping[int, int]) -> tuple[dict[int, float], FloatArray, FloatArray]:
+        """Return log weight by member, mean (k,) and deviation (k,), with other sizes for some of the members."""
+        picked = [
+            (j, options[instead.get(j, o)]) for j, options, o in zip(self.members, self.options, self.best, strict=True)
+        ]
+        mean, deviation = (np.concatenate([np.zeros(0), *(p[i] for _, p in picked)]) for i in (1, 2))
+        return {j: p[0] for j, p in picked}, mean, deviation
+
+
+def tied_gain(blocks: Sequence[AtBest], tied: Sequence[int]) -> float:
     """How much more probable the data are if tied parameters are one number in all blocks, not one in each (log)."""
-    apart = sum(_gaussian(gram, score - gram @ mean, dev) for gram, score, _, mean, dev in blocks if len(score))
-    keys: dict[tuple[object, ...], int] = {}
-    for b, (_, _, owner, _, _) in enumerate(blocks):
-        for j, k in owner:
-            keys.setdefault((j, k) if j in tied else (j, k, b), len(keys))
+    apart = 0.0
+    for block in blocks:
+        weights, mean, deviation = block.prior({})
+        apart += _gaussian(block.gram, block.score - block.gram @ mean, deviation)
+        apart += sum(weights.get(j, 0.0) + block.slack.get(j, 0.0) for j in tied)
+    apart -= sum(max(block.slack.get(j, 0.0) for block in blocks) for j in tied)
+    tried = [sorted({b.best[b.members.index(j)] for b in blocks if j in b.members}) for j in tied]
+    return max(_one_number(blocks, dict(zip(tied, sizes, strict=True))) for sizes in itertools.product(*tried)) - apart
+
+
+def _one_number(blocks: Sequence[AtBest], sizes: Mapping[int, int]) -> float:
+    keys: dict[tuple[int, ...], int] = {}
+    for b, block in enumerate(blocks):
+        for j, k in block.owner:
+            keys.setdefault((j, k) if j in sizes else (j, k, b), len(keys))
     gram, score, deviation = np.zeros((len(keys), len(keys))), np.zeros(len(keys)), np.zeros(len(keys))
-    for b, (own_gram, own_score, owner, mean, dev) in enumerate(blocks):
-        index = np.array([keys[(j, k) if j in tied else (j, k, b)] for j, k in owner], dtype=np.int64)
+    weight: dict[int, float] = {}
+    for b, block in enumerate(blocks):
+        weights, mean, own = block.prior(sizes)
+        index = np.array([keys[(j, k) if j in sizes else (j, k, b)] for j, k in block.owner], dtype=np.int64)
         if len(index):
-            gram[np.ix_(index, index)] += own_gram
-            score[index] += own_score - own_gram @ mean
-            deviation[index] = np.maximum(deviation[index], dev)
-    return _gaussian(gram, score, deviation) - apart
+            gram[np.ix_(index, index)] += block.gram
+            score[index] += block.score - block.gram @ mean
+            deviation[index] = own
+        weight |= {j: weights[j] for j in sizes if j in weights}
+    return _gaussian(gram, score, deviation) + sum(weight.values())
 
 
 def _gaussian(gram: FloatArray, score: FloatArray, deviation: FloatArray) -> float:
     """Log Bayes factor of amplitudes N(0, deviation²) against none, in units of the noise."""
+    if not len(score):
+        return 0.0
     scaled = np.eye(len(score)) + gram * np.multiply.outer(deviation, deviation)
     factor = np.linalg.cholesky(scaled)
     z = np.linalg.solve(factor, score * deviation)

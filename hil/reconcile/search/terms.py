@@ -15,9 +15,10 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Parameter
+from hil.model.effects.followed import driver_of
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
-from hil.solve.identifiability import kept_shares, orthonormal
+from hil.solve.identifiability import kept_shares, orthonormal, project_out, unit_columns
 from hil.solve.rows import Block
 
 SECOND_TIER = 0.2
@@ -34,6 +35,10 @@ UNSEEN = 0.03
 """A column of which the base leaves less is not asked about."""
 TIES = 0.03
 """A parameter that moves a block less than this, beside the one it moves most, does not tie the two."""
+
+
+SAME = 0.99
+"""Columns beside the base of which the cosine is larger are the same to anybody."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,14 @@ class Term:
     amplitudes: tuple[tuple[Amplitude, ...], ...]
     log_odds: float
     ties: bool = False
+
+    @property
+    def follows(self) -> str:
+        """What it follows: its effect's driver, the condition of a term without a name; temperature where that moves it."""
+        if self.candidate.form != "constant":
+            return "temperature"
+        effect = self.candidate.effect
+        return driver_of(self.candidate.driver) if effect is None or self.tier != 1 else effect.follows
 
     @property
     def is_mistake(self) -> bool:
@@ -87,7 +100,26 @@ def terms(
         seen = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(seen, 2)) and not _is_exact(candidate)
         out.append(Term(candidate.name, candidate.tier, candidate, parts, own, float(np.log(odds)), ties))
-    return out
+    return _undescribed(out, bases)
+
+
+def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Term]:
+    """Leave out terms of the second tier whose columns are an effect's: that is how the catalogue describes them."""
+    described = []
+    for b, base in enumerate(bases):
+        own = [t.parts[b].columns for t in found if t.tier == 1 and t.parts[b] is not None]
+        stacked = np.hstack(own) if own else np.zeros((len(base), 0))
+        described.append(unit_columns(project_out(base, stacked)))
+
+    def known(term: Term) -> bool:
+        pairs = [(b, part.columns) for b, part in enumerate(term.parts) if part is not None]
+        return all(
+            described[b].shape[1]
+            and np.abs(described[b].T @ unit_columns(project_out(bases[b], columns))).max(axis=0).min() > SAME
+            for b, columns in pairs
+        )
+
+    return [term for term in found if term.tier != 2 or not known(term)]
 
 
 def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
@@ -184,8 +216,11 @@ def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:
     return replace(amplitude, deviation=amplitude.deviation[part.parameters], mean=amplitude.mean[part.parameters])
 
 
-def wrong_rows(number: int, blocks: Sequence[Block], shape: tuple[int, int]) -> Iterator[Candidate]:
-    """Yield one candidate per row, and one per run and block: its rows say nothing. `shape` is (n, c) of the sensor."""
+def wrong_rows(number: int, blocks: Sequence[Block], shape: tuple[int, int], runs: IntArray) -> Iterator[Candidate]:
+    """Yield one candidate per row, and one per run and block: its rows say nothing.
+
+    `shape` is (n, c) of the sensor, `runs` (n,) the campaign's numbers.
+    """
     for block in blocks:
         for row, channel in zip(block.rows, block.channel, strict=True):
             columns = np.zeros((*shape, 1))
@@ -197,7 +232,7 @@ def wrong_rows(number: int, blocks: Sequence[Block], shape: tuple[int, int]) -> 
                 continue
             columns = np.zeros((*shape, len(here)))
             columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
-            yield _wrong("run", number, columns, {"run": float(run), "channel": float(block.channel[0])})
+            yield _wrong("run", number, columns, {"number": float(runs[block.rows[here[0]]]), "channel": float(block.channel[0])})
 
 
 def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:

@@ -1,1 +1,0 @@
-"""Rows, runs and labels that are wrong, told apart from effects that are missing."""

@@ -1,0 +1,128 @@
+"""What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import Conditions
+from hil.model.effects.base import Parameter, VarianceEffect
+from hil.reconcile.result import Disagreement
+from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.sets import SetInBlock
+
+EXCESS = 1.5
+"""Times the standard errors, from which on it is said that the averages scatter by more."""
+
+
+@dataclass(frozen=True)
+class FoundScatter:
+    """An effect on the scatter of one sensor: its parameter with value and error, and where it shows."""
+
+    effect: VarianceEffect
+    sensor: int
+    channel: str
+    shape: Mapping[str, float]
+    parameter: Parameter
+    value: float
+    se: float
+    deg_per_hr: float
+
+
+def found_scatter(posterior: Posterior, fit: Fitted, name: str, conditions: Mapping[int, Conditions]) -> list[FoundScatter]:
+    """Return what was found of one effect on the scatter, one entry per block in which it is more probable than not."""
+    out = []
+    for block in fit.blocks:
+        own = block.search
+        members = sorted({key[1] for key in block.keys})
+        sensor = own.block.sensor
+        search = posterior.searches[sensor]
+        b = next(i for i, s in enumerate(search.blocks) if s is own)
+        weighed = SetInBlock.of(own, [(j, search.terms[j]) for j in members], b)
+        total = weighed.terms_log + own.points.log_prior
+        kinds = [k for k, kind in enumerate(own.noise.kinds) if kind.effect.id == name]
+        here = np.isin(own.points.kind, kinds)
+        if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
+            continue
+        weight = np.exp(total[here] - np.logaddexp.reduce(total[here]))
+        scales = np.array([weighed.left_at(int(t))[1] for t in np.flatnonzero(here)])
+        sizes = own.points.amount[here] * np.sqrt(scales) * own.unit
+        best = own.noise.kinds[int(own.points.kind[here][np.argmax(weight)])]
+        log_mean = float(weight @ np.log(sizes))
+        spread = np.sqrt(float(weight @ (np.log(sizes) - log_mean) ** 2) + _GRID**2 / 12.0)
+        size = float(np.exp(log_mean))
+        value = size / best.unit_deg_per_hr
+        channel = list(conditions[sensor].sensor.channels)[int(own.block.channel[0])]
+        out.append(FoundScatter(best.effect, sensor, channel, best.shape, best.parameter, value, value * spread, size))
+    return out
+
+
+_GRID = float(np.log(2.0))
+
+
+def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
+    """Return one entry per sensor: the channels' values, weighed by their errors."""
+    out = []
+    for sensor in dict.fromkeys(f.sensor for f in found):
+        own = [f for f in found if f.sensor == sensor]
+        weight = np.array([1.0 / f.se**2 for f in own])
+        value = float(weight @ [f.value for f in own] / weight.sum())
+        first = own[0]
+        size = float(np.sqrt(np.mean([f.deg_per_hr**2 for f in own])))
+        out.append(
+            FoundScatter(first.effect, sensor, "", first.shape, first.parameter, value, float(weight.sum() ** -0.5), size)
+        )
+    return out
+
+
+def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter]) -> list[dict[str, Any]]:
+    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`."""
+    out = []
+    for block in fit.blocks:
+        own = block.search.block
+        channels = list(conditions[own.sensor].sensor.channels)
+        for c in np.unique(own.channel):
+            rows = own.channel == c
+            observed = float(np.sqrt(np.mean(np.diag(block.covariance)[rows]) - _calibration(block)))
+            stated = float(np.sqrt(np.mean(own.sigma[rows] ** 2))) if own.sigma_stated else None
+            offset = block.point["offset"] * block.search.unit * np.sqrt(block.scale)
+            scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
+            out.append(
+                {
+                    "sensor": own.sensor,
+                    "channel": channels[c],
+                    "stated_deg_per_hr": stated,
+                    "observed_deg_per_hr": observed,
+                    "run_offset_deg_per_hr": float(offset),
+                    "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
+                }
+            )
+    return out
+
+
+def _calibration(block: FittedBlock) -> float:
+    """The variance that values per temperature add on average: they are no scatter."""
+    return block.point["calibration"] ** 2 * block.search.noise.unit * block.scale
+
+
+def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:
+    """Return the channels that an effect scatters, with by how much."""
+    return [
+        Disagreement({"sensor": f.sensor, "channel": f.channel}, f.deg_per_hr, f.deg_per_hr * f.se / f.value, chance)
+        for several in found.values()
+        for f in several
+    ]
+
+
+def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say where the averages scatter by more than their standard errors, one sentence per channel."""
+    return [
+        f"sensor {n['sensor']}, {n['channel']}: the averages scatter {n['observed_deg_per_hr'] / n['stated_deg_per_hr']:.2g} "
+        f"times as much as their standard errors say, by {n['observed_deg_per_hr']:.3g} deg/hr"
+        for n in noise
+        if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["stated_deg_per_hr"]
+    ]

@@ -1,0 +1,128 @@
+"""The most probable set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile.search.posterior import Found, Posterior
+from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set, SetInBlock
+from hil.reconcile.search.terms import Term
+from hil.solve.identifiability import orthonormal, project_out
+
+Key = tuple[int, int, int]
+"""Sensor, term, parameter."""
+WIDE = 1e4
+"""Deviation of a base parameter, in noises: as good as free."""
+
+
+@dataclass(frozen=True)
+class FittedBlock:
+    """One block with one set: covariance of its noise (N, N), deg²/hr², and the set's columns (N, k) with their keys.
+
+    `deviation` (k,) and `mean` (k,) are the amplitudes' prior at its most probable size; `point` says how it scatters.
+    """
+
+    search: BlockSearch
+    covariance: FloatArray
+    scale: float
+    point: Mapping[str, float]
+    columns: FloatArray
+    keys: Sequence[Key]
+    mean: FloatArray
+    deviation: FloatArray
+
+    @property
+    def whitening(self) -> FloatArray:
+        """W with W'W = V^-1, (N, N), per deg/hr."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
+
+    def noise_alone(self) -> FloatArray:
+        """Return the covariance (N, N) without values per temperature, which are no noise."""
+        own = self.search.noise
+        return self.covariance - self.point["calibration"] ** 2 * own.unit * self.scale * own.by_temperature
+
+    def predictive(self) -> FloatArray:
+        """Return the covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes."""
+        base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(np.diag(self.covariance)))
+        scaled = base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit
+        own = self.columns * self.deviation
+        return np.asarray(self.covariance + scaled @ scaled.T + own @ own.T)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A set over all sensors: its blocks, and the values of all parameters with their covariance."""
+
+    blocks: Sequence[FittedBlock]
+    keys: Sequence[Key]
+    values: FloatArray
+    covariance: FloatArray
+
+    def value(self, key: Key) -> tuple[float, float]:
+        """Return value and standard error of one parameter; raises ValueError where it is not fitted."""
+        place = self.keys.index(key)
+        return float(self.values[place]), float(np.sqrt(max(self.covariance[place, place], 0.0)))
+
+    def design(self, block: FittedBlock, terms: set[tuple[int, int]] | None = None) -> FloatArray:
+        """Return columns (N, all keys) of some terms (sensor, term), or of all, in one block."""
+        out = np.zeros((len(block.search.block.y), len(self.keys)))
+        for column, key in zip(block.columns.T, block.keys, strict=True):
+            if terms is None or key[:2] in terms:
+                out[:, self.keys.index(key)] += column
+        return out
+
+    def residual(self, block: FittedBlock) -> FloatArray:
+        """Return what terms and base leave of a block's rates, (N,), deg/hr."""
+        left = block.search.block.y - self.design(block) @ self.values
+        white = block.whitening
+        beta = np.linalg.lstsq(white @ block.search.block.base, white @ left, rcond=1e-9)[0]
+        return np.asarray(left - block.search.block.base @ beta)
+
+
+def fitted(posterior: Posterior, found: Found) -> Fitted:
+    """Fit a set of all sensors by generalised least squares, at its most probable noise."""
+    blocks = [
+        fitted_block(number, search, found.terms[number], found.kind, b)
+        for number, search in posterior.searches.items()
+        for b in range(len(search.blocks))
+    ]
+    keys: list[Key] = list(dict.fromkeys(key for block in blocks for key in block.keys))
+    gram, score = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
+    for block in blocks:
+        if not block.keys:
+            continue
+        white, index = block.whitening, np.array([keys.index(key) for key in block.keys])
+        base = orthonormal(white @ block.search.block.base)
+        own = project_out(base, white @ block.columns)
+        gram[np.ix_(index, index)] += own.T @ own
+        score[index] += own.T @ (white @ block.search.block.y)
+    unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    covariance = np.linalg.pinv(gram / np.outer(unit, unit), rcond=1e-9, hermitian=True) / np.outer(unit, unit)
+    return Fitted(blocks, keys, covariance @ score, covariance)
+
+
+def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:
+    """Return one block with one set, at its most probable point of the noise with a kind of scatter or without."""
+    own = search.blocks[b]
+    weighed = SetInBlock.of(own, [(j, search.terms[j]) for j in chosen], b)
+    total = weighed.terms_log + own.points.log_prior
+    names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
+    t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
+    _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
+    left, scale = weighed.left_at(t)
+    point = (own.points.kind[t], own.points.amount[t], own.points.offset[t], own.points.calibration[t], own.points.level[t])
+    covariance = own.noise.covariance(int(point[0]), *map(float, point[1:])) * own.noise.unit * scale
+    parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
+    columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
+    keys = [(number, j, int(k)) for j, part in parts for k in part.parameters]
+    names_of = dict(zip(("kind", "amount", "offset", "calibration", "level"), map(float, point), strict=True))
+    return FittedBlock(own, covariance, scale, names_of, columns, keys, mean, deviation)
+
+
+def term_of(posterior: Posterior, key: Key) -> Term:
+    """Return the term that a parameter belongs to."""
+    return posterior.term(key[0], key[1])
