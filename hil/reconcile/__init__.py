@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.page import write_result
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival
 from hil.reconcile.workflow import reconcile
@@ -12,6 +13,9 @@ __all__ = [
     "Gap",
     "Reconciliation",
     "Rival",
+    "Screen",
+    "SharedFinding",
+    "UnitFinding",
     "reconcile",
     "write_result",
 ]

@@ -149,8 +149,14 @@ def _named(
             term = posterior.term(number, j)
             if not term.is_mistake and (term.name if term.tier == 1 else NO_NAME) == name:
                 own.setdefault(number, []).append(j)
-    others = {r for f in posterior.sets for r in classes[id(f)] if name not in classes[id(f)]} - lead
-    rivals = [_rival(posterior, classes, name, r, own, values) for r in others]
+    without = [f for f in posterior.sets if name not in classes[id(f)]]
+    instead: dict[str, list[Found]] = {}
+    for f in without:
+        # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
+        sort = {f.kind} & classes[id(f)] if not own else classes[id(f)] - {f.kind}
+        for rival in (sort or classes[id(f)]) - lead:
+            instead.setdefault(rival, []).append(f)
+    rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST), key=lambda r: -r.probability)
     same = [r for r in listed if r.overlap > SAME]
     kind = "named" if probability >= CERTAIN and not same else "ambiguous"
@@ -168,10 +174,10 @@ def _rival(
     classes: Mapping[int, frozenset[str]],
     name: str,
     rival: str,
+    instead: Sequence[Found],
     own: Mapping[int, Sequence[int]],
     values: Fitted,
 ) -> Also:
-    instead = [f for f in posterior.sets if rival in classes[id(f)] and name not in classes[id(f)]]
     probability = float(sum(np.exp(f.log_weight) for f in instead))
     terms = {n: j for n, places in instead[0].terms.items() for j in places if _is(posterior.term(n, j), rival)}
     beside = [f for f in posterior.sets if name in classes[id(f)]]

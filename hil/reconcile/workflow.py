@@ -100,7 +100,7 @@ def _result(
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
     fit, before = fitted(posterior, reading.found), fitted(posterior, reading.nothing)
     names = [beside_unasked(named, posterior, conditions) for named in reading.names]
-    of_scatter = {n.name: scatter.found_scatter(posterior, fit, n.name, conditions) for n in names if n.acts_on == "scatter"}
+    of_scatter = {n.name: scatter.found_scatter(posterior, reading.found.terms, fit, n.name, conditions) for n in names if n.acts_on == "scatter"}
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
     gap = findings.gap_of(proof, fit, before, np.random.default_rng(seed), reading.chance)

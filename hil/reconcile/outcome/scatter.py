@@ -13,7 +13,7 @@ from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.posterior import Posterior
-from hil.reconcile.search.sets import SetInBlock
+from hil.reconcile.search.sets import Set
 
 EXCESS = 1.5
 """Times the standard errors, from which on it is said that the averages scatter by more."""
@@ -33,16 +33,17 @@ class FoundScatter:
     deg_per_hr: float
 
 
-def found_scatter(posterior: Posterior, fit: Fitted, name: str, conditions: Mapping[int, Conditions]) -> list[FoundScatter]:
+def found_scatter(
+    posterior: Posterior, chosen: Mapping[int, Set], fit: Fitted, name: str, conditions: Mapping[int, Conditions]
+) -> list[FoundScatter]:
     """Return what was found of one effect on the scatter, one entry per block in which it is more probable than not."""
     out = []
     for block in fit.blocks:
         own = block.search
-        members = sorted({key[1] for key in block.keys})
         sensor = own.block.sensor
         search = posterior.searches[sensor]
         b = next(i for i, s in enumerate(search.blocks) if s is own)
-        weighed = SetInBlock.of(own, [(j, search.terms[j]) for j in members], b)
+        weighed = search.in_block(chosen[sensor], b)
         total = weighed.terms_log + own.points.log_prior
         kinds = [k for k, kind in enumerate(own.noise.kinds) if kind.effect.id == name]
         here = np.isin(own.points.kind, kinds)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set, SetInBlock
+from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.terms import Term
 from hil.solve.identifiability import orthonormal, project_out
 
@@ -108,7 +108,7 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
 def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:
     """Return one block with one set, at its most probable point of the noise with a kind of scatter or without."""
     own = search.blocks[b]
-    weighed = SetInBlock.of(own, [(j, search.terms[j]) for j in chosen], b)
+    weighed = search.in_block(chosen, b)
     total = weighed.terms_log + own.points.log_prior
     names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))

@@ -74,16 +74,23 @@ class BlockSearch:
 
     def choose(self, extras: Sequence[FloatArray]) -> None:
         """Keep the points that are probable with one of several further columns (N, q) in the base."""
-        best = np.full(len(self.every), -np.inf)
-        for extra in extras:
-            base = np.hstack([self.block.base, extra])
-            log_null = self.every.log_prior + Beside.of(self.every, self.scales, self.y, base).log_null()
-            best = np.maximum(best, log_null - log_null.max())
+        log_null = [self._log_posterior(self.y, np.hstack([self.block.base, extra])) for extra in extras]
+        self._keep(np.max([own - own.max() for own in log_null], axis=0))
+
+    def choose_for(self, units: Sequence[FloatArray]) -> None:
+        """Keep the points that are probable for one of several units, whose rates are (N,) deg/hr each."""
+        log_null = [self._log_posterior(y / self.unit, self.block.base) for y in units]
+        self._keep(np.max([own - own.max() for own in log_null], axis=0))
+
+    def _log_posterior(self, y: FloatArray, base: FloatArray) -> FloatArray:
+        return self.every.log_prior + Beside.of(self.every, self.scales, y, base).log_null()
+
+    def _keep(self, best: FloatArray) -> None:
+        """Keep the best points, and the quiet ones, whatever the base alone says of them."""
         quiet = (self.every.kind < 0) & (self.every.level == self.every.level.max()) & (self.every.offset < 1.0)
         quiet &= self.every.calibration == self.every.calibration[int(np.argmax(best))]
-        order = np.argsort(-best)
-        kept = order[: POINTS][best[order[:POINTS]] > -DEPTH]
-        kept = np.unique(np.concatenate([kept, np.flatnonzero(quiet)]))
+        order = np.argsort(-best)[:POINTS]
+        kept = np.unique(np.concatenate([order[best[order] > -DEPTH], np.flatnonzero(quiet)]))
         self.points = self.every.take(kept)
         self.beside = Beside.of(self.points, self.scales, self.y, self.block.base)
         self.scanned = np.argsort(-best[kept])[:SCANNED]
@@ -94,8 +101,9 @@ class SensorSearch:
     """One sensor: what may be in it, and how probable any set of that is."""
 
     blocks: Sequence[BlockSearch]
-    terms: Sequence[Term]
+    terms: list[Term]
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
+    _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[tuple[Group, FloatArray]]] = field(default_factory=list)
 
     def refine(self) -> None:
@@ -104,7 +112,11 @@ class SensorSearch:
         for b, block in enumerate(self.blocks):
             parts = [self.terms[j].parts[b] for j in leading]
             block.choose([np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)])
-        self._laid, self._known = [], {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Compute everything anew from now on: the terms or the points of the noise are others."""
+        self._laid, self._known, self._weighed = [], {}, {}
 
     @property
     def log_odds(self) -> FloatArray:
@@ -137,11 +149,17 @@ class SensorSearch:
             self._known[chosen] = self._evidence(chosen)
         return self._known[chosen]
 
+    def in_block(self, chosen: Set, b: int) -> SetInBlock:
+        """Return a set weighed in one block."""
+        if (chosen, b) not in self._weighed:
+            self._weighed[chosen, b] = SetInBlock.of(self.blocks[b], [(j, self.terms[j]) for j in chosen], b)
+        return self._weighed[chosen, b]
+
     def _evidence(self, chosen: Set) -> list[FloatArray]:
         out, ties = [], any(self.terms[j].ties for j in chosen)
         at: list[AtBest] = []
         for b, search in enumerate(self.blocks):
-            weighed = SetInBlock.of(search, [(j, self.terms[j]) for j in chosen], b)
+            weighed = self.in_block(chosen, b)
             out.append(weighed.by_kind(len(search.noise.kinds)))
             if ties:
                 at.append(weighed.at_best())
@@ -164,7 +182,7 @@ class SetInBlock:
     members: list[int]
     terms_log: FloatArray
     best: list[int]
-    slack: list[FloatArray]
+    slack: Sequence[FloatArray]
 
     @classmethod
     def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
@@ -198,32 +216,23 @@ class SetInBlock:
             self.terms_log = self.beside.log_null()
             return
         self.best = self._best_sizes()
-        base = self._at(self.best)
         for _ in range(ROUNDS):
-            t = np.array([int(np.argmax(base + self.points.log_prior))])
-            before, self.best = self.best, self._climbed(t)
-            base = self._at(self.best)
+            t = np.array([int(np.argmax(self._at([self.best])[0] + self.points.log_prior))])
+            before = self.best
+            for e in range(len(self.options)):
+                near = self._near(e)
+                self.best = self._with(e, near[int(np.argmax(self._at([self._with(e, o) for o in near], t)[:, 0]))])
             if self.best == before:
                 break
-        total = base.copy()
-        for e in range(len(self.options)):
-            others = [base if o == self.best[e] else self._at(self._with(e, o)) for o in self._near(e)]
-            self.slack.append(log_sum(np.array(others)) - base)
-            total += self.slack[-1]
-        self.terms_log = total
+        base = self._at([self.best])[0]
+        self.slack = [log_sum(self._at([self._with(e, o) for o in self._near(e)])) - base for e in range(len(self.best))]
+        self.terms_log = base + np.sum(self.slack, axis=0)
 
     def _near(self, e: int) -> range:
         return range(max(0, self.best[e] - 2), min(len(self.options[e]), self.best[e] + 3))
 
     def _with(self, e: int, option: int) -> list[int]:
         return [*self.best[:e], option, *self.best[e + 1 :]]
-
-    def _climbed(self, t: IntArray) -> list[int]:
-        """Improve one size after the other, given the others, at one point of the noise."""
-        for e in range(len(self.options)):
-            tried = {o: float(self._at(self._with(e, o), t)[0]) for o in self._near(e)}
-            self.best = self._with(e, max(tried, key=lambda o: tried[o]))
-        return self.best
 
     def _best_sizes(self) -> list[int]:
         t = int(np.argmax(self.beside.log_null() + self.points.log_prior))
@@ -247,24 +256,25 @@ class SetInBlock:
         mean, deviation = (np.concatenate([p[i] for p in picked]) for i in (1, 2))
         return sum(p[0] for p in picked), mean, deviation
 
-    def _at(self, chosen: Sequence[int], at: IntArray | slice = slice(None)) -> FloatArray:
-        """Log evidence at some points (t,) with one choice of sizes."""
-        log_weight, mean, deviation = self.prior_at(chosen)
+    def _at(self, choices: Sequence[Sequence[int]], at: IntArray | slice = slice(None)) -> FloatArray:
+        """Log evidence (o, t) of several choices of sizes, at some points."""
+        priors = [self.prior_at(chosen) for chosen in choices]
+        mean, deviation = (np.array([p[i] for p in priors])[:, None, :] for i in (1, 2))
         gram, score, beside = self.gram[at], self.score[at], self.beside.at(at)
+        rss = beside.rss
         if np.any(mean):
-            pull = gram @ mean
-            rss, score = beside.rss + (pull - 2.0 * score) @ mean, score - pull
-        else:
-            rss = beside.rss
-        values, z = decoupled(gram * np.multiply.outer(deviation, deviation), score * deviation)
+            pull = np.einsum("tpq,oxq->otp", gram, mean)
+            rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=-1), score - pull
+        scaled = gram * (deviation[..., :, None] * deviation[..., None, :])
+        values, z = decoupled(scaled, score * deviation)
         least = np.maximum(rss - explained(values, z), LEAST)
         terms = []
         for k in range(len(beside.scales)):
-            variance = beside.scale_left(least, k)[:, None]
+            variance = beside.scale_left(least, k)[..., None]
             shrunk = 1.0 + values / variance
-            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=1), LEAST)
-            terms.append(beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=1), k))
-        return log_weight + log_sum(np.array(terms))
+            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=-1), LEAST)
+            terms.append(beside.student(left.T, 0.5 * np.sum(np.log(shrunk), axis=-1).T, k).T)
+        return np.asarray(np.array([p[0] for p in priors])[:, None] + log_sum(np.array(terms)))
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (kinds + 1,), ordinary noise first."""
