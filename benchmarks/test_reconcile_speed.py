@@ -41,6 +41,6 @@ def test_screening_a_unit_once_the_tables_exist(benchmark: BenchmarkFixture) -> 
     """A hundred units of one layout: under 10 ms each."""
     rows = lay_out(np.random.default_rng(0), runs_each=3)
     units = [campaign_of(rows, base_rates(rows) + noise(rows, np.random.default_rng(seed))) for seed in range(100)]
-    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    screen = Screen.of(units, "matrix-6-thermal")
     benchmark.pedantic(lambda: screen.units(units), rounds=3)
     assert benchmark.stats.stats.min < 1.0

@@ -36,6 +36,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 
+_CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
 
@@ -46,13 +47,14 @@ def reconcile(
     alpha: float = 0.05,
     catalogue: Sequence[Effect] | None = None,
     scattering: Sequence[VarianceEffect] = VARIANCE_EFFECTS,
+    draws: int = 4000,
     seed: int = 0,
     prove: bool = True,
 ) -> Reconciliation:
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
-    `alpha` is the false-alarm rate of the whole search on data without a missing effect; `prove=False` leaves the
-    held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
+    `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the sign flips behind
+    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -68,7 +70,7 @@ def reconcile(
     reading = read(posterior, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
-    return _result(campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, seed, prove=prove)
+    return _result(campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove)
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:
@@ -93,7 +95,7 @@ def _result(
     reverted: Sequence[Named],
     inside: Sequence[Mapping[str, Any]],
     alpha: float,
-    seed: int,
+    chances: tuple[int, int],
     *,
     prove: bool,
 ) -> Reconciliation:
@@ -103,7 +105,7 @@ def _result(
     of_scatter = {n.name: scatter.found_scatter(posterior, reading.found.terms, fit, n.name, conditions) for n in names if n.acts_on == "scatter"}
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
-    gap = findings.gap_of(proof, fit, before, np.random.default_rng(seed), reading.chance)
+    gap = findings.gap_of(proof, fit, before, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
     mistakes = findings.mistakes_found(reading, campaign, fit)
     within = [
@@ -111,7 +113,7 @@ def _result(
         for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
-    verdict = findings.verdict_of(reading, names, [*mistakes, *within], unresolved=bool(reverted))
+    verdict = findings.verdict_of(reading, names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha)
     standing = findings.as_it_stands(model, campaign)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []

@@ -29,9 +29,12 @@ NOT_HELD_OUT = (
 
 
 def gap_of(
-    proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, rng: np.random.Generator, chance: float
+    proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chances: tuple[int, int], chance: float
 ) -> Gap:
-    """Return the held-out gap before and after; that of the fits themselves where nothing can be held out."""
+    """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
+
+    `chances` are the number and the seed of the sign flips, `chance` that nothing is missing at all.
+    """
     noise = float(np.sqrt(np.mean(np.concatenate([np.diag(b.noise_alone()) for b in fit.blocks]))))
     if proof is None:
         sizes = [np.concatenate([f.residual(block) for block in f.blocks]) for f in (before, fit)]
@@ -49,7 +52,7 @@ def gap_of(
         held_out=f"leave-one-{kind}-out, {len(runs.rows)} folds, selection repeated in every fold",
         standardised_before=scaled_before,
         standardised_after=scaled_after,
-        improved_p_value=max(runs.improvement_p_value(rng), min(chance, 1.0)),
+        improved_p_value=max(runs.improvement_p_value(*chances), min(chance, 1.0)),
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
         log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
     )

@@ -22,16 +22,15 @@ SETS = 40
 BEYOND = 30.0
 """Rows whose prediction is this many noises uncertain ask for what the others say nothing about."""
 FEWEST_RUNS = 4
-FLIPS = 4000
 
 
 @dataclass(frozen=True)
-class Fold:
-    """Held-out rows under every set: log density (sets,), and per set errors and predicted variances (rows,)."""
+class Predicted:
+    """One fold of one block under a set: log density, errors (rows,), and a factor of their covariance (rows, rows)."""
 
-    log_density: FloatArray
-    errors: FloatArray
-    variances: FloatArray
+    log_density: float
+    error: FloatArray
+    factor: FloatArray
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,12 @@ class HeldOut:
         before, after = self.log_density.sum(axis=1) / max(int(self.rows.sum()), 1)
         return float(before), float(after)
 
-    def improvement_p_value(self, rng: np.random.Generator) -> float:
-        """Chance that signs of the folds' improvements, flipped at random, add up to as much."""
+    def improvement_p_value(self, draws: int, seed: int) -> float:
+        """Chance that signs of the folds' improvements, flipped at random `draws` times, add up to as much."""
+        rng = np.random.default_rng(seed)
         gains = self.log_density[1] - self.log_density[0]
-        flipped = (rng.integers(0, 2, (FLIPS, len(gains))) * 2 - 1) @ gains
-        return float((1 + np.sum(flipped >= gains.sum())) / (1 + FLIPS))
+        flipped = (rng.integers(0, 2, (draws, len(gains))) * 2 - 1) @ gains
+        return float((1 + np.sum(flipped >= gains.sum())) / (1 + draws))
 
 
 def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[FittedBlock], IntArray]) -> HeldOut | None:
@@ -74,7 +74,7 @@ def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[
     `folds` numbers the rows of a block. Rows that the lead calls wrong are predicted by nobody.
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
-    known: dict[tuple[object, ...], dict[int, tuple[float, FloatArray, FloatArray]]] = {}
+    known: dict[tuple[object, ...], dict[int, Predicted]] = {}
     numbers: set[int] = set()
     for number, b, found in ((n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets):
         key = (number, b, found.terms[number], found.kind)
@@ -89,24 +89,27 @@ def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[
         usable = [all(a[k] is not None for a in at[:2]) for k in range(len(blocks))]
         if not any(usable):
             continue
-        density = np.array([sum(a[k][0] for k, u in enumerate(usable) if u and a[k] is not None) for a in at])
+        density = np.array([sum(p.log_density for p, u in zip(a, usable, strict=True) if u and p) for a in at])
         weight = np.array([f.log_weight for f in sets]) - density
         weight[[any(a[k] is None for k, u in enumerate(usable) if u) for a in at]] = -np.inf
         chosen = int(np.argmax(np.where(np.arange(len(sets)) == 0, -np.inf, weight))) if len(sets) > 1 else 0
-        rows.append([_sums(at[0], usable), _sums(at[chosen], usable)])
+        rows.append([_sums(at[k], at[1], usable) for k in (0, chosen)])
     if not rows:
         return None
     table = np.array(rows)
     return HeldOut(table[:, :, 0].T, table[:, :, 1].T, table[:, 0, 3].astype(np.int64), table[:, :, 2].T)
 
 
-def _sums(blocks: Sequence[tuple[float, FloatArray, FloatArray] | None], usable: Sequence[bool]) -> list[float]:
-    own = [a for a, u in zip(blocks, usable, strict=True) if u and a is not None]
+def _sums(
+    blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], usable: Sequence[bool]
+) -> list[float]:
+    """Squared errors, the same in units of what the lead expects, log density, and rows."""
+    pairs = [(p, q) for p, q, u in zip(blocks, lead, usable, strict=True) if u and p is not None and q is not None]
     return [
-        float(sum(e @ e for _, e, _ in own)),
-        float(sum(z @ z for _, _, z in own)),
-        float(sum(d for d, _, _ in own)),
-        float(sum(len(e) for _, e, _ in own)),
+        float(sum(p.error @ p.error for p, _ in pairs)),
+        float(sum(np.sum(np.linalg.solve(q.factor, p.error) ** 2) for p, q in pairs)),
+        float(sum(p.log_density for p, _ in pairs)),
+        float(sum(len(p.error) for p, _ in pairs)),
     ]
 
 
@@ -117,10 +120,8 @@ def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[i
     return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
-def _predicted(
-    block: FittedBlock, folds: IntArray, wrong: set[int]
-) -> Iterator[tuple[int, tuple[float, FloatArray, FloatArray]]]:
-    """Yield of each fold the log density of its rows, their errors, and these whitened."""
+def _predicted(block: FittedBlock, folds: IntArray, wrong: set[int]) -> Iterator[tuple[int, Predicted]]:
+    """Yield of each fold what the other rows predict for it."""
     y = block.search.block.y - block.columns @ block.mean
     precision = np.linalg.inv(block.predictive())
     pulled = precision @ y
@@ -139,7 +140,7 @@ def _predicted(
         factor = np.linalg.cholesky(0.5 * (covariance + covariance.T))
         white = np.linalg.solve(factor, error)
         density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor)))) - 0.919 * len(rows)
-        yield int(fold), (density, error, white)
+        yield int(fold), Predicted(density, error, factor)
 
 
 def by_run(block: FittedBlock) -> IntArray:

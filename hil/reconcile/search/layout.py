@@ -53,9 +53,10 @@ def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator
     for effect in (e for e in mislabelled if not e.in_models):
         if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        for shape in effect.shape_grid(conditions):
-            columns = np.nan_to_num(effect.columns(conditions, sensor.base, shape))
-            if np.any(columns) and shape.get("run", 0.0) >= 0.0:
+        bases = {run: sensor.base_without(conditions.run == run) for run in np.unique(conditions.run).tolist()}
+        for shape in (s for s in effect.shape_grid(conditions) if s.get("run") in bases):
+            columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
+            if np.any(columns):
                 parameters = effect.parameters_for(conditions)
                 yield Candidate(effect.id, 0, sensor.number, columns, parameters, shape=shape, effect=effect,
                                 title=effect.title, equation=effect.equation)

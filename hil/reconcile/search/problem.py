@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
@@ -52,6 +52,13 @@ class SensorProblem:
     def base_on(self, conditions: Conditions) -> Base:
         """Return the base on other rows of this sensor."""
         return _added(base_at(self.form, conditions, self.values), self.given, conditions)
+
+    def base_without(self, rows: BoolArray) -> Base:
+        """Return the base fitted to all rows but these (n,): what a mistake in them has not touched."""
+        conditions = self.collects.conditions
+        rates = np.where(rows[:, None], np.nan, self.collects.rates_deg_per_hr - self.known_rates())
+        values = _fit(self.form.columns(conditions), rates, self.collects.rates_se_deg_per_hr)
+        return _added(base_at(self.form, conditions, values), self.given, conditions)
 
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.

@@ -104,19 +104,19 @@ def terms(
 
 
 def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Term]:
-    """Leave out terms of the second tier whose columns are an effect's: that is how the catalogue describes them."""
-    described = []
-    for b, base in enumerate(bases):
-        own = [t.parts[b].columns for t in found if t.tier == 1 and t.parts[b] is not None]
-        stacked = np.hstack(own) if own else np.zeros((len(base), 0))
-        described.append(unit_columns(project_out(base, stacked)))
+    """Leave out terms of the second tier whose columns are those of an effect that follows the same."""
+    drivers = {term.follows for term in found if term.tier == 1}
+    described = {}
+    for driver, b in itertools.product(drivers, range(len(bases))):
+        own = [p.columns for t in found if t.tier == 1 and t.follows == driver and (p := t.parts[b]) is not None]
+        if own:
+            described[driver, b] = unit_columns(project_out(bases[b], np.hstack(own)))
 
     def known(term: Term) -> bool:
-        pairs = [(b, part.columns) for b, part in enumerate(term.parts) if part is not None]
+        parts = [(described.get((term.follows, b)), b, part) for b, part in enumerate(term.parts) if part is not None]
         return all(
-            described[b].shape[1]
-            and np.abs(described[b].T @ unit_columns(project_out(bases[b], columns))).max(axis=0).min() > SAME
-            for b, columns in pairs
+            own is not None and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
+            for own, b, part in parts
         )
 
     return [term for term in found if term.tier != 2 or not known(term)]

@@ -60,7 +60,7 @@ def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_
     """MU_real is found in bytes; the improved model makes other bytes: MU as found, and none that it lacks."""
     still = {"noise": {"run_to_run": False}, "start": {"powered_for": "8 h"}}
     first = measured(tmp_path, changed_bench(tmp_path, **still), 1)
-    result = reconcile(first, "collins-4", draws=DRAWS, prove=False)
+    result = reconcile(first, "collins-4", prove=False)
     assert names(result)[0] == "MU_real"
     write_result(result, tmp_path)
     improved = tmp_path / "model.yaml"
@@ -69,5 +69,5 @@ def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_
     key = max(before, key=lambda one: abs(before[one]))
     assert abs(before[key]) > 3.0
     assert after[key] == pytest.approx(before[key], abs=2.0)
-    assert names(reconcile(again, "collins-4", draws=DRAWS, prove=False))[0] == "MU_real"
-    assert reconcile(again, load_model(improved), draws=DRAWS).verdict == "none"
+    assert names(reconcile(again, "collins-4", prove=False))[0] == "MU_real"
+    assert reconcile(again, load_model(improved)).verdict == "none"

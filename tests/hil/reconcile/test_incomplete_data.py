@@ -67,7 +67,7 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
     once = other.conditions.run == 1
     conditions = replace(other.conditions.rows(np.flatnonzero(once)), sensor=replace(ROTOR, number=1))
     second = Collects(conditions, other.rates_deg_per_hr[once], other.rates_se_deg_per_hr[once])
-    result = reconcile(replace(full, sensors={1: second, 2: other}), "collins-4", draws=DRAWS)
+    result = reconcile(replace(full, sensors={1: second, 2: other}), "collins-4")
     assert ids(result) == ["MU_real"]
     assert result.verdict == "named"
     assert result.effects[0].sensors == [2]
@@ -77,7 +77,7 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     """One run alone: none, and a note that it means nothing."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
-    result = reconcile(only(full, full.sensors[2].conditions.run == 1), "matrix-6", draws=DRAWS)
+    result = reconcile(only(full, full.sensors[2].conditions.run == 1), "matrix-6")
     assert result.verdict == "none"
     assert any("nothing could be tested" in note for note in result.notes)
 
@@ -96,7 +96,7 @@ def test_drift_with_first_collects_missing_is_still_the_class_of_drift() -> None
     full = hidden_campaign(7, lambda r: both(r.order - 1.5, 2.5, -2.0))
     conditions = full.sensors[2].conditions
     kept = ~((conditions.position == "1") & (conditions.run % 4 == 0))
-    result = reconcile(only(full, kept), "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(only(full, kept), "matrix-6-thermal", prove=False)
     assert result.verdict == "ambiguous"
     assert {"drift", "k2"} <= names(result)
 
@@ -107,7 +107,7 @@ def test_large_drift_on_a_bench_that_is_not_punctual_stays_ambiguous() -> None:
     rows = lay_out(rng)
     late = replace(rows, start_s=rows.start_s + np.round(rng.uniform(-15.0, 15.0, len(rows))))
     rates = base_rates(rows) + noise(rows, rng) + both(rows.order + 0.02 * rng.normal(size=len(rows)), 11.0, -12.0)
-    result = reconcile(campaign_of(late, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign_of(late, rates), "matrix-6-thermal", prove=False)
     assert result.verdict == "ambiguous"
     assert {"drift", "k2"} <= names(result)
 
@@ -136,7 +136,7 @@ def test_the_same_effect_of_two_sensors_is_one_whatever_each_one_s_median() -> N
     assert np.median(moved.columns["supply_V"]) != np.median(first.conditions.columns["supply_V"])
     both_sensors = {1: Collects(moved, second.rates_deg_per_hr, second.rates_se_deg_per_hr), 2: first}
     result = reconcile(
-        Campaign("two", "test, simulated", both_sensors, simulated=True), "matrix-6-thermal", draws=DRAWS, prove=False
+        Campaign("two", "test, simulated", both_sensors, simulated=True), "matrix-6-thermal", prove=False
     )
     assert ids(result) == ["supply"]
     assert list(result.effects[0].sensors) == [1, 2]
@@ -151,7 +151,7 @@ def test_values_that_follow_temperature_are_found_not_calibrated_away() -> None:
         gain = 0.03 * t * rows.f[:, 0]
         return both(t, 0.2, -0.18) + np.stack([gain, 0.9 * gain], 1)
 
-    result = reconcile(hidden_campaign(5, warm, thermal=False), "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(hidden_campaign(5, warm, thermal=False), "matrix-6", prove=False)
     assert result.verdict != "none"
     assert "bias_T" in {n for effect in result.effects for n in (effect.id, *(r.id for r in effect.confusable_with))}
 
@@ -163,7 +163,7 @@ def test_a_scale_factor_beside_constants_has_the_size_that_it_has() -> None:
     def grows(rows: Rows) -> np.ndarray:
         return base_rates(rows, thermal=False) * (slope * (rows.temperature - 25.0))[:, None]
 
-    result = reconcile(hidden_campaign(7, grows, thermal=False, quiet=0.5), "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(hidden_campaign(7, grows, thermal=False, quiet=0.5), "matrix-6", prove=False)
     assert ids(result) == ["scale"]
     value, error = values(result)["de_dT"]
     assert abs(value - 1e6 * slope) < 3.0 * error
@@ -176,7 +176,7 @@ def test_an_earth_rate_that_is_half_wrong_is_no_wrong_sign() -> None:
     campaign = hidden_campaign(
         7, lambda r: np.stack([np.zeros(len(r)), -0.5 * 2.0 * r.w[:, 1]], 1), headings=headings, quiet=0.5
     )
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     assert result.effects
     assert result.effects[0].id != "frame" or result.effects[0].kind == "ambiguous"
 
@@ -184,7 +184,7 @@ def test_an_earth_rate_that_is_half_wrong_is_no_wrong_sign() -> None:
 def without(campaign: Campaign, *columns: str) -> Reconciliation:
     """What is said where some conditions were not recorded."""
     unknown = with_columns(campaign, **dict.fromkeys(columns))
-    return reconcile(unknown, "matrix-6-thermal", draws=DRAWS, prove=False)
+    return reconcile(unknown, "matrix-6-thermal", prove=False)
 
 
 @pytest.mark.slow
@@ -196,7 +196,7 @@ def test_a_history_that_could_not_be_asked_about_withholds_hysteresis() -> None:
         return both(np.sign(rows.setpoint - 20.0), 9.0, -8.0)
 
     campaign = hidden_campaign(7, remembers, temperatures=temperatures)
-    known = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    known = reconcile(campaign, "matrix-6-thermal", prove=False)
     assert known.effects[0].id == "hyst"
     assert not [
         r
@@ -228,7 +228,7 @@ def test_what_has_died_away_before_the_first_row_is_not_asked_about() -> None:
     problem, _, _ = posed(campaign, load_model("matrix-6-thermal"), [effect_by_id("warmup")])
     taus = {c.shape["tau_min"] for c in problem.candidates if c.name == "warmup"}
     assert not taus & {3.0, 5.0, 8.0, 12.0, 20.0}
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     assert "warmup" not in ids(result)
 
 

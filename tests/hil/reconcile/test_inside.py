@@ -30,7 +30,7 @@ def campaign_with(name: str, folder: Path, seed: int = 5, rho: float = 0.0) -> C
 
 def reconciled(campaign: Campaign, model: str = "matrix-6") -> Reconciliation:
     """The campaign against a model, without the held-out comparison of averages."""
-    return reconcile(campaign, load_model(model), prove=False, draws=100)
+    return reconcile(campaign, load_model(model), prove=False)
 
 
 @pytest.mark.parametrize("name", sorted(INSIDE))

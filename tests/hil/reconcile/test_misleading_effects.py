@@ -20,7 +20,7 @@ HORIZONTAL = 15.041067 * np.cos(np.deg2rad(34.6))
 def found(hidden: Hidden | None, model: str = "matrix-6-thermal", seed: int = 7, **layout: object) -> Reconciliation:
     """Reconcile a night in which something is hidden."""
     thermal = model == "matrix-6-thermal"
-    return reconcile(hidden_campaign(seed, hidden, thermal=thermal, **layout), model, draws=DRAWS)
+    return reconcile(hidden_campaign(seed, hidden, thermal=thermal, **layout), model)
 
 
 def ids(result: Reconciliation) -> list[str]:

@@ -38,7 +38,7 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
 )
 def test_a_hidden_effect_gets_its_name(name: str, hidden: Hidden, model: str, thermal: bool) -> None:
     """One effect, clearly there: its own name at .8 or more, and the gap shrinks on runs that were not seen."""
-    result = reconcile(hidden_campaign(7, hidden, thermal=thermal), model, draws=DRAWS)
+    result = reconcile(hidden_campaign(7, hidden, thermal=thermal), model)
     assert result.verdict == "named"
     assert ids(result) == [name]
     assert result.effects[0].probability >= 0.8
@@ -55,7 +55,7 @@ def test_a_hidden_effect_gets_its_name(name: str, hidden: Hidden, model: str, th
 )
 def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidden: Hidden, model: str) -> None:
     """The truth is in the stated class, the verdict is ambiguous, and an experiment is proposed."""
-    result = reconcile(hidden_campaign(7, hidden, thermal=model != "matrix-6"), model, draws=DRAWS, prove=False)
+    result = reconcile(hidden_campaign(7, hidden, thermal=model != "matrix-6"), model, prove=False)
     assert result.verdict == "ambiguous"
     assert len(result.effects) == 1
     same = {result.effects[0].id} | {r.id for r in result.effects[0].confusable_with if r.overlap > 0.95}
@@ -66,7 +66,7 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
 def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
     """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
     campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, positions=("1", "2", "3"))
-    result = reconcile(campaign, "collins-4", draws=DRAWS)
+    result = reconcile(campaign, "collins-4")
     assert result.verdict == "ambiguous"
     assert ids(result)[0] == "MU_real"
     assert "k2" in {rival.id for rival in result.effects[0].confusable_with}
@@ -85,7 +85,7 @@ def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_th
 def test_the_fourth_collect_settles_it() -> None:
     """With Collect 4 in the data it is MU_real, with the right signs."""
     campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
-    result = reconcile(campaign, "collins-4", draws=DRAWS)
+    result = reconcile(campaign, "collins-4")
     assert result.verdict == "named"
     assert ids(result) == ["MU_real"]
     values = {p["name"]: p["value"] for p in result.effects[0].parameters}
@@ -97,7 +97,7 @@ def test_the_fourth_collect_settles_it() -> None:
 def test_two_effects_at_once_are_both_found() -> None:
     """Supply and a step, together."""
     campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 14.0, -13.0) + both(r.run > 8, 12.0, -11.0))
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     assert sorted(ids(result)) == ["jump", "supply"]
 
 
@@ -110,7 +110,7 @@ def test_two_effects_at_once_are_both_found() -> None:
 )
 def test_what_the_catalogue_does_not_know_is_empirical(words: str, hidden: Hidden) -> None:
     """A term outside the catalogue, and one at a single temperature: no false name, the term itself is stated."""
-    result = reconcile(hidden_campaign(7, hidden), "matrix-6-thermal", draws=DRAWS)
+    result = reconcile(hidden_campaign(7, hidden), "matrix-6-thermal")
     assert result.verdict == "empirical"
     assert ids(result)[0].startswith(f"empirical: {words}")
     assert result.gap.after < result.gap.before
@@ -126,7 +126,7 @@ def test_a_wrong_heading_is_found_where_several_headings_were_measured() -> None
         return np.stack([d3 * np.cos(theta), d2], 1)
 
     result = reconcile(
-        hidden_campaign(7, wrong, headings=(30.0, 120.0, 210.0)), "matrix-6-thermal", draws=DRAWS, prove=False
+        hidden_campaign(7, wrong, headings=(30.0, 120.0, 210.0)), "matrix-6-thermal", prove=False
     )
     assert result.verdict == "named"
     assert ids(result) == ["earth"]

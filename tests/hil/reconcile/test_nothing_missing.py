@@ -52,7 +52,7 @@ KINDS = ("white", "runs correlated", "heavy tails", "random walk", "MU from run 
 def test_nothing_missing_is_never_named(kind: str) -> None:
     """One campaign of noise of collects, of runs, and of runs in one position."""
     campaign = null_campaign(kind, 0)
-    assert reconcile(campaign, "matrix-6-thermal", alpha=0.01, draws=DRAWS, prove=False).verdict != "named"
+    assert reconcile(campaign, "matrix-6-thermal", alpha=0.01, prove=False).verdict != "named"
 
 
 @pytest.mark.slow
@@ -60,7 +60,7 @@ def test_nothing_missing_is_never_named(kind: str) -> None:
 def test_nothing_missing_is_called_none_or_at_least_never_named(kind: str) -> None:
     """Three campaigns of each kind of noise at a level of 1 %: none is named, at most one is thought suspicious."""
     campaigns = [null_campaign(kind, seed) for seed in range(3)]
-    verdicts = [reconcile(c, "matrix-6-thermal", alpha=0.01, draws=DRAWS, prove=False).verdict for c in campaigns]
+    verdicts = [reconcile(c, "matrix-6-thermal", alpha=0.01, prove=False).verdict for c in campaigns]
     assert verdicts.count("none") >= 2
     assert "named" not in verdicts
 
@@ -68,7 +68,7 @@ def test_nothing_missing_is_called_none_or_at_least_never_named(kind: str) -> No
 def test_eight_runs_are_enough_to_be_cautious() -> None:
     """Eight runs at one temperature, three collects, nothing missing: none, and nothing is added to the model."""
     campaign = hidden_campaign(3, thermal=False, temperatures=(23.0,), runs_each=8, positions=("1", "2", "3"))
-    result = reconcile(campaign, "matrix-6", draws=DRAWS)
+    result = reconcile(campaign, "matrix-6")
     assert result.verdict == "none"
     assert result.model_after == result.input_model
     assert result.effects == []
@@ -82,7 +82,7 @@ def test_a_lost_third_of_the_collects_neither_hides_nor_invents() -> None:
         campaign = hidden_campaign(11, hidden)
         rates = campaign.sensors[2].rates_deg_per_hr.copy()
         rates[np.random.default_rng(1).random(rates.shape) < 0.3] = np.nan
-        result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+        result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", prove=False)
         assert result.verdict == expected
 
 
@@ -94,7 +94,7 @@ def test_exchanged_labels_are_found_and_mended() -> None:
     rates = collects.rates_deg_per_hr.copy()
     rows = [int(np.flatnonzero((collects.conditions.run == 6) & (collects.conditions.position == p))[0]) for p in "12"]
     rates[rows] = rates[rows[::-1]]
-    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", prove=False)
     assert [effect.id for effect in result.effects] == ["swap"]
     assert result.effects[0].shape == {"run": 6.0}
     assert result.outliers == []
@@ -106,7 +106,7 @@ def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
     campaign = hidden_campaign(5)
     rates = campaign.sensors[2].rates_deg_per_hr.copy()
     rates[17, 1] += 40.0
-    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(with_rates(campaign, rates), "matrix-6-thermal", prove=False)
     assert result.verdict == "none"
     assert [(o["collect"], o["channel"]) for o in result.outliers] == [(18, "RB")]
     assert result.outliers[0]["size_deg_per_hr"] == pytest.approx(40.0, abs=6.0)
@@ -117,14 +117,14 @@ def test_a_wrong_stated_error_does_not_make_a_finding() -> None:
     rng = np.random.default_rng(8)
     rows = lay_out(rng)
     campaign = campaign_of(rows, base_rates(rows) + noise(rows, rng), stated=0.18)
-    assert reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).verdict == "none"
+    assert reconcile(campaign, "matrix-6-thermal", prove=False).verdict == "none"
 
 
 @pytest.mark.slow
 def test_applying_the_improved_model_finds_nothing_more(tmp_path: Path) -> None:
     """model.yaml holds the named term with value, error and origin; as the model it leaves nothing to find."""
     campaign = hidden_campaign(7, lambda r: both(r.f[:, 2], -20.0, -14.0), thermal=False, mu=False, **FEW)
-    first = reconcile(campaign, "collins-4", draws=DRAWS)
+    first = reconcile(campaign, "collins-4")
     write_result(first, tmp_path)
     document = json.loads((tmp_path / "reconciliation.json").read_text())
     assert document["schema"] == "hil.reconciliation/1"
@@ -139,7 +139,7 @@ def test_applying_the_improved_model_finds_nothing_more(tmp_path: Path) -> None:
     assert improved.terms[0].added["gap_after_deg_per_hr"] < improved.terms[0].added["gap_before_deg_per_hr"]
     predicted = improved.rates(campaign.sensors[2].conditions)
     assert np.sqrt(np.mean((predicted - campaign.sensors[2].rates_deg_per_hr) ** 2)) < 2.5
-    again = reconcile(campaign, improved, draws=DRAWS)
+    again = reconcile(campaign, improved)
     assert again.verdict == "none"
     assert again.as_it_stands is not None
     assert again.as_it_stands["rms_deg_per_hr"] < 2.5
@@ -165,7 +165,7 @@ def test_a_triad_with_g_sensitivity_is_named_and_one_without_is_not() -> None:
             np.zeros((24, 3)),
         )
         campaign = Campaign("triad", "test", {1: Collects(known, rates, np.full((24, 3), 20.0))})
-        result = reconcile(campaign, "constant", draws=DRAWS)
+        result = reconcile(campaign, "constant")
         assert result.verdict == expected
         assert [effect.id for effect in result.effects] == (["g_sensitivity"] if size else [])
 
@@ -175,7 +175,7 @@ def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str) -> No
     """Weak or no acceleration sensitivity in real logs: no confident name, whichever model they are compared with."""
     campaign = read_campaign(reference_data / "campaigns" / unit)
     for model in ("constant", "triad-12"):
-        result = reconcile(campaign, model, draws=DRAWS)
+        result = reconcile(campaign, model)
         assert result.verdict in {"none", "ambiguous"}
         assert all(effect.probability < 0.8 for effect in result.effects)
 
@@ -192,7 +192,7 @@ def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaig
 def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
     """Sixty units, six with a supply effect: those six, by name, at a false discovery rate."""
     units = fleet(60, 14.0, 10)
-    findings = Screen.of(units, "matrix-6-thermal", draws=500).units(units)
+    findings = Screen.of(units, "matrix-6-thermal").units(units)
     assert [i for i, f in enumerate(findings) if f.q_value < 0.05] == [0, 10, 20, 30, 40, 50]
     assert {findings[i].leader for i in range(0, 60, 10)} == {"supply"}
 
@@ -201,7 +201,7 @@ def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
 def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     """A fleet with nothing missing: p-values as they should be, nothing discovered, nothing shared."""
     units = fleet(150, 0.0, 1, seed=900)
-    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    screen = Screen.of(units, "matrix-6-thermal")
     p_values = np.array([finding.p_value for finding in screen.units(units)])
     assert 0.0 < np.mean(p_values < 0.2) < 0.32
     assert min(finding.q_value for finding in screen.units(units)) > 0.05
@@ -212,7 +212,7 @@ def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
 def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
     """A supply effect in all of forty units, too small to be found in most of them: shared, by name."""
     units = fleet(40, 5.0, 1)
-    screen = Screen.of(units, "matrix-6-thermal", draws=500)
+    screen = Screen.of(units, "matrix-6-thermal")
     assert sum(finding.q_value < 0.05 for finding in screen.units(units)) < 10
     shared = screen.shared(units)
     assert shared.name == "supply"
@@ -222,7 +222,7 @@ def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
 def test_a_screen_refuses_another_layout() -> None:
     """Fewer temperatures, or as many collects in another order: the columns would be the wrong ones."""
     units = fleet(2, 0.0, 1)
-    screen = Screen.of(units[0], "matrix-6-thermal", draws=50)
+    screen = Screen.of(units[0], "matrix-6-thermal")
     for other in (hidden_campaign(1, temperatures=(20.0,)), hidden_campaign(1, positions=("2", "1", "3", "4"))):
         with pytest.raises(InputError, match="laid out otherwise"):
             screen.units([other])

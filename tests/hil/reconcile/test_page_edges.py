@@ -23,7 +23,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Reconciliation:
     units = {"BA": "deg/hr", "BB": "deg/hr", "GSA": "deg/hr/g", "GSB": "deg/hr/g", "MUA": "deg/hr/g", "MUB": "deg/hr/g"}
     values = {name: Constant(unit=unit, value=1.0) for name, unit in units.items()}
     model = Model(schema="hil.model/1", title="another unit", form="matrix-6", sensors={2: values})
-    return reconcile(read_campaign(folder), model, draws=100)
+    return reconcile(read_campaign(folder), model)
 
 
 def test_values_of_another_unit_are_said_to_be_off(plain: Reconciliation) -> None:

@@ -66,7 +66,7 @@ def one_position_cold(rows: Rows) -> np.ndarray:
 def test_places_are_the_collects_in_which_the_effect_acts(hidden: Callable[[Rows], np.ndarray]) -> None:
     """An effect that is everywhere and one that is in a corner: the places are the collects where it is large."""
     campaign, rows = with_hidden(hidden)
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     truth = np.abs(hidden(rows))
     found = covered(list(result.disagreements), rows)
     assert agreement(found, truth > 0.25 * truth.max()) > 0.8
@@ -75,7 +75,7 @@ def test_places_are_the_collects_in_which_the_effect_acts(hidden: Callable[[Rows
 def test_a_corner_is_one_place_with_the_size_that_is_there() -> None:
     """One channel, one position, the cold half: one place, by its temperatures, and its size within the error."""
     campaign, rows = with_hidden(one_position_cold)
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     assert [(d.where["channel"], d.where["position"]) for d in result.disagreements] == [("RA", "3")]
     place = result.disagreements[0]
     low, high = place.where["temperature_degC"]
@@ -89,7 +89,7 @@ def test_a_corner_is_one_place_with_the_size_that_is_there() -> None:
 def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first() -> None:
     """The supply is above and below: runs with more on one side, runs with less on the other, for each channel."""
     campaign, rows = with_hidden(ripple)
-    places = list(reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).disagreements)
+    places = list(reconcile(campaign, "matrix-6-thermal", prove=False).disagreements)
     sizes = [abs(place.size_deg_per_hr) for place in places]
     assert sizes == sorted(sizes, reverse=True)
     for place in places:
@@ -101,7 +101,7 @@ def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first() -> Non
 def test_where_nothing_is_missing_there_are_no_places() -> None:
     """Noise alone."""
     campaign, _ = with_hidden(lambda rows: np.zeros((len(rows), 2)))
-    assert not reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False).disagreements
+    assert not reconcile(campaign, "matrix-6-thermal", prove=False).disagreements
 
 
 def test_runs_are_said_in_stretches() -> None:
@@ -114,7 +114,7 @@ def test_runs_are_said_in_stretches() -> None:
 def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() -> None:
     """A page stays readable where an effect has thirty places; the file has them all."""
     campaign, _ = with_hidden(one_position_cold)
-    result = reconcile(campaign, "matrix-6-thermal", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
     place = result.disagreements[0]
     many = page(replace(result, disagreements=[place] * 30))
     assert many.count("sensor 2, channel RA, position 3") == 12

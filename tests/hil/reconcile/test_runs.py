@@ -204,7 +204,7 @@ def flipped(runs: tuple[int, ...] = (4, 9)) -> tuple[Campaign, Rows]:
 def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
     """Verdict, finding, places, note, advice and the page's first words; the model stays as it was."""
     campaign, _ = flipped()
-    result = reconcile(campaign, "matrix-6", draws=DRAWS)
+    result = reconcile(campaign, "matrix-6")
     assert result.verdict == "empirical"
     (effect,) = result.effects
     assert (effect.id, effect.kind) == ("empirical: runs 4, 9", "empirical")
@@ -229,7 +229,7 @@ def test_the_rest_is_judged_without_the_bad_runs() -> None:
     collects = campaign.sensors[2]
     extra = 30.0 * (rows.supply - 28.0)[:, None] * np.where(rows.run == 4, np.array([[-1.0], [1.0]]), 1.0).T
     campaign = replace(campaign, sensors={2: replace(collects, rates_deg_per_hr=collects.rates_deg_per_hr + extra)})
-    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
     assert [effect.id for effect in result.effects] == ["empirical: run 4", "supply"]
     assert result.verdict == "empirical"
 
@@ -238,7 +238,7 @@ def test_a_jump_keeps_its_name() -> None:
     """A bias that steps in one run has a name, however large."""
     rows = layout()
     campaign = campaign_of(rows, base_rates(rows) + jump(rows, np.random.default_rng(1)))
-    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
     assert [effect.id for effect in result.effects] == ["jump"]
 
 

@@ -32,7 +32,7 @@ def exchanged(campaign: Campaign, *pairs: tuple[int, int]) -> Campaign:
 
 def found(campaign: Campaign, model: Model | str = "matrix-6-thermal", **how: object) -> Reconciliation:
     """Reconcile with few draws."""
-    return reconcile(campaign, model, draws=DRAWS, **how)  # type: ignore[arg-type]
+    return reconcile(campaign, model, **how)  # type: ignore[arg-type]
 
 
 def swaps(result: Reconciliation) -> list[float]:

@@ -40,7 +40,7 @@ def warm(rows: Rows) -> np.ndarray:
 def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> None:
     """Said in the notes; a bias that follows temperature gets its name, not that of ageing."""
     campaign = with_columns(hidden_campaign(7, warm, thermal=False), temperature_degC=None, dTdt_degC_per_min=None)
-    result = reconcile(campaign, "matrix-6", draws=DRAWS)
+    result = reconcile(campaign, "matrix-6")
     assert result.effects[0].id == "bias_T"
     assert any("setpoint_degC stands in for it" in note for note in result.notes)
 
@@ -48,7 +48,7 @@ def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> Non
 def test_without_any_temperature_a_rising_bias_is_never_named() -> None:
     """Ageing, drift or a temperature that nobody wrote down: ambiguous, and the temperature is what to record."""
     unknown = dict.fromkeys(hidden_campaign(7).sensors[2].conditions.columns)
-    result = reconcile(with_columns(hidden_campaign(7, warm, thermal=False), **unknown), "matrix-6", draws=DRAWS)
+    result = reconcile(with_columns(hidden_campaign(7, warm, thermal=False), **unknown), "matrix-6")
     assert result.verdict == "ambiguous"
     assert "bias_T" in names(result)
     assert names(result) & {"drift", "ageing"}
@@ -78,7 +78,7 @@ def test_two_candidates_for_one_condition_are_not_guessed_between() -> None:
 
 def test_one_run_that_stands_alone_may_be_a_state_or_scatter() -> None:
     """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and the run is to be repeated."""
-    result = reconcile(hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0)), "matrix-6-thermal", draws=DRAWS)
+    result = reconcile(hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0)), "matrix-6-thermal")
     assert result.verdict == "ambiguous"
     assert {"jump", "turnon"} <= names(result)
     assert result.next_experiment is not None
@@ -87,7 +87,7 @@ def test_one_run_that_stands_alone_may_be_a_state_or_scatter() -> None:
 
 def test_a_rotor_beside_a_constant_has_an_acceleration_sensitivity() -> None:
     """GS and MU together are the restricted g-sensitivity, not a magnet of eighteen times the usual size."""
-    result = reconcile(hidden_campaign(7, thermal=False), "constant", draws=DRAWS, prove=False)
+    result = reconcile(hidden_campaign(7, thermal=False), "constant", prove=False)
     assert [effect.id for effect in result.effects] == ["g_sensitivity"]
     values = {p["name"]: p["value"] for p in result.effects[0].parameters}
     assert values["GAA"] == pytest.approx(60.0, abs=2.0)
@@ -105,7 +105,7 @@ def wrong_signs(rows: Rows) -> np.ndarray:
 def test_two_wrong_signs_of_the_earth_rate_lead_over_an_error_of_fifty_times_the_usual_size() -> None:
     """The vertical component, which no collect shows, does not speak against it."""
     campaign = hidden_campaign(7, wrong_signs, thermal=False, headings=(30.0, 120.0, 210.0))
-    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
     assert result.effects[0].id == "frame"
     assert result.effects[0].probability > 0.5
 
@@ -120,7 +120,7 @@ def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
 
     plain = hidden_campaign(7, hidden, thermal=False, mu=False)
     since = np.full(len(plain.sensors[2]), 30.0)
-    result = reconcile(with_columns(plain, time_since_index_s=since), "collins-4", draws=DRAWS, prove=False)
+    result = reconcile(with_columns(plain, time_since_index_s=since), "collins-4", prove=False)
     assert [effect.id for effect in result.effects] == ["MU_real", "GS_T"]
 
 
@@ -132,7 +132,7 @@ def test_values_that_jump_from_setpoint_to_setpoint_are_no_law_of_temperature() 
     def hidden(rows: Rows) -> np.ndarray:
         return both(levels[(rows.run - 1) // 2], 1.0, -0.8)
 
-    result = reconcile(hidden_campaign(7, hidden, thermal=False), "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(hidden_campaign(7, hidden, thermal=False), "matrix-6", prove=False)
     assert all(effect.id != "bias_T" for effect in result.effects)
 
 
@@ -151,7 +151,7 @@ def test_bursts_are_neither_settling_nor_a_step(effect: SettlingInCollect | Jump
 def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
     """In one rising sweep `from run 9 on` and `above 14.8 degC` are one column: another order of temperatures tells."""
     result = reconcile(
-        hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+        hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6"
     )
     assert result.effects[0].id == "jump"
     assert result.verdict == "ambiguous"
@@ -164,7 +164,7 @@ def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
 def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
     """From run 8 on, the second of its temperature's two."""
     result = reconcile(
-        hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6", draws=DRAWS
+        hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6"
     )
     assert [effect.id for effect in result.effects] == ["jump"]
     assert result.verdict == "named"
@@ -176,7 +176,7 @@ def test_poses_are_not_asked_for_where_only_the_order_in_time_tells() -> None:
     """A bias that follows temperature, or ages: whatever is proposed is another time, not another position."""
     night = {"temperatures": tuple(np.arange(-30.0, 61.0, 6.0)), "runs_each": 1}
     campaign = hidden_campaign(7, lambda r: both(r.start_s / r.start_s.max(), 40.0, -40.0), thermal=False, **night)
-    result = reconcile(campaign, "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
     assert result.next_experiment is not None
     assert "Collect" not in result.next_experiment.get("what", "")
     assert "upside down" not in result.next_experiment.get("what", "")
@@ -194,14 +194,14 @@ def power_cycled(temperatures_per_cycle: int) -> Campaign:
 
 def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
     """Two temperatures in each cycle: what changes is the cycle, not the temperature."""
-    result = reconcile(power_cycled(2), "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(power_cycled(2), "matrix-6", prove=False)
     assert [effect.id for effect in result.effects] == ["turnon"]
     assert result.verdict == "named"
 
 
 def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> None:
     """One cycle at each: ambiguous with bias_T, and several cycles at one temperature are to be measured."""
-    result = reconcile(power_cycled(1), "matrix-6", draws=DRAWS, prove=False)
+    result = reconcile(power_cycled(1), "matrix-6", prove=False)
     assert result.verdict == "ambiguous"
     assert {"turnon", "bias_T"} <= names(result)
     assert result.next_experiment is not None

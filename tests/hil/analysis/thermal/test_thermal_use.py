@@ -102,7 +102,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 def test_reconcile_finds_nothing_missing_beside_the_curves_of_the_same_unit(model: Model) -> None:
     """On another night of the same unit: no verdict but none, and its values hold as they stand."""
     night = rotor_night(np.random.default_rng(2), ROTOR, run_to_run={})
-    document = reconcile(night, model, draws=99).document()
+    document = reconcile(night, model).document()
     assert document["verdict"] == "none"
     assert document["gap"]["before"] == pytest.approx(document["gap"]["noise_floor"], rel=0.1)
     assert not any("as they stand are off" in note for note in document.get("notes", []))
