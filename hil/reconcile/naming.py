@@ -23,7 +23,9 @@ from hil.solve.identifiability import orthonormal, project_out
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
 SAME = 0.95
-"""Overlap from which two names are one and the same in these collects."""
+"""Overlap from which two names look the same in these collects."""
+IDENTICAL = 0.99
+"""And from which nobody can tell them apart by these collects, whatever is known before."""
 LEAST = 0.01
 """Rivals less probable are not listed."""
 NO_NAME = "empirical"
@@ -42,7 +44,6 @@ class Also:
     overlap: float
     bayes_factor: float
     prior_odds: float
-    tier: int
     terms: Mapping[int, int]
     remedy: str = ""
 
@@ -157,9 +158,9 @@ def _named(
         for rival in (sort or classes[id(f)]) - lead:
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
-    listed = sorted((r for r in rivals if r.probability >= LEAST), key=lambda r: -r.probability)
-    same = [r for r in listed if r.overlap > SAME]
-    kind = "named" if probability >= CERTAIN and not same else "ambiguous"
+    listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
+    identical = any(r.overlap > IDENTICAL for r in listed)
+    kind = "named" if probability >= CERTAIN and not identical else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
         kind = NO_NAME
@@ -191,7 +192,16 @@ def _rival(
     odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
     first = next(iter(terms.items()), None)
     title = "" if first is None else posterior.term(*first).candidate.title
-    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), 2 if rival == NO_NAME else 1, terms)
+    remedy = ""
+    if first is not None and rival == NO_NAME:
+        term = posterior.term(*first)
+        rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {_order(posterior, own)}"
+    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy)
+
+
+def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:
+    """What the leader follows."""
+    return next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
 
 
 def _is(term: Term, name: str) -> bool:

@@ -73,14 +73,15 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
     unasked = []
     for name, weight in kin.items():
         effect = effect_by_id(name)
-        if needs := effect.missing(here):
-            remedy = f"record {listed(need.replace('|', ' or ') for need in needs)}"
-            unasked.append((effect, weight, remedy))
+        needs = effect.missing(here)
+        if needs or not effect.shape_grid(here):
+            lacking = listed(need.replace("|", " or ") for need in needs)
+            unasked.append((effect, weight, f"record {lacking}" if needs else effect.experiment))
     if not unasked:
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))
     others = [
-        Also(effect.id, effect.title, named.probability * share * weight, 1.0, 1.0, weight, 1, {}, remedy)
+        Also(effect.id, effect.title, named.probability * share * weight, 1.0, 1.0, weight, {}, remedy)
         for effect, weight, remedy in unasked
     ]
     rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)

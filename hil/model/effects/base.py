@@ -62,12 +62,12 @@ class Parameter:
     def log_density(self, size: float) -> float:
         """Return the log prior density of a size, per unit of its logarithm.
 
-        Every order of magnitude within the typical range is as probable. Ten times the largest typical is ten times
-        less so, and a hundredth of the smallest; sizes that nobody has seen are improbable, not impossible.
+        Every order of magnitude within the typical range is as probable. Ten times the largest typical is thirty
+        times less so, a hundredth of the smallest ten times; sizes that nobody has seen are improbable, not impossible.
         """
         low, high = self._range()
-        beyond = np.log(high / size) if size > high else 0.5 * np.log(size / low) if size < low else 0.0
-        return float(beyond - np.log(np.log(high / low) + 3.0))
+        beyond = 1.5 * np.log(high / size) if size > high else 0.5 * np.log(size / low) if size < low else 0.0
+        return float(beyond - np.log(np.log(high / low) + 8.0 / 3.0))
 
     def _range(self) -> tuple[float, float]:
         """The typical range, of which a bottom of zero is a hundredth of the top."""

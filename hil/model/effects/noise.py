@@ -109,7 +109,8 @@ class Jump(Effect):
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
         """Return its kin; after the first run, with what only the first run may show much of."""
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
-        return {**self.kin, **of_a_first_run} if shape.get("from_run") == np.unique(conditions.run)[1] else self.kin
+        kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
+        return {**kin, **of_a_first_run} if shape.get("from_run") == np.unique(conditions.run)[1] else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the run from which the step holds (not the first), and for how many runs: to the end (0), or one."""

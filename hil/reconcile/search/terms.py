@@ -89,17 +89,20 @@ def terms(
     `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
     """
     bases = [orthonormal(block.base) for block in blocks]
-    shares = _prior_odds(candidates)
+    laid = [(c, [_part(c, block, base) for block, base in zip(blocks, bases, strict=True)]) for c in candidates]
+    values = {id(c.effect): any(parts) for c, parts in laid if c.effect is not None and c.form == "constant"}
+    seen = [
+        (c, parts)
+        for c, parts in laid
+        if any(parts) and (c.form != "table" or values.get(id(c.effect), False))  # else it is no law of temperature
+    ]
     out = []
-    for candidate, odds in zip(candidates, shares, strict=True):
-        parts = tuple(_part(candidate, block, base) for block, base in zip(blocks, bases, strict=True))
-        if not any(part is not None for part in parts):
-            continue
+    for (candidate, parts), odds in zip(seen, _prior_odds([c for c, _ in seen]), strict=True):
         amplitudes = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
         own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
-        seen = [set(part.parameters.tolist()) for part in parts if part is not None]
-        ties = any(a & b for a, b in itertools.combinations(seen, 2)) and not _is_exact(candidate)
-        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, float(np.log(odds)), ties))
+        acting = [set(part.parameters.tolist()) for part in parts if part is not None]
+        ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
+        out.append(Term(candidate.name, candidate.tier, candidate, tuple(parts), own, float(np.log(odds)), ties))
     return _undescribed(out, bases)
 
 
