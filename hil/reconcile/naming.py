@@ -46,6 +46,7 @@ class Also:
     prior_odds: float
     terms: Mapping[int, int]
     remedy: str = ""
+    incidental: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,21 +87,20 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     that these odds are asked for: of anything at all, and of every further name beside the others.
     """
     classes = {id(f): classes_of(posterior, f) for f in posterior.sets}
-    nothing = next(
-        (f for f in posterior.sets if not classes[id(f)] and not f.kind),
-        Found(dict.fromkeys(posterior.searches, ()), "", -np.inf),
-    )
     chance = float(1.0 / (1.0 + np.exp(min(posterior.log_odds, 700.0))))
-    lead = _lead(posterior, classes, alpha) if chance <= alpha else frozenset()
+    lead = _lead(posterior, classes, alpha)
+    unnamed = [f for f in posterior.sets if not classes[id(f)]]
+    right = [f for f in unnamed if all(_row(posterior, n, j) for n, places in f.terms.items() for j in places)]
+    as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     own = [f for f in posterior.sets if classes[id(f)] == lead]
-    found = own[0] if own else nothing
+    found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [
         (n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake
     ]
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
     names = sorted(names, key=lambda named: -named.probability)
-    return Reading(found, nothing, names, chance, _follows(posterior) if lead else (), mistakes)
+    return Reading(found, as_filed, names, chance, _follows(posterior) if lead else (), mistakes)
 
 
 def classes_of(posterior: Posterior, found: Found) -> frozenset[str]:
@@ -123,15 +123,18 @@ def _lead(posterior: Posterior, classes: Mapping[int, frozenset[str]], alpha: fl
     weights: dict[frozenset[str], float] = {}
     for f in posterior.sets:
         weights[classes[id(f)]] = weights.get(classes[id(f)], 0.0) + float(np.exp(f.log_weight))
-    weights.pop(frozenset(), None)
     lead = max(weights, key=lambda names: weights[names])
-    while len(lead) > 1:
+    while lead:
         without = {name: _mass(posterior, lambda f, n=name: classes[id(f)] <= lead - {n}) for name in lead}
         weakest = max(without, key=lambda name: without[name])
         if without[weakest] <= alpha:
             break
         lead = lead - {weakest}
     return lead
+
+
+def _row(posterior: Posterior, number: int, place: int) -> bool:
+    return posterior.term(number, place).name == "row"
 
 
 def _named(
@@ -159,8 +162,8 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    identical = any(r.overlap > IDENTICAL for r in listed)
-    kind = "named" if probability >= CERTAIN and not identical else "ambiguous"
+    withheld = [r for r in listed if r.overlap > IDENTICAL and (r.probability >= LEAST or not r.incidental)]
+    kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
         kind = NO_NAME
@@ -192,11 +195,11 @@ def _rival(
     odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
     first = next(iter(terms.items()), None)
     title = "" if first is None else posterior.term(*first).candidate.title
-    remedy = ""
+    remedy, effect = "", None if first is None else posterior.term(*first).candidate.effect
     if first is not None and rival == NO_NAME:
         term = posterior.term(*first)
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {_order(posterior, own)}"
-    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy)
+    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy, effect is not None and effect.incidental)
 
 
 def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:

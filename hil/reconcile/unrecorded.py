@@ -75,8 +75,8 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
         effect = effect_by_id(name)
         needs = effect.missing(here)
         if needs or not effect.shape_grid(here):
-            lacking = listed(need.replace("|", " or ") for need in needs)
-            unasked.append((effect, weight, f"record {lacking}" if needs else effect.experiment))
+            record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
+            unasked.append((effect, weight, *(record or [effect.experiment])))
     if not unasked:
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))

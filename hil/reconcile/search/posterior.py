@@ -74,7 +74,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     known: dict[Set, float] = {(): _alone(search, ())}
     layer: list[Set] = [()]
     for width in WIDTH:
-        leading = sorted(layer, key=lambda s: -known[s])[:width]
+        leading = _different(search, sorted(layer, key=lambda s: -known[s]), width)
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
@@ -92,6 +92,14 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 
 
+def _different(search: SensorSearch, sets: Sequence[Set], width: int) -> list[Set]:
+    """Return the first sets of different names: what the best shapes of some names lack others of them lack too."""
+    chosen: dict[tuple[str, ...], Set] = {}
+    for s in sets:
+        chosen.setdefault(tuple(sorted(search.terms[j].name for j in s)), s)
+    return list(chosen.values())[:width]
+
+
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:
     """Yield the places of the terms that do most, a few shapes of each name, and more names than that."""
     present = {search.terms[j].name for j in given if not search.terms[j].is_mistake} - REPEATABLE
@@ -104,7 +112,7 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
         if count[name] > PER_NAME:
             continue
         yield j
-        if len(count) >= GROWTH or scores[j] < scores.max() - 2.0 * WORTH:
+        if len(count) >= GROWTH:
             return
 
 

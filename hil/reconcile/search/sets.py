@@ -215,7 +215,10 @@ class SetInBlock:
         if not self.options:
             self.terms_log = self.beside.log_null()
             return
-        self.best = self._best_sizes()
+        # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
+        starts = [self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in self._with_and_without()]
+        heights = self._at(starts) + self.points.log_prior
+        self.best = starts[int(np.argmax(heights.max(axis=1)))]
         for _ in range(ROUNDS):
             t = np.array([int(np.argmax(self._at([self.best])[0] + self.points.log_prior))])
             before = self.best
@@ -234,9 +237,15 @@ class SetInBlock:
     def _with(self, e: int, option: int) -> list[int]:
         return [*self.best[:e], option, *self.best[e + 1 :]]
 
-    def _best_sizes(self) -> list[int]:
-        t = int(np.argmax(self.beside.log_null() + self.points.log_prior))
-        values, fit = np.zeros(len(self.owner)), np.zeros(len(self.owner))
+    def _with_and_without(self) -> tuple[FloatArray, FloatArray]:
+        """Log evidence (t,) of the base alone, and, roughly, with amplitudes that are free."""
+        values, z = decoupled(self.gram, self.score)
+        left = np.maximum(self.beside.rss - explained(values, z), LEAST)
+        terms = [self.beside.student(left, np.zeros(len(left)), k) for k in range(len(self.beside.scales))]
+        return self.beside.log_null(), log_sum(np.array(terms))
+
+    def _best_sizes(self, t: int) -> list[int]:
+        """Return the sizes that a free fit at one point of the noise makes most probable."""
         inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
         fit = inverse @ self.score[t]
         freedom = max(self.beside.freedom - len(fit), 1)
