@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -25,12 +26,12 @@ _OF_DATA = {
 }
 """Words in the ids of mistakes in the data."""
 _FOLLOWS = {
-    "time": "ageing jump warmup drift rrw",
-    "run": "jump",
-    "temperature": "bias_T GS_T demod",
+    "time": "ageing jump warmup drift rrw markov flicker base",
+    "run": "jump MU_rr turnon frost",
+    "temperature": "bias_T GS_T demod hash frost",
     "temperature_rate": "bias_Tdot bias_grad T_lag",
     "temperature_history": "hyst soak_insufficient bias_grad T_lag bias_Tdot warmup",
-    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift",
+    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift earth frame mag MU_rr",
     "supply": "supply",
     "heading": "earth frame mag",
     "supply_V": "supply",
@@ -64,8 +65,11 @@ def on_scatter(effect: dict[str, Any]) -> bool:
 
 
 def of_data(effect: dict[str, Any]) -> bool:
-    """Whether a found effect is a mistake in the data, by its id."""
-    return bool(set(effect["id"].replace(":", " ").replace("_", " ").lower().split()) & _OF_DATA)
+    """Whether a found effect is a mistake in the data, by its id; of empirical terms those of whole runs."""
+    kind, _, rest = effect["id"].lower().partition(": ")
+    if kind == "empirical":
+        return re.fullmatch(r"runs? [\d, to–-]+", rest) is not None
+    return bool(set(re.split(r"\W|_", kind)) & _OF_DATA)
 
 
 def scatter_named(document: dict[str, Any], hidden: Sequence[str]) -> tuple[bool, bool] | None:
@@ -73,14 +77,24 @@ def scatter_named(document: dict[str, Any], hidden: Sequence[str]) -> tuple[bool
     true = set(answers([name for name in hidden if name in SCATTER]))
     if not true:
         return None
-    classes = [c for e, c in zip(document["effects"], named_ids(document), strict=True) if on_scatter(e)]
+    classes = [
+        ids for e, ids in zip(document["effects"], named_ids(document), strict=True) if on_scatter(e) or e["id"] in true
+    ]
     kin = true | (_SLOW if true & _SLOW else set())
-    return any(true & c for c in classes), any(kin & c for c in classes)
+    return any(true & ids for ids in classes), any(kin & ids for ids in classes)
 
 
-def on_the_mean(document: dict[str, Any]) -> bool:
-    """Whether anything was found that moves averages, mistakes in the data left aside."""
-    return any(not on_scatter(e) and not of_data(e) for e in document["effects"])
+def on_the_mean(document: dict[str, Any], hidden: Sequence[str], sure: float | None = None) -> bool:
+    """Whether anything was found that does not scatter, and is not hidden; `sure`: named with that probability.
+
+    A bias per power cycle may be found as a bias of each or as their scatter: either is what is hidden.
+    """
+    found = [e for e in document["effects"] if not on_scatter(e) and e["id"] not in answers(hidden)]
+    return bool(found) if sure is None else any(_is_name(e) and e["probability"] >= sure for e in found)
+
+
+def _is_name(effect: dict[str, Any]) -> bool:
+    return effect.get("kind") != "empirical" and not effect["id"].startswith("empirical")
 
 
 def listed(document: dict[str, Any], hidden: Sequence[str]) -> bool:
@@ -153,7 +167,7 @@ def stated(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = F
     return [
         (e["probability"], e["id"] in answers(hidden) or (pointed and of_data(e)))
         for e in document["effects"]
-        if e.get("kind") != "empirical" and not e["id"].startswith("empirical")
+        if _is_name(e)
     ]
 
 

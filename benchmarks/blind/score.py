@@ -30,6 +30,7 @@ import numpy as np
 from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.jobs import GROUPS, Job
 from benchmarks.blind.judge import (
+    CONFIDENT,
     all_right,
     confidently_wrong,
     first_is_right,
@@ -168,7 +169,8 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "verdict": document["verdict"],
         "effects": [(e["id"], round(e["probability"], 4)) for e in document["effects"]],
         "found": document["verdict"] != "none" or (pointed and kind_hidden(job.hidden) == "fault"),
-        "mean": on_the_mean(document),
+        "mean": on_the_mean(document, job.hidden),
+        "sure": on_the_mean(document, job.hidden, CONFIDENT),
         "listed": listed(document, job.hidden),
         "first": first_is_right(document, job.hidden),
         "exact": all_right(document, job.hidden),
@@ -183,6 +185,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "classes": ninety_percent_classes(document),
         "gap_ratio": _ratio(document),
         "worse": bool(gap["before"] and gap["after"] and gap["after"] > gap["before"] * 1.001),
+        "under": None if not gap["after"] else gap["after"] < 0.999 * gap["noise_floor"],
         "places": document.get("places"),
         "advice": (document["next_experiment"] or {}).get("what", "none" if document["verdict"] == "ambiguous" else ""),
         "again": document.get("again"),
@@ -192,8 +195,8 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
 
 _FAILED: dict[str, Any] = {
     **dict.fromkeys(("kept", "effects", "stated", "set", "classes"), ()),
-    **dict.fromkeys(("found", "mean", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
-    **dict.fromkeys(("scatter", "kin", "told", "follows", "gap_ratio", "places", "again", "seconds")),
+    **dict.fromkeys(("found", "mean", "sure", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
+    **dict.fromkeys(("scatter", "kin", "told", "follows", "gap_ratio", "under", "places", "again", "seconds")),
     "verdict": "failed",
     "advice": "",
 }
