@@ -12,6 +12,7 @@ from benchmarks.blind.cases import Case, Noise, base_columns, make_case, noise_c
 from benchmarks.blind.jobs import EIGHT, FOUR, HEADINGS
 from benchmarks.blind.night import Design, Night, make_night
 from benchmarks.blind.physics import CATALOGUE
+from benchmarks.blind.poses import MISTAKES, POSES, QUIET, write_quiet_triad
 from benchmarks.blind.real import logs, write_real
 from benchmarks.blind.scatter import SCATTER, drawn, left_by
 from benchmarks.blind.wider import CYCLED, EVERY_SIZE, ORDINARY, QUARTER, WIDER, YEAR
@@ -131,6 +132,7 @@ def test_what_is_drawn_has_the_covariance() -> None:
 @pytest.mark.parametrize("name", ["MU_rr", "hash", "frost", "flicker", "base", "markov@40 h", "rrw"])
 def test_scatter_has_the_size_that_is_asked_for(name: str) -> None:
     """Beside the base it leaves four times the collects' noise; the same night without it has the same noise."""
+    assert left_by(np.eye(6)[:, :2], 4.0 * np.eye(6)) == pytest.approx(4.0)
     case, plain = (make_case(6, hidden, model=MATRIX, noise=ORDINARY, times_white=4.0) for hidden in ((name,), ()))
     added = case.covariance - np.kron(np.eye(2), noise_covariance(case.night, ORDINARY))
     assert np.sqrt(left_by(base_columns(case.night, MATRIX), added)) == pytest.approx(4.0 * ORDINARY.collect)
@@ -282,3 +284,44 @@ def test_a_measured_log_keeps_its_noise_and_gets_the_effect(reference_data: Path
     assert np.abs(left).max() < 1e-3
     beside = difference - difference.mean(0)
     assert np.sqrt(np.sum((beside / plain.rates_deg_per_hr.std(0, ddof=1)) ** 2)) == pytest.approx(12.0, rel=1e-3)
+
+
+def test_a_triad_that_is_turned_over_sees_the_earth_turn(tmp_path: Path) -> None:
+    """A mistake is one of the file's f and w, or of a channel: the unit turned and measured as it does without."""
+    files = {m: write_quiet_triad(3, m, tmp_path / (m or "nothing")) for m in MISTAKES}
+    read = {m: read_campaign(folder).sensors[1] for m, (folder, _) in files.items()}
+    f, w, rates = read[""].conditions.f_g, read[""].conditions.w_deg_per_hr, read[""].rates_deg_per_hr
+    rest = rates - w
+    assert np.std(rest - rest.mean(0)) == pytest.approx(QUIET, rel=0.3)
+    assert np.linalg.norm(w, axis=1) == pytest.approx(15.041067)
+    vertical = np.sum(f * w, axis=1)
+    latitude = read_campaign(files["earth@left out"][0]).site["latitude_deg"]
+    assert vertical == pytest.approx(15.041067 * np.sin(np.deg2rad(latitude)), rel=1e-3)
+    assert not read["earth@left out"].conditions.w_deg_per_hr.any()
+    turned, sign = (read[m].conditions.w_deg_per_hr for m in ("earth@heading", "frame@sign"))
+    assert np.sum(f * turned, axis=1) == pytest.approx(vertical)
+    assert np.abs(turned - w).max() > 3.0
+    assert sign - w == pytest.approx(-2.0 * vertical[:, None] * f)
+    other = np.arange(POSES) + 1 == files["pose@collect"][1]
+    assert read["pose@collect"].conditions.f_g == pytest.approx(np.where(other, -1.0, 1.0)[:, None] * f)
+    assert other.sum() == 1
+    for mistake, rows in read.items():
+        factor = np.median(rows.rates_deg_per_hr / rates, axis=0)
+        assert sorted(factor) == ([-1.0, 1.0, 1.0] if mistake == "sign@channel" else [1.0, 1.0, 1.0])
+        assert rows.rates_deg_per_hr == pytest.approx(factor * rates)
+
+
+def test_the_earth_rate_is_left_out_of_a_log_as_a_better_gyro_would_show_it(
+    reference_data: Path, tmp_path: Path
+) -> None:
+    """The rates gain the vertical part along f, their scatter is made smaller, and the latitude is given."""
+    source, folder = logs()[-1], tmp_path / "log"
+    campaign = read_campaign(write_real(1, source.name, ("earth@left out",), 12.0, folder))
+    rows, before = campaign.sensors[1], read_campaign(source).sensors[1].rates_deg_per_hr
+    added = rows.conditions.f_g * 15.041067 * np.sin(np.deg2rad(campaign.site["latitude_deg"]))
+    rest = rows.rates_deg_per_hr - added
+    assert rest.mean(0) == pytest.approx(before.mean(0))
+    smaller = np.std(rest, axis=0) / np.std(before, axis=0)
+    assert np.ptp(smaller) < 1e-3
+    beside = (added - added.mean(0)) / rest.std(0, ddof=1)
+    assert np.sqrt(np.sum(beside**2)) == pytest.approx(12.0, rel=1e-2)
