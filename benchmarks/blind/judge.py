@@ -20,6 +20,8 @@ Name = TypeVar("Name", str, list[str])
 _SAME = 0.95
 _SLOW = {"markov", "rrw", "flicker", "turnon"}
 """Scatter that is correlated in time: limits of one another, which a night can hardly part."""
+_NOISE = {"walk": ("rrw",), "run_mu": ("MU_rr",), "cold": ("hash",), "row_ar": ("markov", "flicker")}
+"""Kinds of noise that are an effect on the scatter: to find it is no false alarm."""
 _OF_DATA = {
     *("swap", "swapped", "pose", "position", "label", "labels", "sign", "clip", "clipped", "saturation"),
     *("row", "rows", "run", "runs", "outlier", "outliers", "bad"),
@@ -91,6 +93,22 @@ def on_the_mean(document: dict[str, Any], hidden: Sequence[str], sure: float | N
     """
     found = [e for e in document["effects"] if not on_scatter(e) and e["id"] not in answers(hidden)]
     return bool(found) if sure is None else any(_is_name(e) and e["probability"] >= sure for e in found)
+
+
+def false_alarm(document: dict[str, Any], job: Job) -> bool | None:
+    """Whether anything is found where nothing is hidden, but for scatter that the noise really has."""
+    if kind_hidden(job.hidden) != "nothing":
+        return None
+    noise, allowed = job.noise, set[str]()
+    if job.form == "night":
+        allowed |= set(_NOISE.get(noise.kind, ()))
+        allowed |= _SLOW if noise.rho and noise.kind != "white" else set()
+        allowed |= {"arw"} if noise.extra or noise.stated != 1.0 else set()
+    found = document["effects"]
+    if not found:
+        return bool(document["verdict"] != "none")
+    # A wrong label is nothing wrong with the unit, and may be pointed at.
+    return any(not (on_scatter(e) and e["id"] in allowed) and not (job.hidden and of_data(e)) for e in found)
 
 
 def _is_name(effect: dict[str, Any]) -> bool:

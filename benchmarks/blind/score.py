@@ -33,6 +33,7 @@ from benchmarks.blind.judge import (
     CONFIDENT,
     all_right,
     confidently_wrong,
+    false_alarm,
     first_is_right,
     follow_up,
     followed,
@@ -169,6 +170,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "verdict": document["verdict"],
         "effects": [(e["id"], round(e["probability"], 4)) for e in document["effects"]],
         "found": document["verdict"] != "none" or (pointed and kind_hidden(job.hidden) == "fault"),
+        "alarm": false_alarm(document, job),
         "mean": on_the_mean(document, job.hidden),
         "sure": on_the_mean(document, job.hidden, CONFIDENT),
         "listed": listed(document, job.hidden),
@@ -196,7 +198,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
 _FAILED: dict[str, Any] = {
     **dict.fromkeys(("kept", "effects", "stated", "set", "classes"), ()),
     **dict.fromkeys(("found", "mean", "sure", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
-    **dict.fromkeys(("scatter", "kin", "told", "follows", "gap_ratio", "under", "places", "again", "seconds")),
+    **dict.fromkeys(("alarm", "scatter", "kin", "told", "follows", "gap_ratio", "under", "places", "again", "seconds")),
     "verdict": "failed",
     "advice": "",
 }

@@ -13,6 +13,7 @@ Outcome = dict[str, Any]
 
 _HEARD = (
     ("finds something", "found", "nothing mean scatter both fault"),
+    ("false alarm", "alarm", "nothing"),
     ("something on the mean", "mean", "nothing scatter"),
     ("a name on the mean, sure", "sure", "nothing scatter"),
     ("class listed", "listed", "mean both"),
@@ -120,6 +121,7 @@ def _totals(outcomes: Sequence[Outcome]) -> dict[str, str]:
         ),
         f"what it follows, stated {CONFIDENT} or more, is right": share(right for p, right in driven if p >= CONFIDENT),
         f"a name on the mean stated {CONFIDENT} or more where there is only noise": share(o["sure"] for o in noise),
+        "false alarms where nothing is": share(o["alarm"] for o in outcomes if o.get("alarm") is not None),
         "90 % sets of names hold the truth": share(set(answers(o["hidden"])) <= set(o["set"]) for o in sets),
         "90 % sets of classes hold the truth": share(
             any(set(answers(o["hidden"])) <= set(names) for names in o["classes"]) for o in sets

@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 
+from benchmarks.blind.cases import Noise
 from benchmarks.blind.jobs import EIGHT, Job
 from benchmarks.blind.judge import (
     all_right,
     answers,
     confidently_wrong,
+    false_alarm,
     first_is_right,
     followed,
     kind_hidden,
@@ -106,6 +108,20 @@ def test_scatter_is_right_where_it_is_said_to_scatter_and_an_effect_on_the_mean_
     assert scatter_named(document(effect("markov", acts_on="scatter")), ("MU_rr",)) == (False, False)
 
 
+def test_scatter_that_the_noise_has_is_no_false_alarm() -> None:
+    """A reseating bearing among noise that reseats is found rightly; elsewhere, or on the mean, it is an alarm."""
+    plain, reseats = (Job("", 1, noise=Noise(kind=kind, rho=0.0)) for kind in ("plain", "run_mu"))
+    scatters, moves = document(effect("MU_rr", acts_on="scatter")), document(effect("MU_real"))
+    assert [false_alarm(d, reseats) for d in (scatters, moves, document())] == [False, True, False]
+    assert [false_alarm(d, plain) for d in (scatters, moves, document())] == [True, True, False]
+    slow = document(effect("markov", acts_on="scatter"))
+    assert [false_alarm(slow, Job("", 1, noise=Noise(rho=rho))) for rho in (0.0, 0.9)] == [True, False]
+    assert false_alarm({**document(), "verdict": "unresolved"}, plain)
+    label = Job("", 1, ("label@alone",))
+    assert [false_alarm(document(effect(n)), label) for n in ("swap", "k2")] == [False, True]
+    assert false_alarm(moves, STEP) is None
+
+
 def test_a_mistake_is_told_by_the_rows_that_a_result_points_at() -> None:
     """As left out, as a place, as a finding of that run; elsewhere or not at all is not told."""
     collects, runs = {7, 8}, {2}
@@ -167,7 +183,7 @@ def test_kept_lines_are_read_again_and_old_ones_too(
 ) -> None:
     """A line from before there were engines still makes a table."""
     line = outcomes(STEP, [engine("right", document(effect("jump")))])[0]
-    new = ("engine", "asks", "mean", "sure", "listed", "scatter", "kin", "told", "follows", "under", "seconds")
+    new = ("engine", "asks", "alarm", "mean", "sure", "listed", "scatter", "kin", "told", "follows", "under", "seconds")
     kept = tmp_path / "kept.jsonl"
     kept.write_text(json.dumps({key: value for key, value in line.items() if key not in new}) + "\n")
     main(["--tables", str(kept)])
