@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from benchmarks.blind.cases import Noise
+from benchmarks.blind.engines import answer
 from benchmarks.blind.jobs import EIGHT, Job
 from benchmarks.blind.judge import (
     all_right,
@@ -166,6 +167,25 @@ def test_engines_see_the_same_files_and_one_that_fails_is_a_result(engine: Any) 
     assert "| a step | 1 | first class right | 1.00 [0.03, 1.00] | 0.00 [0.00, 0.97] | 1 / 0 |" in table
     assert "| a step | 1 | confidently wrong | 0.00 [0.00, 0.97] | 1.00 [0.03, 1.00] | 0 / 1 |" in table
     assert "| a step | 1 | failed | – | – | 1 |" in tables(lines)
+
+
+def test_an_engine_of_another_checkout_is_asked_in_its_own_process(tmp_path: Path) -> None:
+    """Its packages are those of the checkout, its answer comes back whole, and what it raises is said."""
+    (tmp_path / "hil" / "campaign").mkdir(parents=True)
+    for package in ("hil", "hil/campaign"):
+        (tmp_path / package / "__init__.py").touch()
+    (tmp_path / "hil" / "campaign" / "reader.py").write_text("def read_campaign(folder):\n    return folder.name\n")
+    said = json.dumps(document(effect("jump", 0.97))).replace("null", "None")
+    (tmp_path / "before.py").write_text(
+        f"def reconcile(campaign, model, *, alpha):\n    print('chatter')\n"
+        f"    return dict({said}, asked=[campaign, model, alpha])\n"
+        "def broken(campaign, model, *, alpha):\n    raise ValueError('no columns')\n"
+    )
+    first, second = outcomes(STEP, [f"old=before:reconcile@{tmp_path}", f"before:broken@{tmp_path}"])
+    assert (first["engine"], first["effects"], first["first"]) == ("old", [("jump", 0.97)], True)
+    assert second["error"] == "RuntimeError: ValueError: no columns"
+    whole = answer(f"before:reconcile@{tmp_path}", tmp_path / "case", "matrix-6", 0.01)
+    assert whole["asked"] == ["case", "matrix-6", 0.01]
 
 
 def test_an_answer_is_judged_without_any_optional_key(engine: Any) -> None:
