@@ -104,7 +104,9 @@ def judged(job: Job, known: Sealed, document: dict[str, Any], engine: str = TODA
     if case is not None:
         few = bool(case.hidden) and len(case.night) < _MANY_ROWS
         document["kept"] = case.kept
-        document["oracle_deg_per_hr"] = oracle_gap(case, job) if few else None
+        # What a mistake does to one run cannot be foretold from the others, whoever knows that it is there.
+        foretold = few and not case.spoiled.any()
+        document["oracle_deg_per_hr"] = oracle_gap(case, job) if foretold else None
         document["places"] = places_f1(document, case, job) if few and case.signals else None
     document["told"] = told(document, known.collects, known.runs)
     return document
