@@ -140,6 +140,7 @@ def test_scatter_has_the_size_that_is_asked_for(name: str) -> None:
     q, _ = np.linalg.qr(base_columns(case.night, MATRIX))
     assert np.std(moved - q @ (q.T @ moved)) == pytest.approx(4.0 * ORDINARY.collect, rel=0.8)
     assert case.se == pytest.approx(plain.se)
+    assert make_case(6, (name,), model=MATRIX, noise=ORDINARY, times_white=1e-9).rates == pytest.approx(plain.rates)
 
 
 def test_an_effect_beside_scatter_is_measured_by_all_the_noise() -> None:
@@ -203,6 +204,7 @@ def test_layouts_have_their_holes_waits_and_lengths(tmp_path: Path) -> None:
     plain, jittered = night(), night(replace(FOUR, jitter=0.4))
     assert np.ptp(np.diff(plain.start_s)[plain.order[1:] > 0]) == 0.0
     assert np.ptp(np.diff(jittered.start_s)[jittered.order[1:] > 0]) > 15.0
+    assert np.ptp(np.diff(jittered.since_setpoint_s[jittered.order == 0][:3])) > 60.0
     holes = night(replace(FOUR, missing_cold=0.5))
     assert np.sum(holes.setpoint < 0.0) < 0.7 * np.sum(plain.setpoint < 0.0)
     assert np.sum(holes.setpoint >= 0.0) == np.sum(plain.setpoint >= 0.0)
@@ -304,6 +306,7 @@ def test_a_triad_that_is_turned_over_sees_the_earth_turn(tmp_path: Path) -> None
     assert sign - w == pytest.approx(-2.0 * vertical[:, None] * f)
     other = np.arange(POSES) + 1 == files["pose@collect"][1]
     assert read["pose@collect"].conditions.f_g == pytest.approx(np.where(other, -1.0, 1.0)[:, None] * f)
+    assert read["pose@collect"].conditions.w_deg_per_hr == pytest.approx(np.where(other, -1.0, 1.0)[:, None] * w)
     assert other.sum() == 1
     for mistake, rows in read.items():
         factor = np.median(rows.rates_deg_per_hr / rates, axis=0)
