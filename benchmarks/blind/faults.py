@@ -99,7 +99,7 @@ def _sign_of_a_run(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.ra
 
 
 def _sign(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.random.Generator) -> Spoiled:
-    """One channel is turned in sign throughout: a base takes that in where earth rate is the same in all runs."""
+    """One channel is turned in sign throughout: to a base that is fitted, its earth rate has the wrong sign."""
     out = rates.copy()
     out[:, rng.integers(2)] *= -1.0
     return Spoiled(out, n, np.ones(len(n), dtype=bool))
@@ -138,7 +138,7 @@ FAULTS: dict[str, Fault] = {
     "row": _rows,
     "run": _run,
     "sign@run": _sign_of_a_run,
-    "sign@channel": _sign,
+    "frame@channel": _sign,
     "clip": _clip,
     "earth@left out": _earth_left_out,
     "earth@heading": _earth_heading,

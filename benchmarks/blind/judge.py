@@ -13,6 +13,7 @@ from scipy.stats import beta
 from benchmarks.blind.cases import HIDDEN, Case, base_columns, whitened
 from benchmarks.blind.faults import FAULTS
 from benchmarks.blind.jobs import Job
+from benchmarks.blind.poses import MISTAKES
 from benchmarks.blind.scatter import SCATTER
 
 CONFIDENT = 0.8
@@ -54,7 +55,7 @@ def answers(hidden: Sequence[str]) -> tuple[str, ...]:
 def kind_hidden(hidden: Sequence[str]) -> str:
     """What is asked for: "mean", "scatter", "both", "fault" or "nothing"."""
     mean = any(name in HIDDEN or name == "g_sensitivity" for name in hidden)
-    if any(name in FAULTS for name in hidden):
+    if any(name in FAULTS or name in MISTAKES for name in hidden):
         return "fault" if answers(hidden) else "nothing"
     if any(name in SCATTER for name in hidden):
         return "both" if mean else "scatter"

@@ -186,7 +186,7 @@ def mistakes(cases: int) -> list[Job]:
     }
     jobs = [Job(row, 0, (name,), 10.0, noise=ORDINARY) for row, name in rows.items()]
     # Which way a channel points is seen by the earth rate alone, where it is not the same in all runs.
-    seen = Job("a channel turned in sign, three headings", 0, ("sign@channel",), design=HEADINGS, noise=ORDINARY)
+    seen = Job("a channel turned in sign, three headings", 0, ("frame@channel",), design=HEADINGS, noise=ORDINARY)
     return _rows(320_000, cases, *jobs, seen)
 
 

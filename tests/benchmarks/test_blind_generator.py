@@ -222,7 +222,9 @@ def spoiled(name: str) -> tuple[Case, Case]:
     return with_it, without
 
 
-@pytest.mark.parametrize("name", ["pose@collect", "pose@run", "swap", "row", "run", "sign@run", "sign@channel", "clip"])
+@pytest.mark.parametrize(
+    "name", ["pose@collect", "pose@run", "swap", "row", "run", "sign@run", "frame@channel", "clip"]
+)
 def test_a_mistake_spoils_the_rows_that_it_says_and_no_other(name: str) -> None:
     """The file's night is as it was; the rates differ in the spoiled rows alone, by the signal that is kept."""
     wrong, right = spoiled(name)
@@ -310,7 +312,7 @@ def test_a_triad_that_is_turned_over_sees_the_earth_turn(tmp_path: Path) -> None
     assert other.sum() == 1
     for mistake, rows in read.items():
         factor = np.median(rows.rates_deg_per_hr / rates, axis=0)
-        assert sorted(factor) == ([-1.0, 1.0, 1.0] if mistake == "sign@channel" else [1.0, 1.0, 1.0])
+        assert sorted(factor) == ([-1.0, 1.0, 1.0] if mistake == "scale@channel" else [1.0, 1.0, 1.0])
         assert rows.rates_deg_per_hr == pytest.approx(factor * rates)
 
 

@@ -71,8 +71,16 @@ def test_a_hidden_thing_is_right_by_the_name_before_its_form() -> None:
     """A step at any collect is a jump; a label that alone is wrong is nothing to find."""
     assert answers(("jump@any collect", "markov@2 h", "supply")) == ("jump", "markov", "supply")
     assert answers(("label@alone",)) == ()
-    kinds = [("jump@any collect",), ("markov@2 h",), ("markov@2 h", "k2"), ("row",), ("label@alone",), ()]
-    assert [kind_hidden(k) for k in kinds] == ["mean", "scatter", "both", "fault", "nothing", "nothing"]
+    kinds = [
+        ("jump@any collect",),
+        ("markov@2 h",),
+        ("markov@2 h", "k2"),
+        ("row",),
+        ("scale@channel",),
+        ("label@alone",),
+        (),
+    ]
+    assert [kind_hidden(k) for k in kinds] == ["mean", "scatter", "both", "fault", "fault", "nothing", "nothing"]
 
 
 def test_a_wrong_name_is_wrong_and_a_right_one_right() -> None:
