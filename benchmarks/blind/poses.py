@@ -13,7 +13,8 @@ POSES = 18
 SIGMA = 8.0  # deg/hr per pose and channel
 QUIET = 0.5  # of a unit that sees the earth turn
 MISTAKES = ("", "earth@left out", "earth@heading", "frame@sign", "pose@collect", "scale@channel")
-"""What is hidden in a campaign of a unit that sees the earth turn; "" for nothing; a channel turned in sign has scale -1."""
+"""What is hidden in a campaign of a unit that sees the earth turn; "" for nothing; a channel of the other sign is a
+scale of -1."""
 
 
 def write_triad(seed: int, d: float, folder: Path) -> Path:
