@@ -99,7 +99,7 @@ def _sign_of_a_run(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.ra
 
 
 def _sign(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.random.Generator) -> Spoiled:
-    """One channel is turned in sign throughout."""
+    """One channel is turned in sign throughout: to a base that is fitted, its earth rate has the wrong sign."""
     out = rates.copy()
     out[:, rng.integers(2)] *= -1.0
     return Spoiled(out, n, np.ones(len(n), dtype=bool))
@@ -124,9 +124,9 @@ def _earth_heading(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.ra
 
 
 def _earth_sign(n: Night, rates: np.ndarray, _t: Truth, _s: float, rng: np.random.Generator) -> Spoiled:
-    """One of the bench's components has the wrong sign in the file."""
+    """One of the bench's level components has the wrong sign in the file; the vertical one is as GS to any base."""
     rate = bench_rate(n.design, n.heading)
-    rate[:, rng.integers(3)] *= -1.0
+    rate[:, rng.integers(1, 3)] *= -1.0
     return Spoiled(rates, replace(n, w=turned(n.theta, rate)), np.ones(len(n), dtype=bool))
 
 
@@ -138,7 +138,7 @@ FAULTS: dict[str, Fault] = {
     "row": _rows,
     "run": _run,
     "sign@run": _sign_of_a_run,
-    "sign@channel": _sign,
+    "frame@channel": _sign,
     "clip": _clip,
     "earth@left out": _earth_left_out,
     "earth@heading": _earth_heading,

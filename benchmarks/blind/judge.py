@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -12,6 +13,7 @@ from scipy.stats import beta
 from benchmarks.blind.cases import HIDDEN, Case, base_columns, whitened
 from benchmarks.blind.faults import FAULTS
 from benchmarks.blind.jobs import Job
+from benchmarks.blind.poses import MISTAKES
 from benchmarks.blind.scatter import SCATTER
 
 CONFIDENT = 0.8
@@ -19,18 +21,20 @@ Name = TypeVar("Name", str, list[str])
 _SAME = 0.95
 _SLOW = {"markov", "rrw", "flicker", "turnon"}
 """Scatter that is correlated in time: limits of one another, which a night can hardly part."""
+_NOISE = {"walk": ("rrw",), "run_mu": ("MU_rr",), "cold": ("hash",), "row_ar": ("markov", "flicker")}
+"""Kinds of noise that are an effect on the scatter: to find it is no false alarm."""
 _OF_DATA = {
     *("swap", "swapped", "pose", "position", "label", "labels", "sign", "clip", "clipped", "saturation"),
     *("row", "rows", "run", "runs", "outlier", "outliers", "bad"),
 }
 """Words in the ids of mistakes in the data."""
 _FOLLOWS = {
-    "time": "ageing jump warmup drift rrw",
-    "run": "jump",
-    "temperature": "bias_T GS_T demod",
+    "time": "ageing jump warmup drift rrw markov flicker base",
+    "run": "jump MU_rr turnon frost",
+    "temperature": "bias_T GS_T demod hash frost",
     "temperature_rate": "bias_Tdot bias_grad T_lag",
     "temperature_history": "hyst soak_insufficient bias_grad T_lag bias_Tdot warmup",
-    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift",
+    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift earth frame mag MU_rr",
     "supply": "supply",
     "heading": "earth frame mag",
     "supply_V": "supply",
@@ -51,7 +55,7 @@ def answers(hidden: Sequence[str]) -> tuple[str, ...]:
 def kind_hidden(hidden: Sequence[str]) -> str:
     """What is asked for: "mean", "scatter", "both", "fault" or "nothing"."""
     mean = any(name in HIDDEN or name == "g_sensitivity" for name in hidden)
-    if any(name in FAULTS for name in hidden):
+    if any(name in FAULTS or name in MISTAKES for name in hidden):
         return "fault" if answers(hidden) else "nothing"
     if any(name in SCATTER for name in hidden):
         return "both" if mean else "scatter"
@@ -64,8 +68,11 @@ def on_scatter(effect: dict[str, Any]) -> bool:
 
 
 def of_data(effect: dict[str, Any]) -> bool:
-    """Whether a found effect is a mistake in the data, by its id."""
-    return bool(set(effect["id"].replace(":", " ").replace("_", " ").lower().split()) & _OF_DATA)
+    """Whether a found effect is a mistake in the data, by its id; of empirical terms those of whole runs."""
+    kind, _, rest = effect["id"].lower().partition(": ")
+    if kind == "empirical":
+        return re.fullmatch(r"runs? [\d, to–-]+", rest) is not None
+    return bool(set(re.split(r"\W|_", kind)) & _OF_DATA)
 
 
 def scatter_named(document: dict[str, Any], hidden: Sequence[str]) -> tuple[bool, bool] | None:
@@ -73,14 +80,40 @@ def scatter_named(document: dict[str, Any], hidden: Sequence[str]) -> tuple[bool
     true = set(answers([name for name in hidden if name in SCATTER]))
     if not true:
         return None
-    classes = [c for e, c in zip(document["effects"], named_ids(document), strict=True) if on_scatter(e)]
+    classes = [
+        ids for e, ids in zip(document["effects"], named_ids(document), strict=True) if on_scatter(e) or e["id"] in true
+    ]
     kin = true | (_SLOW if true & _SLOW else set())
-    return any(true & c for c in classes), any(kin & c for c in classes)
+    return any(true & ids for ids in classes), any(kin & ids for ids in classes)
 
 
-def on_the_mean(document: dict[str, Any]) -> bool:
-    """Whether anything was found that moves averages, mistakes in the data left aside."""
-    return any(not on_scatter(e) and not of_data(e) for e in document["effects"])
+def on_the_mean(document: dict[str, Any], hidden: Sequence[str], sure: float | None = None) -> bool:
+    """Whether anything was found that does not scatter, and is not hidden; `sure`: named with that probability.
+
+    A bias per power cycle may be found as a bias of each or as their scatter: either is what is hidden.
+    """
+    found = [e for e in document["effects"] if not on_scatter(e) and e["id"] not in answers(hidden)]
+    return bool(found) if sure is None else any(_is_name(e) and e["probability"] >= sure for e in found)
+
+
+def false_alarm(document: dict[str, Any], job: Job) -> bool | None:
+    """Whether anything is found where nothing is hidden, but for scatter that the noise really has."""
+    if kind_hidden(job.hidden) != "nothing":
+        return None
+    noise, allowed = job.noise, set[str]()
+    if job.form == "night":
+        allowed |= set(_NOISE.get(noise.kind, ()))
+        allowed |= _SLOW if noise.rho and noise.kind != "white" else set()
+        allowed |= {"arw"} if noise.extra or noise.stated != 1.0 else set()
+    found = document["effects"]
+    if not found:
+        return bool(document["verdict"] != "none")
+    # A wrong label is nothing wrong with the unit, and may be pointed at.
+    return any(not (on_scatter(e) and e["id"] in allowed) and not (job.hidden and of_data(e)) for e in found)
+
+
+def _is_name(effect: dict[str, Any]) -> bool:
+    return effect.get("kind") != "empirical" and not effect["id"].startswith("empirical")
 
 
 def listed(document: dict[str, Any], hidden: Sequence[str]) -> bool:
@@ -153,7 +186,7 @@ def stated(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = F
     return [
         (e["probability"], e["id"] in answers(hidden) or (pointed and of_data(e)))
         for e in document["effects"]
-        if e.get("kind") != "empirical" and not e["id"].startswith("empirical")
+        if _is_name(e)
     ]
 
 

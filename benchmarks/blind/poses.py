@@ -12,8 +12,9 @@ from benchmarks.blind.night import EARTH_RATE_DEG_PER_HR
 POSES = 18
 SIGMA = 8.0  # deg/hr per pose and channel
 QUIET = 0.5  # of a unit that sees the earth turn
-MISTAKES = ("", "earth@left out", "earth@heading", "frame@sign", "pose@collect", "sign@channel")
-"""What is hidden in a campaign of a unit that sees the earth turn; "" for nothing."""
+MISTAKES = ("", "earth@left out", "earth@heading", "frame@sign", "pose@collect", "scale@channel")
+"""What is hidden in a campaign of a unit that sees the earth turn; "" for nothing; a channel of the other sign is a
+scale of -1."""
 
 
 def write_triad(seed: int, d: float, folder: Path) -> Path:
@@ -58,7 +59,7 @@ def write_quiet_triad(seed: int, mistake: str, folder: Path) -> tuple[Path, int 
     elif mistake == "pose@collect":
         spoiled = int(rng.integers(POSES))
         f[spoiled], w[spoiled] = -f[spoiled], -w[spoiled]
-    elif mistake == "sign@channel":
+    elif mistake == "scale@channel":
         rates[:, rng.integers(3)] *= -1.0
     return _write(folder, f, w, rates, sigma, site), None if spoiled is None else spoiled + 1
 

@@ -3,21 +3,20 @@
     python -m benchmarks.blind.score --cases 40                          # what the tables ask for, 40 cases a row
     python -m benchmarks.blind.score --only nulls --cases 200 --alpha 0.01
     python -m benchmarks.blind.score --only singles --cases 40 --keep outcomes.jsonl
-    python -m benchmarks.blind.score --only scatter --cases 10 --engine hil.reconcile:reconcile --engine other:reconcile
+    python -m benchmarks.blind.score --only slow --engine new=NEW:reconcile --engine old=hil.reconcile:reconcile@../old
 
 Each case is written as a campaign folder, read back, reconciled with the public function, and compared with its truth
-here, where the workflow cannot see it. Engines that are named are given the same files, and stand side by side.
+here, where the workflow cannot see it. Engines that are named are given the same files, and stand side by side; one may
+be of another checkout.
 `--keep` adds one line of JSON per case and engine to a file; `--tables FILE` prints the tables of such a file again.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -28,10 +27,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.cases import Case, make_case, write_case
+from benchmarks.blind.engines import TODAY, answer, label
 from benchmarks.blind.jobs import GROUPS, Job
 from benchmarks.blind.judge import (
+    CONFIDENT,
     all_right,
     confidently_wrong,
+    false_alarm,
     first_is_right,
     follow_up,
     followed,
@@ -52,7 +54,6 @@ from benchmarks.blind.tables import tables
 from benchmarks.blind.wider import WIDER
 
 AGAIN = "measured again as advised"
-TODAY = "hil.reconcile:reconcile"
 _MANY_ROWS = 500
 """Rows from which one who knows the truth is not asked: it takes their cube."""
 
@@ -94,18 +95,6 @@ def sealed(job: Job, folder: Path) -> Sealed:
     return Sealed(case, frozenset((rows + 1).tolist()), frozenset(case.night.run[rows].tolist()))
 
 
-def answer(job: Job, folder: Path, engine: str = TODAY) -> dict[str, Any]:
-    """What an engine (module:function) says of a folder, as a document, and the seconds that it took."""
-    from hil.campaign.reader import read_campaign
-
-    module, _, function = engine.partition(":")
-    reconcile, campaign = getattr(importlib.import_module(module), function), read_campaign(folder)
-    begun = time.perf_counter()
-    result = reconcile(campaign, job.model, alpha=job.alpha)
-    seconds = time.perf_counter() - begun
-    return {**(result if isinstance(result, dict) else result.document()), "seconds": seconds}
-
-
 def judged(job: Job, known: Sealed, document: dict[str, Any], engine: str = TODAY) -> dict[str, Any]:
     """The document, with what the truth says of it; where asked for, with the case measured again as it advises."""
     case = known.case
@@ -115,7 +104,9 @@ def judged(job: Job, known: Sealed, document: dict[str, Any], engine: str = TODA
     if case is not None:
         few = bool(case.hidden) and len(case.night) < _MANY_ROWS
         document["kept"] = case.kept
-        document["oracle_deg_per_hr"] = oracle_gap(case, job) if few else None
+        # What a mistake does to one run cannot be foretold from the others, whoever knows that it is there.
+        foretold = few and not case.spoiled.any()
+        document["oracle_deg_per_hr"] = oracle_gap(case, job) if foretold else None
         document["places"] = places_f1(document, case, job) if few and case.signals else None
     document["told"] = told(document, known.collects, known.runs)
     return document
@@ -126,7 +117,7 @@ def reconcile_job(job: Job, engine: str = TODAY) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "case"
         known = sealed(job, folder)
-        document = answer(job, folder, engine)
+        document = answer(engine, folder, job.model, job.alpha)
     return judged(job, known, document, engine)
 
 
@@ -138,10 +129,10 @@ def outcomes(job: Job, engines: Sequence[str]) -> list[dict[str, Any]]:
         known = sealed(job, folder)
         for engine in engines:
             try:
-                line = outcome(job, judged(job, known, answer(job, folder, engine), engine))
+                line = outcome(job, judged(job, known, answer(engine, folder, job.model, job.alpha), engine))
             except Exception as error:  # an engine on trial may fail: that is a result, and the others go on
                 line = {**_FAILED, "error": f"{type(error).__name__}: {error}", **_of_job(job)}
-            out.append({"engine": engine, **line})
+            out.append({"engine": label(engine), **line})
     return out
 
 
@@ -168,7 +159,9 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "verdict": document["verdict"],
         "effects": [(e["id"], round(e["probability"], 4)) for e in document["effects"]],
         "found": document["verdict"] != "none" or (pointed and kind_hidden(job.hidden) == "fault"),
-        "mean": on_the_mean(document),
+        "alarm": false_alarm(document, job),
+        "mean": on_the_mean(document, job.hidden),
+        "sure": on_the_mean(document, job.hidden, CONFIDENT),
         "listed": listed(document, job.hidden),
         "first": first_is_right(document, job.hidden),
         "exact": all_right(document, job.hidden),
@@ -183,6 +176,7 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "classes": ninety_percent_classes(document),
         "gap_ratio": _ratio(document),
         "worse": bool(gap["before"] and gap["after"] and gap["after"] > gap["before"] * 1.001),
+        "under": None if not gap["after"] else gap["after"] < 0.999 * gap["noise_floor"],
         "places": document.get("places"),
         "advice": (document["next_experiment"] or {}).get("what", "none" if document["verdict"] == "ambiguous" else ""),
         "again": document.get("again"),
@@ -192,8 +186,8 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
 
 _FAILED: dict[str, Any] = {
     **dict.fromkeys(("kept", "effects", "stated", "set", "classes"), ()),
-    **dict.fromkeys(("found", "mean", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
-    **dict.fromkeys(("scatter", "kin", "told", "follows", "gap_ratio", "places", "again", "seconds")),
+    **dict.fromkeys(("found", "mean", "sure", "listed", "first", "exact", "wrong", "empirical", "worse"), False),
+    **dict.fromkeys(("alarm", "scatter", "kin", "told", "follows", "gap_ratio", "under", "places", "again", "seconds")),
     "verdict": "failed",
     "advice": "",
 }
@@ -217,7 +211,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--tables", type=Path, nargs="+", help="print the tables of kept files, and run nothing")
     parser.add_argument("--follow", action="store_true", help="measure ambiguous cases again, as the result advises")
     parser.add_argument(
-        "--engine", action="append", metavar="MODULE:FUNCTION", help=f"who is judged, {TODAY}; twice: side by side"
+        "--engine",
+        action="append",
+        metavar="[LABEL=]MODULE:FUNCTION[@CHECKOUT]",
+        help=f"who is judged, {TODAY}; of another checkout in a process of its own; twice: side by side",
     )
     parser.add_argument("--verbose", action="store_true", help="one line per case")
     chosen = parser.parse_args(arguments)

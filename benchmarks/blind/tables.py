@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.judge import CONFIDENT, share
+from benchmarks.blind.judge import CONFIDENT, answers, share
 
 Outcome = dict[str, Any]
 
 _HEARD = (
     ("finds something", "found", "nothing mean scatter both fault"),
+    ("false alarm", "alarm", "nothing"),
     ("something on the mean", "mean", "nothing scatter"),
+    ("a name on the mean, sure", "sure", "nothing scatter"),
     ("class listed", "listed", "mean both"),
     ("first class right", "first", "mean both scatter fault"),
     ("all right", "exact", "mean both scatter fault"),
@@ -29,32 +31,61 @@ _HEARD = (
 def tables(outcomes: Sequence[Outcome]) -> str:
     """The tables, as Markdown: a line per row for one engine, a line per row and measure for several."""
     engines = list(dict.fromkeys(o.get("engine", "") for o in outcomes))
-    by_engine = {engine: [o for o in outcomes if o.get("engine", "") == engine] for engine in engines}
+    by_engine = [[o for o in outcomes if o.get("engine", "") == engine] for engine in engines]
     if len(engines) == 1:
         return "\n".join([*_wide(outcomes), "", *_by_effect(outcomes), "", *_summary(outcomes)])
-    lines = ["| case | n | measure | " + " | ".join(engines) + " |", "|---|---|---|" + "---|" * len(engines)]
+    alone = " only the first / the last |" if len(engines) == 2 else ""
+    lines = [
+        f"| case | n | measure | {' | '.join(engines)} |{alone}",
+        "|---|---|---|" + "---|" * (len(engines) + bool(alone)),
+    ]
     for row in dict.fromkeys(o["row"] for o in outcomes):
-        mine = [[o for o in by_engine[engine] if o["row"] == row] for engine in engines]
-        lines += _side_by_side(row, len(mine[0]), [_row(part) for part in mine])
-    totals = [_totals(by_engine[engine]) for engine in engines]
-    return "\n".join([*lines, *_side_by_side("all of them", len(by_engine[engines[0]]), totals)])
+        lines += _side_by_side(row, [[o for o in mine if o["row"] == row] for mine in by_engine])
+    return "\n".join([*lines, *_of_all(by_engine)])
 
 
-def _side_by_side(row: str, n: int, columns: Sequence[dict[str, str]]) -> list[str]:
-    """One line per measure that any engine has a value of."""
-    names = dict.fromkeys(name for column in columns for name, said in column.items() if said != "–")
-    return [f"| {row} | {n} | {name} | " + " | ".join(c.get(name, "–") for c in columns) + " |" for name in names]
+def _side_by_side(row: str, parts: Sequence[Sequence[Outcome]]) -> list[str]:
+    """One line per measure that is asked of this row; of two engines also in how many cases one alone says so."""
+    said = [_row(part) for part in parts]
+    lines = []
+    for name in dict.fromkeys(name for one in said for name, text in one.items() if text != "–"):
+        cells = [one.get(name, "–") for one in said]
+        if len(parts) == 2:
+            cells.append(_alone(name, *parts))
+        lines.append(f"| {row} | {len(parts[0])} | {name} | {' | '.join(cells)} |")
+    return lines
 
 
-def _asked(outcomes: Sequence[Outcome], key: str, where: str) -> list[bool]:
-    """The flags of those outcomes that are asked for this measure."""
-    chosen = [o for o in outcomes if o.get("asks", "mean" if o["hidden"] else "nothing") in where.split()]
-    return [o[key] for o in chosen if o.get(key) is not None]
+def _alone(name: str, first: Sequence[Outcome], last: Sequence[Outcome]) -> str:
+    """In how many of the same cases only one of two engines says so: what to test them by, the cases being paired."""
+    key = next((key for measure, key, _ in _HEARD if measure == name), None)
+    if key is None:
+        return ""
+    others = {(o["seed"], o["d"]): bool(o.get(key)) for o in last}
+    pairs = [(bool(o.get(key)), others[o["seed"], o["d"]]) for o in first if (o["seed"], o["d"]) in others]
+    return f"{sum(a and not b for a, b in pairs)} / {sum(b and not a for a, b in pairs)}"
+
+
+def _of_all(by_engine: Sequence[Sequence[Outcome]]) -> list[str]:
+    totals = [_totals(mine) for mine in by_engine]
+    return [
+        f"| all of them | {len(by_engine[0])} | {name} | {' | '.join(one[name] for one in totals)} |"
+        for name in totals[0]
+        if any(one[name] != "–" for one in totals)
+    ]
+
+
+def _asks(outcome: Outcome) -> str:
+    """What was hidden; of lines that were kept before it was said, by whether anything was."""
+    return str(outcome.get("asks", "mean" if outcome["hidden"] else "nothing"))
 
 
 def _row(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Each measure of a row, as text."""
-    out = {name: share(_asked(outcomes, key, where)) for name, key, where in _HEARD}
+    out = {}
+    for name, key, where in _HEARD:
+        asked = [o for o in outcomes if _asks(o) in where.split()]
+        out[name] = share(bool(o[key]) for o in asked if o.get(key) is not None)
     seconds = [o["seconds"] for o in outcomes if o.get("seconds") is not None]
     out["seconds"] = f"{np.median(seconds):.2f}" if seconds else "–"
     failed = sum(o["verdict"] == "failed" for o in outcomes)
@@ -62,13 +93,15 @@ def _row(outcomes: Sequence[Outcome]) -> dict[str, str]:
 
 
 def _wide(outcomes: Sequence[Outcome]) -> list[str]:
-    names = [name for name, _, _ in _HEARD]
-    lines = ["| case | n | " + " | ".join([*names, "seconds"]) + " |", "|---|---|" + "---|" * (len(names) + 1)]
-    for row in dict.fromkeys(o["row"] for o in outcomes):
-        mine = [o for o in outcomes if o["row"] == row]
-        said = _row(mine)
-        failed = f" ({said['failed']} failed)" if "failed" in said else ""
-        lines.append(f"| {row} | {len(mine)}{failed} | " + " | ".join(said[n] for n in [*names, "seconds"]) + " |")
+    """A line per row, with those measures that any row is asked."""
+    rows = list(dict.fromkeys(o["row"] for o in outcomes))
+    said = {row: _row([o for o in outcomes if o["row"] == row]) for row in rows}
+    order = [*(name for name, _, _ in _HEARD), "seconds", "failed"]
+    names = [name for name in order if any(one.get(name, "–") != "–" for one in said.values())]
+    lines = ["| case | n | " + " | ".join(names) + " |", "|---|---|" + "---|" * len(names)]
+    for row in rows:
+        n = sum(o["row"] == row for o in outcomes)
+        lines.append(f"| {row} | {n} | " + " | ".join(said[row].get(name, "–") for name in names) + " |")
     return lines
 
 
@@ -76,28 +109,29 @@ def _totals(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """What is asked over all rows: names stated, what is followed, sets, the gap."""
     said = [(p, right) for o in outcomes for p, right in o["stated"]]
     driven = [o["follows"] for o in outcomes if o.get("follows")]
-    sets = [o for o in outcomes if o.get("asks") == "mean" and len(o["hidden"]) == 1 and o["set"]]
+    large = [o for o in outcomes if _asks(o) == "mean" and o["d"] >= 8.0 and o["found"]]
+    sets = [o for o in outcomes if _asks(o) in ("mean", "scatter") and len(o["hidden"]) == 1 and o.get("classes")]
     ratios = [o["gap_ratio"] for o in outcomes if o["gap_ratio"] is not None]
-    # One name on the mean beside nothing but noise is one too many, whatever its class.
-    noise = [o for o in outcomes if o.get("asks") in ("nothing", "scatter")]
+    noise = [o for o in outcomes if _asks(o) in ("nothing", "scatter") and "sure" in o]
     return {
-        f"stated {CONFIDENT} or more": str(sum(p >= CONFIDENT for p, _ in said)),
-        "of these right": share(right for p, right in said if p >= CONFIDENT),
-        f"what it follows, stated {CONFIDENT} or more": str(sum(p >= CONFIDENT for p, _ in driven)),
-        "of these followed": share(right for p, right in driven if p >= CONFIDENT),
-        "confidently wrong where only noise is": share(o["wrong"] for o in noise),
-        "90 % sets hold the truth": share(_holds(o) for o in sets),
-        "held out over the oracle, median": f"{np.median(ratios):.3f}" if ratios else "–",
+        f"stated {CONFIDENT} or more is right": share(right for p, right in said if p >= CONFIDENT),
+        "how many": str(sum(p >= CONFIDENT for p, _ in said)),
+        f"what it follows is stated at {CONFIDENT} or more, where found, d of 8 and more": share(
+            bool(o.get("follows")) and o["follows"][0] >= CONFIDENT for o in large
+        ),
+        f"what it follows, stated {CONFIDENT} or more, is right": share(right for p, right in driven if p >= CONFIDENT),
+        f"a name on the mean stated {CONFIDENT} or more where there is only noise": share(o["sure"] for o in noise),
+        "false alarms where nothing is": share(o["alarm"] for o in outcomes if o.get("alarm") is not None),
+        "90 % sets of names hold the truth": share(set(answers(o["hidden"])) <= set(o["set"]) for o in sets),
+        "90 % sets of classes hold the truth": share(
+            any(set(answers(o["hidden"])) <= set(names) for names in o["classes"]) for o in sets
+        ),
+        "their mean size": f"{np.mean([len(o['classes']) for o in sets]):.2f} classes" if sets else "–",
+        "held-out mean square over the oracle's, median": f"{np.median(ratios):.3f}" if ratios else "–",
         "worse than before": share(o["worse"] for o in outcomes if o["effects"]),
-        "seconds": _row(outcomes)["seconds"],
-        "failed": str(sum(o["verdict"] == "failed" for o in outcomes)),
+        "gap under its own noise floor": share(o["under"] for o in outcomes if o.get("under") is not None),
+        "seconds, median": _row(outcomes)["seconds"],
     }
-
-
-def _holds(outcome: Outcome) -> bool:
-    """Whether the first effect's 90 % set of classes has the one that is hidden."""
-    true = outcome["hidden"][0].partition("@")[0]
-    return any(true in names for names in outcome["classes"])
 
 
 def _by_effect(outcomes: Sequence[Outcome]) -> list[str]:
@@ -118,15 +152,6 @@ def _summary(outcomes: Sequence[Outcome]) -> list[str]:
         inside = [(p, right) for p, right in said if low <= p < high]
         mean = f", mean {np.mean([p for p, _ in inside]):.2f}" if inside else ""
         lines.append(f"| {low:g} to {min(high, 1.0):g}{mean} | {len(inside)} | {share(r for _, r in inside)} |")
-    named = [o for o in outcomes if len(o["hidden"]) == 1 and o["row"].startswith(("one effect", "MU,", "earth"))]
-    sets = [o for o in named if o["set"]]
-    if sets:
-        lines.append(f"\n90 % sets hold the truth: {share(set(o['hidden']) <= set(o['set']) for o in sets)}")
-        lines[-1] += f", mean size {np.mean([len(o['set']) for o in sets]):.2f} names"
-    sets = [o for o in named if o.get("classes")]
-    if sets:
-        held = share(any(o["hidden"][0] in names for names in o["classes"]) for o in sets)
-        lines.append(f"90 % sets of classes hold the truth: {held}, mean size {_mean_size(sets):.2f} classes")
     places = [o["places"] for o in outcomes if o.get("places") and o["effects"]]
     if places:
         means = [f"{reading} {np.mean([p[reading] for p in places]):.2f}" for reading in places[0]]
@@ -135,13 +160,5 @@ def _summary(outcomes: Sequence[Outcome]) -> list[str]:
     if again:
         settled = share(a["verdict"] == "named" and a["exact"] for a in again)
         lines.append(f"\nambiguous, then measured again as advised: named and right in {settled} of {len(again)}")
-    ratios = [o["gap_ratio"] for o in outcomes if o["gap_ratio"] is not None]
-    if ratios:
-        lines.append(f"\nheld-out mean square over the oracle's, median of {len(ratios)}: {np.median(ratios):.3f}")
-        lines[-1] += f"; worse than before in {share(o['worse'] for o in outcomes if o['effects'])}"
     lines += [f"\n{name}: {text}" for name, text in _totals(outcomes).items() if text != "–"]
     return lines
-
-
-def _mean_size(outcomes: Sequence[Outcome]) -> float:
-    return float(np.mean([len(o["classes"]) for o in outcomes]))

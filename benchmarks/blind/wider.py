@@ -161,11 +161,10 @@ def earth(cases: int) -> list[Job]:
     return _rows(
         310_000,
         cases,
-        Job("earth rate left out, three headings", 0, ("earth@left out",), model=MATRIX, design=HEADINGS),
         Job("earth rate left out, four collects, collins-4", 0, ("earth@left out",), model="collins-4"),
         Job("earth rate at a wrong heading, three headings", 0, ("earth@heading",), design=HEADINGS),
         Job("earth rate of a wrong sign, three headings", 0, ("frame@sign",), design=HEADINGS),
-    ) + _rows(315_000, cases, *(_of_a_quiet_triad(mistake) for mistake in MISTAKES))
+    ) + _rows(313_000, cases, *(_of_a_quiet_triad(mistake) for mistake in MISTAKES))
 
 
 def _of_a_quiet_triad(mistake: str) -> Job:
@@ -183,10 +182,12 @@ def mistakes(cases: int) -> list[Job]:
         "one to three bad rows": "row",
         "a bad run": "run",
         "a sign turned in one run": "sign@run",
-        "a channel turned in sign": "sign@channel",
         "a channel clipped": "clip",
     }
-    return _rows(320_000, cases, *(Job(row, 0, (name,), 10.0, noise=ORDINARY) for row, name in rows.items()))
+    jobs = [Job(row, 0, (name,), 10.0, noise=ORDINARY) for row, name in rows.items()]
+    # Which way a channel points is seen by the earth rate alone, where it is not the same in all runs.
+    seen = Job("a channel turned in sign, three headings", 0, ("frame@channel",), design=HEADINGS, noise=ORDINARY)
+    return _rows(320_000, cases, *jobs, seen)
 
 
 def short(cases: int) -> list[Job]:
