@@ -27,7 +27,9 @@ SAME = 0.95
 IDENTICAL = 0.99
 """And from which nobody can tell them apart by these collects, whatever is known before."""
 LEAST = 0.01
-"""Rivals less probable are not listed."""
+"""Rivals less probable are not listed, unless they look the same."""
+THINKABLE = 1e-4
+"""Of one that is identical: what physics makes ten thousand times less probable does not withhold a name."""
 NO_NAME = "empirical"
 
 
@@ -162,7 +164,7 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    withheld = [r for r in listed if r.overlap > IDENTICAL and (r.probability >= LEAST or not r.incidental)]
+    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= (LEAST if r.incidental else THINKABLE)]
     kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
@@ -198,7 +200,9 @@ def _rival(
     remedy, effect = "", None if first is None else posterior.term(*first).candidate.effect
     if first is not None and rival == NO_NAME:
         term = posterior.term(*first)
-        rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {_order(posterior, own)}"
+        follows = _order(posterior, own)
+        rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
+        overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
     return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy, effect is not None and effect.incidental)
 
 
