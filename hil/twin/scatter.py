@@ -6,13 +6,17 @@ point, both in time order; run-to-run scatter is drawn by the number of the self
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from hil.campaign import FloatArray
+import numpy as np
+from scipy.signal import lfilter
+
+from hil.campaign import FloatArray, IntArray
+from hil.model.effects.base import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-_WHITE, _SLOW, _RUNS, _WANDER = 0, 1, 2, 3
+_WHITE, _SLOW, _RUNS, _WANDER, _NAMED = 0, 1, 2, 3, 4
 _FLICKER_LAGS_S = np.array([10.0, 100.0, 1000.0, 10000.0])
 # Gauss-Markov processes a decade apart, of this standard deviation per unit of bias instability B, have an Allan
 # deviation within 5 % of 0.664 B between 20 s and 4 h.
@@ -35,8 +39,58 @@ class WhiteNoise:
         return self._generator.standard_normal((samples, self._columns))
 
 
+class NamedNoise:
+    """The coefficients of one part of an effect that scatters (`Scatter`), at unit size.
+
+    What is the same within a group is drawn by its label, also after a resume; what wanders once per grid point, and
+    what is white once per sample, in time order. `name` tells the part from all others.
+    """
+
+    def __init__(self, seed: int, session: int, name: Sequence[int], part: Scatter) -> None:
+        self._seed, self._name, self._part = seed, name, part
+        self._generator = _generator(seed, _NAMED, *name, session)
+        self._drawn: dict[int, FloatArray] = {}
+        self._count = int(part.columns.shape[2])
+        self._before = np.asarray(self._generator.standard_normal(self._count))  # the sample before the first
+        self._from = 0
+        self._wandered: FloatArray = np.zeros((0, self._count))  # at grid points from that one on
+
+    def of_groups(self, labels: IntArray) -> FloatArray:
+        """Return the coefficients of each row's group, (m, p), by the labels of the rows, (m,)."""
+        for label in set(labels.tolist()) - set(self._drawn):
+            own = _generator(self._seed, _NAMED, *self._name, 0, label % 2**32)  # a power cycle may lie before 0
+            self._drawn[label] = np.asarray(own.standard_normal(self._count))
+        return np.array([self._drawn[label] for label in labels.tolist()])
+
+    def on_grid(self, first: int, last: int) -> FloatArray:
+        """Return the coefficients at grid points `first` to `last`, both included, (m, p); later never earlier ones."""
+        known = self._from + len(self._wandered)
+        if last >= known:
+            keep, kick = (float(each[0]) for each in self._part.step(np.array([GRID_S / 3600.0])))
+            steps = kick * self._generator.standard_normal((last + 1 - known, self._count))
+            if not known:
+                steps[0] = 0.0 if self._part.walk else self._before
+            carried = keep * self._wandered[-1:] if known else np.zeros((1, self._count))
+            more, _ = lfilter([1.0], [1.0, -keep], steps, axis=0, zi=carried)
+            self._wandered = np.concatenate([self._wandered, more])
+        self._from, self._wandered = first, self._wandered[first - self._from :]
+        return self._wandered[: last + 1 - first]
+
+    def of_samples(self, samples: int) -> FloatArray:
+        """Return the coefficients of the next samples, (samples, p): white, or the differences of a white angle."""
+        white = self._generator.standard_normal((samples, self._count))
+        if not self._part.of_angle or not samples:
+            return white
+        angles = np.concatenate([self._before[None], white])
+        self._before = angles[-1]
+        return np.asarray(np.diff(angles, axis=0) / np.sqrt(2.0))
+
+
 class SlowNoise:
-    """Rate random walk and bias instability of `channels` channels, deg/hr, on the grid."""
+    """Rate random walk and bias instability of `channels` channels, deg/hr, on the grid.
+
+    They are the catalogue's `rrw` and `flicker` (1/f noise of the same density, a decade apart instead of a factor 4).
+    """
 
     def __init__(self, seed: int, session: int, sensor: int, channels: int) -> None:
         self._generator = _generator(seed, _SLOW, session, sensor)
