@@ -180,13 +180,10 @@ def test_what_an_effect_says_of_others_is_about_effects_on_averages(effect: Effe
     assert effect.plain_form in {"constant", "line"}
 
 
-def test_the_history_of_a_drift_and_of_a_jump_depends_on_when_they_act() -> None:
-    """A drift within runs has no kin; a step after the first run may be what only the first run shows."""
+def test_the_history_of_a_jump_depends_on_when_it_acts() -> None:
+    """A step after the first run may be what only the first run shows."""
     conditions = campaign(("1", "2", "3"))
-    runs = np.unique(conditions.run)
-    drift, jump = effect_by_id("drift"), effect_by_id("jump")
-    assert dict(drift.kin_for(conditions, {"through_runs": 0.0})) == {}
-    assert dict(drift.kin_for(conditions, {"through_runs": 1.0})) == {"bias_T": 1.0}
+    runs, jump = np.unique(conditions.run), effect_by_id("jump")
     assert set(jump.kin_for(conditions, {"from_run": float(runs[1])})) == {"bias_T", "warmup", "soak_insufficient"}
     assert set(jump.kin_for(conditions, {"from_run": float(runs[2])})) == {"bias_T"}
 
