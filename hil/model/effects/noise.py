@@ -178,11 +178,12 @@ class BiasInstability(VarianceEffect):
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return 1/f noise, as Gauss-Markov processes a factor 4 apart in time constant.
 
-        Equal variances B² ln 4/(2π) sum to the one-sided density B²/(2π f) between the shortest and longest.
+        Equal variances B² ln 4/π sum to the one-sided density B²/(π f) between the shortest and longest: the two-sided
+        B²/(2π f) of IEEE Std 952, whose Allan deviation is 0.664 B.
         """
         longest = max(float(np.ptp(middle_hr(conditions))) * _HOUR_S, 100.0) * 4.0
         taus = 10.0 * 4.0 ** np.arange(np.ceil(np.log(longest / 10.0) / np.log(4.0)) + 1)
-        each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / (2.0 * np.pi))), conditions.sensor)
+        each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / np.pi)), conditions.sensor)
         return tuple(Scatter(each, tau_s=float(tau)) for tau in taus)
 
 
