@@ -77,9 +77,9 @@ def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions,
     unit = SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, sample_rate_hz=1.0, **how)
     starts, means, temperatures = [], [], []
     for row in range(runs * len(POSITIONS)):
-        at_s = row * EVERY_S
+        at_s = 300.0 + row * EVERY_S
         unit.start_move(POSITIONS[row % 3], at_s + 5.0, at_s + 10.0)
-        starts.append(at_s + 50.0)
+        starts.append(at_s + 260.0)
         unit.signals(starts[-1] - np.array([2.0, 1.0]))  # an angle's white noise goes on from sample to sample
         signals = unit.signals(starts[-1] + np.arange(COLLECT_S))
         means.append({name: float(values.mean()) for name, values in signals.items()})
@@ -101,7 +101,7 @@ def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions,
             columns={
                 "temperature_degC": np.array(temperatures),
                 "time_since_power_on_s": np.array(starts) + bench.simulation.start.powered_for,
-                "time_since_index_s": np.full(len(label), 40.0),
+                "time_since_index_s": np.full(len(label), 250.0),
             },
         )
         rates = np.array([[mean[f"rate_{axis}{number}"] for axis in "AB"] for mean in means])
