@@ -75,6 +75,7 @@ def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions,
     assert bench.simulation_model is not None
     plant = LoggedPlant(ambient_degC=bench.simulation.start.temperature)
     unit = SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, sample_rate_hz=1.0, **how)
+    unit.signals(np.array([1.0]))
     starts, means, temperatures = [], [], []
     for row in range(runs * len(POSITIONS)):
         at_s = 300.0 + row * EVERY_S
