@@ -27,6 +27,12 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
+def _correlated(keep: float, steps: FloatArray, before: FloatArray) -> FloatArray:
+    """Return x_k = keep x_(k-1) + steps_k, (m, p), from the x before the first, (p,): the same wherever interrupted."""
+    values, _ = lfilter([1.0], [1.0, -keep], steps, axis=0, zi=keep * before[None])
+    return np.asarray(values)
+
+
 class WhiteNoise:
     """Standard normal numbers, one row per sample, in the order of the samples."""
 
@@ -68,11 +74,10 @@ class NamedNoise:
         if last >= known:
             keep, kick = (float(each[0]) for each in self._part.step(np.array([GRID_S / 3600.0])))
             steps = kick * self._generator.standard_normal((last + 1 - known, self._count))
+            before = self._wandered[-1] if known else np.zeros(self._count)
             if not known:
                 steps[0] = 0.0 if self._part.walk else self._before
-            carried = keep * self._wandered[-1:] if known else np.zeros((1, self._count))
-            more, _ = lfilter([1.0], [1.0, -keep], steps, axis=0, zi=carried)
-            self._wandered = np.concatenate([self._wandered, more])
+            self._wandered = np.concatenate([self._wandered, _correlated(keep, steps, before)])
         self._from, self._wandered = first, self._wandered[first - self._from :]
         return self._wandered[: last + 1 - first]
 
@@ -95,7 +100,7 @@ class SlowNoise:
     def __init__(self, seed: int, session: int, sensor: int, channels: int) -> None:
         self._generator = _generator(seed, _SLOW, session, sensor)
         self._channels = channels
-        self._walk = np.zeros((1, channels))
+        self._walk = np.zeros(channels)
         self._flicker = np.zeros((len(_FLICKER_LAGS_S), channels))
 
     def advance(self, walk: FloatArray, instability: FloatArray) -> FloatArray:
@@ -103,17 +108,15 @@ class SlowNoise:
 
         `walk` (m,) is the rate random walk K in deg/hr/sqrt(hr), `instability` (m,) the bias instability B in deg/hr.
         """
-        keep = np.exp(-GRID_S / _FLICKER_LAGS_S)[:, None]
         drawn = self._generator.standard_normal((len(walk), 1 + len(_FLICKER_LAGS_S), self._channels))
-        steps = walk[:, None] * np.sqrt(GRID_S / 3600.0) * drawn[:, 0]
-        # Accumulated from the last value on, in order, so that the sum does not depend on where it was interrupted.
-        walked = np.add.accumulate(np.concatenate([self._walk, steps]), axis=0)[1:]
-        self._walk = walked[-1:] if len(walked) else self._walk
-        flicker = np.empty((len(walk), self._channels))
-        for row, size in enumerate(_FLICKER_SIGMA * instability):
-            self._flicker = keep * self._flicker + np.sqrt(1.0 - keep**2) * drawn[row, 1:]
-            flicker[row] = size * self._flicker.sum(axis=0)
-        return walked + flicker
+        rates = _correlated(1.0, walk[:, None] * np.sqrt(GRID_S / 3600.0) * drawn[:, 0], self._walk)
+        self._walk = rates[-1] if len(rates) else self._walk
+        flicker: FloatArray = np.empty((len(_FLICKER_LAGS_S), *rates.shape))
+        for lag, keep in enumerate(np.exp(-GRID_S / _FLICKER_LAGS_S)):
+            kick = np.sqrt(1.0 - keep**2)
+            flicker[lag] = _correlated(keep, kick * drawn[:, 1 + lag], self._flicker[lag])
+        self._flicker = flicker[:, -1] if len(rates) else self._flicker
+        return np.asarray(rates + (_FLICKER_SIGMA * instability)[:, None] * flicker.sum(axis=0))
 
 
 class Wander:
@@ -123,15 +126,14 @@ class Wander:
         self._generator = _generator(seed, _WANDER, session)
         self._keep = float(np.exp(-GRID_S / lag_s))
         self._kick = sigma * float(np.sqrt(1.0 - self._keep**2))
-        self._value = 0.0
+        self._value = np.zeros(1)
 
     def advance(self, points: int) -> FloatArray:
         """Return the next grid points, shape (points,), as departures from the nominal value."""
-        values = np.empty(points)
-        for row, drawn in enumerate(self._generator.standard_normal(points).tolist()):
-            self._value = self._keep * self._value + self._kick * drawn
-            values[row] = self._value
-        return values
+        steps = self._kick * self._generator.standard_normal((points, 1))
+        values = _correlated(self._keep, steps, self._value)
+        self._value = values[-1] if points else self._value
+        return values[:, 0]
 
 
 def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperature_degC: float) -> dict[str, float]:

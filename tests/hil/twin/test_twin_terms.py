@@ -81,6 +81,13 @@ def test_a_model_without_values_cannot_drive_the_unit(tmp_path: Path) -> None:
         build_bench(bench)
 
 
+def test_a_model_that_does_not_fit_the_bench_is_refused_before_anything_begins(tmp_path: Path) -> None:
+    """The names of axes are the bench's: file and key, and which names there are."""
+    bench = quiet_bench(tmp_path, {}, [_term("vre", K_v_C=("deg/hr/g^2", 1.0))])
+    with pytest.raises(InputError, match=r"quiet\.yaml: terms\.0\.parameters\.K_v_C: .*it has K_v_A, K_v_B"):
+        build_bench(bench)
+
+
 @pytest.mark.parametrize("effect", ["bias_Tdot", "bias_grad", "supply", "soak_insufficient"])
 def test_a_term_sees_the_conditions_that_the_bytes_show(effect: str, tmp_path: Path) -> None:
     """While the chamber ramps and soaks: slope, gradient, supply and setpoint of the term are those on the wire."""
