@@ -162,11 +162,6 @@ class Described(ABC):
             return any(parameter.startswith(f"{name}_") for name in declared)
         return parameter in declared
 
-    def unit_of(self, parameter: str) -> str:
-        """Return the unit of a parameter of this name: that of the declared one with which it begins."""
-        begun = [declared for declared in self.parameters if parameter.startswith(declared.name)]
-        return max(begun or self.parameters[:1], key=lambda declared: len(declared.name)).unit
-
 
 class Effect(Described):
     """A named physical effect on the averages of collects. Subclasses are stateless; values live in a model.
