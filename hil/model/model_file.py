@@ -27,7 +27,6 @@ from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve
 from hil.model.effects.base import Base, Described, Effect, VarianceEffect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, variance_effect_by_id
-from hil.model.effects.empirical import PREFIX
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
 from hil.model.forms import (
@@ -122,16 +121,7 @@ class Model(_Section):
 
         `source` is the file, for the message. What can be told without the layout, `load_model` has told already.
         """
-        where = str(source) or f"model {self.title}"
-        form = value_form(self.form, sensor)
-        units = dict(zip(form.names, form.units, strict=True))
-        if self.has_values(sensor):
-            _check_base(f"{where}: sensors.{sensor.number}", self.form, units, self.sensors[sensor.number])
-        for index, term in enumerate(self.terms):
-            if term.sensor in (None, sensor.number):
-                _check_term(f"{where}: terms.{index}", term, effect_by_id(term.effect), sensor, exact=True)
-        noise = self.noise.get(sensor.number, SensorNoise())
-        _check_noise(f"{where}: noise.{sensor.number}", noise, units, sensor, exact=True)
+        _check_layout(str(source) or f"model {self.title}", self, sensor, exact=True)
 
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
         """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.
@@ -245,24 +235,32 @@ def _check(path: Path, model: Model) -> None:
         if known.effect not in {effect.id for effect in SERIES_EFFECTS}:
             names = ", ".join(sorted({effect.id for effect in SERIES_EFFECTS}))
             raise InputError(f"{path}: inside_collects.{index}.effect: {known.effect} is not one of {names}")
-    layout = _ROTOR if model.form in _ROTOR_FORMS else None
     for index, term in enumerate(model.terms):
-        where = f"{path}: terms.{index}"
         try:
             effect = effect_by_id(term.effect)
         except InputError as error:
-            raise InputError(f"{where}.effect: {error}") from error
+            raise InputError(f"{path}: terms.{index}.effect: {error}") from error
         if not effect.in_models:
-            raise InputError(f"{where}.effect: {effect.id} is a mistake in a record; correct it there")
-        _check_term(where, term, effect, layout)
+            raise InputError(f"{path}: terms.{index}.effect: {effect.id} is a mistake in a record; correct it there")
+    _check_layout(str(path), model, _ROTOR if model.form in _ROTOR_FORMS else None)
+
+
+def _check_layout(where: str, model: Model, sensor: Sensor | None, *, exact: bool = False) -> None:
+    """Check what a sensor's layout decides: of that very sensor (`exact`), or of all by what the form tells of them."""
     units = {}
-    if layout is not None:  # its names are the report's, whatever its axes are called
-        form = value_form(model.form, layout)
+    if sensor is not None:
+        form = value_form(model.form, sensor)
         units = dict(zip(form.names, form.units, strict=True))
         for number, curves in model.sensors.items():
-            _check_base(f"{path}: sensors.{number}", model.form, units, curves)
+            if not exact or number == sensor.number:
+                _check_base(f"{where}: sensors.{number}", model.form, units, curves)
+    own = sensor.number if exact and sensor is not None else None
+    for index, term in enumerate(model.terms):
+        if own is None or term.sensor in (None, own):
+            _check_term(f"{where}: terms.{index}", term, effect_by_id(term.effect), sensor, exact=exact)
     for number, noise in model.noise.items():
-        _check_noise(f"{path}: noise.{number}", noise, units, layout)
+        if own is None or number == own:
+            _check_noise(f"{where}: noise.{number}", noise, units, sensor, exact=exact)
 
 
 def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping[str, Curve]) -> None:
@@ -303,12 +301,12 @@ def _check_term(
     columns = {name: np.zeros(4) for need in effect.needs for name in need.split("|")}
     sample = replace(_still_and_pulled(sensor or _ROTOR), columns=columns)
     units = {} if sensor is None else {each.name: each.unit for each in effect.parameters_for(sample)}
+    usual = effect.parameters[0].unit if effect.named_by_data else ""
     for name, curve in term.parameters.items():
         if not effect.accepts(name) or (exact and name not in units and not effect.named_by_data):
             names = ", ".join(units or [each.name for each in effect.parameters])
             raise InputError(f"{where}.parameters.{name}: unknown key for effect {effect.id}; it has {names}")
-        if units or not effect.id.startswith(PREFIX):
-            _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, effect.unit_of(name)))
+        _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, usual or curve.unit))
     shapes = {shape.name: shape.unit for shape in effect.shapes_for(sample)}
     for name, unit in shapes.items():
         if name not in term.shape:

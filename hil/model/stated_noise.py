@@ -20,12 +20,11 @@ from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import variance_effect_by_id
 from hil.model.forms import LinearForm
 
-_UNITS = {
-    "angle_random_walk": "deg/sqrt(hr)",
-    "bias_instability": "deg/hr",
-    "rate_random_walk": "deg/hr/sqrt(hr)",
+_OLDER = {
+    key: variance_effect_by_id(identifier)
+    for key, identifier in (("angle_random_walk", "arw"), ("bias_instability", "flicker"), ("rate_random_walk", "rrw"))
 }
-_OLDER = {"bias_instability": "flicker", "rate_random_walk": "rrw"}  # beside the standard errors of collects
+_UNITS = {key: effect.parameters[0].unit for key, effect in _OLDER.items()}
 
 
 def _none(key: str) -> Any:
@@ -80,7 +79,10 @@ class SensorNoise(BaseModel):
         return np.asarray(np.linalg.cholesky(matrix))
 
     def covariance(self, conditions: Conditions, form: LinearForm) -> FloatArray:
-        """Return the covariance beside the standard errors of n collects, (n·c, n·c); see `Model.stated_covariance`."""
+        """Return the covariance beside the standard errors of n collects, (n·c, n·c); see `Model.stated_covariance`.
+
+        Raises `InputError` where a size follows a temperature that rows lack.
+        """
         temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
         channels = len(conditions.sensor.channels)
         names = sorted(self.run_to_run)
@@ -88,10 +90,10 @@ class SensorNoise(BaseModel):
         for place, name in enumerate(names):
             columns[:, :, place] *= _at(self.run_to_run[name], temperature, name)[:, None]
         total = Scatter(columns @ self.correlation_factor(), group=conditions.run).covariance(conditions)
-        effects = [variance_effect_by_id(identifier) for identifier in _OLDER.values()]
         older = [
             (ScatterTerm(effect=effect.id, parameters={effect.parameters[0].name: getattr(self, key)}), effect)
-            for key, effect in zip(_OLDER, effects, strict=True)
+            for key, effect in _OLDER.items()
+            if effect.id != "arw"  # it shows inside the collects, and so in their standard errors
         ]
         for term, effect in (*older, *self.scatter_for(conditions.sensor)):
             size = np.repeat(term.size_at(temperature), channels)

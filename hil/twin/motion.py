@@ -30,6 +30,7 @@ class Leg:
     stop: Axes
     turn_rad: FloatArray  # rotation vector of the move in the bench frame, (3,)
     settling_s: float = 0.0  # time constant of the settling after the move
+    number: int = 0  # in time order; a stay is what a campaign calls a collect
 
     def turned(self, times_s: FloatArray) -> tuple[Rotation, FloatArray]:
         """Return the rotation since the move began, (n,), and the rate of rotation in the bench frame, (n, 3), rad/s.
@@ -77,7 +78,7 @@ class Timeline:
         start, stop = self._axes_just_before(begins_s), self._axes_at(position)
         sensor = min(stop)
         turn = Rotation.from_matrix(stop[sensor].T @ start[sensor]).as_rotvec()
-        leg = Leg(position, begins_s, ends_s, run, start, stop, turn, settling_s)
+        leg = Leg(position, begins_s, ends_s, run, start, stop, turn, settling_s, len(self.legs))
         self.legs.append(leg)
         return leg
 

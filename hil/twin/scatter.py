@@ -6,13 +6,17 @@ point, both in time order; run-to-run scatter is drawn by the number of the self
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from hil.campaign import FloatArray
+import numpy as np
+from scipy.signal import lfilter
+
+from hil.campaign import FloatArray, IntArray
+from hil.model.effects.base import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-_WHITE, _SLOW, _RUNS, _WANDER = 0, 1, 2, 3
+_WHITE, _SLOW, _RUNS, _WANDER, _NAMED = 0, 1, 2, 3, 4
 _FLICKER_LAGS_S = np.array([10.0, 100.0, 1000.0, 10000.0])
 # Gauss-Markov processes a decade apart, of this standard deviation per unit of bias instability B, have an Allan
 # deviation within 5 % of 0.664 B between 20 s and 4 h.
@@ -21,6 +25,12 @@ _FLICKER_SIGMA = 0.885
 
 def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def _correlated(keep: float, steps: FloatArray, before: FloatArray) -> FloatArray:
+    """Return x_k = keep x_(k-1) + steps_k, (m, p), from the x before the first, (p,): the same wherever interrupted."""
+    values, _ = lfilter([1.0], [1.0, -keep], steps, axis=0, zi=keep * before[None])
+    return np.asarray(values)
 
 
 class WhiteNoise:
@@ -35,13 +45,62 @@ class WhiteNoise:
         return self._generator.standard_normal((samples, self._columns))
 
 
+class NamedNoise:
+    """The coefficients of one part of an effect that scatters (`Scatter`), at unit size.
+
+    What is the same within a group is drawn by its label, also after a resume; what wanders once per grid point, and
+    what is white once per sample, in time order. `name` tells the part from all others.
+    """
+
+    def __init__(self, seed: int, session: int, name: Sequence[int], part: Scatter) -> None:
+        self._seed, self._name, self._part = seed, name, part
+        self._generator = _generator(seed, _NAMED, *name, session)
+        self._drawn: dict[int, FloatArray] = {}
+        self._count = int(part.columns.shape[2])
+        self._before = np.asarray(self._generator.standard_normal(self._count))  # the sample before the first
+        self._from = 0
+        self._wandered: FloatArray = np.zeros((0, self._count))  # at grid points from that one on
+
+    def of_groups(self, labels: IntArray) -> FloatArray:
+        """Return the coefficients of each row's group, (m, p), by the labels of the rows, (m,)."""
+        for label in set(labels.tolist()) - set(self._drawn):
+            own = _generator(self._seed, _NAMED, *self._name, 0, label % 2**32)  # a power cycle may lie before 0
+            self._drawn[label] = np.asarray(own.standard_normal(self._count))
+        return np.array([self._drawn[label] for label in labels.tolist()])
+
+    def on_grid(self, first: int, last: int) -> FloatArray:
+        """Return the coefficients at grid points `first` to `last`, both included, (m, p); later never earlier ones."""
+        known = self._from + len(self._wandered)
+        if last >= known:
+            keep, kick = (float(each[0]) for each in self._part.step(np.array([GRID_S / 3600.0])))
+            steps = kick * self._generator.standard_normal((last + 1 - known, self._count))
+            before = self._wandered[-1] if known else np.zeros(self._count)
+            if not known:
+                steps[0] = 0.0 if self._part.walk else self._before
+            self._wandered = np.concatenate([self._wandered, _correlated(keep, steps, before)])
+        self._from, self._wandered = first, self._wandered[first - self._from :]
+        return self._wandered[: last + 1 - first]
+
+    def of_samples(self, samples: int) -> FloatArray:
+        """Return the coefficients of the next samples, (samples, p): white, or the differences of a white angle."""
+        white = self._generator.standard_normal((samples, self._count))
+        if not self._part.of_angle or not samples:
+            return white
+        angles = np.concatenate([self._before[None], white])
+        self._before = angles[-1]
+        return np.asarray(np.diff(angles, axis=0) / np.sqrt(2.0))
+
+
 class SlowNoise:
-    """Rate random walk and bias instability of `channels` channels, deg/hr, on the grid."""
+    """Rate random walk and bias instability of `channels` channels, deg/hr, on the grid.
+
+    They are the catalogue's `rrw` and `flicker` (1/f noise of the same density, a decade apart instead of a factor 4).
+    """
 
     def __init__(self, seed: int, session: int, sensor: int, channels: int) -> None:
         self._generator = _generator(seed, _SLOW, session, sensor)
         self._channels = channels
-        self._walk = np.zeros((1, channels))
+        self._walk = np.zeros(channels)
         self._flicker = np.zeros((len(_FLICKER_LAGS_S), channels))
 
     def advance(self, walk: FloatArray, instability: FloatArray) -> FloatArray:
@@ -49,17 +108,15 @@ class SlowNoise:
 
         `walk` (m,) is the rate random walk K in deg/hr/sqrt(hr), `instability` (m,) the bias instability B in deg/hr.
         """
-        keep = np.exp(-GRID_S / _FLICKER_LAGS_S)[:, None]
         drawn = self._generator.standard_normal((len(walk), 1 + len(_FLICKER_LAGS_S), self._channels))
-        steps = walk[:, None] * np.sqrt(GRID_S / 3600.0) * drawn[:, 0]
-        # Accumulated from the last value on, in order, so that the sum does not depend on where it was interrupted.
-        walked = np.add.accumulate(np.concatenate([self._walk, steps]), axis=0)[1:]
-        self._walk = walked[-1:] if len(walked) else self._walk
-        flicker = np.empty((len(walk), self._channels))
-        for row, size in enumerate(_FLICKER_SIGMA * instability):
-            self._flicker = keep * self._flicker + np.sqrt(1.0 - keep**2) * drawn[row, 1:]
-            flicker[row] = size * self._flicker.sum(axis=0)
-        return walked + flicker
+        rates = _correlated(1.0, walk[:, None] * np.sqrt(GRID_S / 3600.0) * drawn[:, 0], self._walk)
+        self._walk = rates[-1] if len(rates) else self._walk
+        flicker: FloatArray = np.empty((len(_FLICKER_LAGS_S), *rates.shape))
+        for lag, keep in enumerate(np.exp(-GRID_S / _FLICKER_LAGS_S)):
+            kick = np.sqrt(1.0 - keep**2)
+            flicker[lag] = _correlated(keep, kick * drawn[:, 1 + lag], self._flicker[lag])
+        self._flicker = flicker[:, -1] if len(rates) else self._flicker
+        return np.asarray(rates + (_FLICKER_SIGMA * instability)[:, None] * flicker.sum(axis=0))
 
 
 class Wander:
@@ -69,15 +126,14 @@ class Wander:
         self._generator = _generator(seed, _WANDER, session)
         self._keep = float(np.exp(-GRID_S / lag_s))
         self._kick = sigma * float(np.sqrt(1.0 - self._keep**2))
-        self._value = 0.0
+        self._value = np.zeros(1)
 
     def advance(self, points: int) -> FloatArray:
         """Return the next grid points, shape (points,), as departures from the nominal value."""
-        values = np.empty(points)
-        for row, drawn in enumerate(self._generator.standard_normal(points).tolist()):
-            self._value = self._keep * self._value + self._kick * drawn
-            values[row] = self._value
-        return values
+        steps = self._kick * self._generator.standard_normal((points, 1))
+        values = _correlated(self._keep, steps, self._value)
+        self._value = values[-1] if points else self._value
+        return values[:, 0]
 
 
 def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperature_degC: float) -> dict[str, float]:

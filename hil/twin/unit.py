@@ -30,7 +30,7 @@ from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor
-from hil.twin.terms import Setpoints, TermRates
+from hil.twin.terms import GridRows, Rest, ScatterRates, Setpoints, TermRates
 from hil.twin.thermal import Air, ThermalUnit
 
 _COLD_DEGC = 5.0  # below it the bearings settle slowly
@@ -105,11 +105,11 @@ class SimulatedUnit:
         )
         self._white = WhiteNoise(settings.seed, session, len(self._columns.names))
         spun_up_s = begins_s - settings.start.powered_for
-        self._terms = {
-            n: TermRates(one, self._grid, spun_up_s, setpoints)
-            for n, one in self._sensors.items()
-            if model.terms_for(one.sensor)
-        }
+        self._rows = {n: GridRows(one, self._grid, spun_up_s, setpoints) for n, one in self._sensors.items()}
+        self._terms = {n: TermRates(rows) for n, rows in self._rows.items() if model.terms_for(rows.sensor.sensor)}
+        self._scatters = [n for n, one in self._sensors.items() if model.scatter_for(one.sensor)]
+        self._scatter: dict[int, ScatterRates] = {}  # once there is a grid point
+        self._streams = settings.seed, session, sample_rate_hz
 
     def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
         """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""
@@ -129,12 +129,14 @@ class SimulatedUnit:
         readings = self._white.draw(len(times))
         if len(times):
             self._grid.advance(float(times[-1]))
+            white = self._white_scatter(len(times))
             nodes = self._grid.nodes(times)
             since_s = times - self._grid.time_of(nodes)
             readings *= self._grid.sigma.at(nodes)
             readings += self._grid.level.at(nodes) + self._grid.slope.at(nodes) * since_s[:, None]
             for leg, moving, part in self._timeline.parts(times):
-                here = _Part(leg, times[part], nodes[part], since_s[part], readings[part])
+                drawn = {n: [each[part] for each in own] for n, own in white.items()}
+                here = _Part(leg, times[part], nodes[part], since_s[part], readings[part], drawn)
                 for number in self._sensors:
                     (self._turn if moving else self._stay)(number, here)
         return {name: readings[:, column] for column, name in enumerate(self._columns.names)}
@@ -163,13 +165,23 @@ class SimulatedUnit:
         node = min(int(self._grid.nodes(np.array([time_s]))[0]), len(self._grid.state) - 1)
         return float(self._grid.state[node, ROTOR])
 
+    def _rest(self, number: int, leg: Leg) -> Rest:
+        axes = leg.stop[number]
+        return Rest(leg, axes @ self._gravity, axes @ self._earth_rate)
+
+    def _white_scatter(self, samples: int) -> dict[int, list[FloatArray]]:
+        for n in set(self._scatters) - set(self._scatter):
+            rest = self._rest(n, self._timeline.legs[0])
+            self._scatter[n] = ScatterRates(self._rows[n], rest, *self._streams)
+        return {n: one.white(samples) for n, one in self._scatter.items()}
+
     def _stay(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that rests at its position."""
-        one, axes = self._sensors[number], here.leg.stop[number]
-        f_g, w = axes @ self._gravity, axes @ self._earth_rate
+        one, rest = self._sensors[number], self._rest(number, here.leg)
+        f_g, w = rest.f_g, rest.w_deg_per_hr
         first, last = int(here.nodes[0]), int(here.nodes[-1])
         if number in self._terms:
-            level = self._terms[number].rates(here.leg, f_g, w, first, last)
+            level = self._terms[number].rates(rest, first, last)
             slope = np.zeros_like(level)
         else:
             now, then = (table.between(first, last) for table in self._grid.coefficients(number))
@@ -177,7 +189,14 @@ class SimulatedUnit:
         scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
         level += scatter + self._grid.slow(number)[first : last + 1]
         at = here.nodes - first
+        named = []
+        if number in self._scatter:
+            wandered, columns = self._scatter[number].rates(rest, first, last)
+            level += wandered
+            named = [(c[at], drawn) for c, drawn in zip(columns, here.white[number], strict=True)]
         rates = level[at] + slope[at] * here.since_s[:, None]
+        for unit, drawn in named:
+            rates += np.einsum("ncp,np->nc", unit, drawn)
         rates += _settling(here.leg, self._settling.size, here.times_s)
         here.readings[:, self._columns.rates[number]] += rates
         here.readings[:, self._columns.accelerations[number]] += f_g[one.acceleration_axes]
@@ -207,6 +226,7 @@ class _Part:
     nodes: NDArray[np.int64]
     since_s: FloatArray
     readings: FloatArray
+    white: Mapping[int, Sequence[FloatArray]]  # by sensor: coefficients of what is white, (n, p) each
 
 
 def _settling(leg: Leg, size: float, times_s: FloatArray) -> FloatArray:

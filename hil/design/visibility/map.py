@@ -198,10 +198,9 @@ def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) 
 
 
 def _chosen(shapes: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
-    """A few shapes from all over the grid; a drift through all runs is left out, which is what ageing is."""
-    grid = [shape for shape in shapes if not shape.get("through_runs")]
-    picks = np.unique(np.linspace(0, len(grid) - 1, min(len(grid), _MOST_SHAPES)).round().astype(int))
-    return [grid[int(index)] for index in picks]
+    """A few shapes from all over the grid."""
+    picks = np.unique(np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_SHAPES)).round().astype(int))
+    return [shapes[int(index)] for index in picks]
 
 
 def _smallest(

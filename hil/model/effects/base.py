@@ -179,11 +179,6 @@ class Described(ABC):
             return any(parameter.startswith(f"{name}_") for name in declared)
         return parameter in declared
 
-    def unit_of(self, parameter: str) -> str:
-        """Return the unit of a parameter of this name: that of the declared one with which it begins."""
-        begun = [declared for declared in self.parameters if parameter.startswith(declared.name)]
-        return max(begun or self.parameters[:1], key=lambda declared: len(declared.name)).unit
-
 
 class Effect(Described):
     """A named physical effect on the averages of collects. Subclasses are stateless; values live in a model.
@@ -248,13 +243,20 @@ class Scatter:
 
     `columns` (n, c, p): what a coefficient of unit size does to each rate. Either `group` (n,), integer labels: they
     are drawn anew for each label. Or `tau_s`, s: they wander with that correlation time (Gauss-Markov, unit variance);
-    infinite with `walk`: a random walk of unit variance per hour from the first row on.
+    infinite with `walk`: a random walk of unit variance per hour from the first row on. `of_angle`: what is white is
+    the angle, not the rate, so that in a series one sample loses what the one before has gained.
     """
 
     columns: FloatArray
     group: IntArray | None = None
     tau_s: float | None = None
     walk: bool = False
+    of_angle: bool = False
+
+    @property
+    def is_white(self) -> bool:
+        """Whether every row has coefficients of its own (of two rows or more)."""
+        return self.group is not None and len(np.unique(self.group)) == len(self.group)
 
     def covariance(self, conditions: Conditions) -> FloatArray:
         """Return the covariance of the rates of n collects, shape (n·c, n·c), rows (n, c) flattened."""

@@ -22,7 +22,11 @@ from hil.model.effects.pickoff import turned_pair
 
 
 class IndexSettling(Effect):
-    """A remainder of the index move's disturbance is inside the collect; larger after a larger slew."""
+    """A remainder of the index move's disturbance is inside the collect; larger after a larger slew.
+
+    The column is as exact as the recorded time since the index: the controller hears of its end some tenths of a second
+    late, 1 % at 20 s. Whence the first collect was reached is not recorded: it gets the mean slew of the others.
+    """
 
     id = "settle"
     family = "dynamics"

@@ -107,13 +107,18 @@ def collect_interval_s(conditions: Conditions) -> float:
 def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     """Return how many collect intervals after its run's first collect each row was taken: 0, 1, 2; shape (n,).
 
-    Counted by time, so that a missing collect does not move the others, in whole collects. Where the first is missing,
-    the others stand where their positions stand in the runs that miss none.
+    Counted by time, so that a missing collect does not move the others, in whole collects: rows of the same collect
+    (samples) have its place. Where the first is missing, the others stand where their positions stand in the runs that
+    miss none.
     """
     place = np.zeros(len(conditions))
+    _, of_row = np.unique(conditions.collect, return_inverse=True)
+    begins_s = np.full(of_row.max(initial=-1) + 1, np.inf)
+    np.minimum.at(begins_s, of_row, conditions.start_s)
+    begins_s = begins_s[of_row]
     runs = [np.flatnonzero(conditions.run == run) for run in np.unique(conditions.run)]
     for rows in runs:
-        place[rows] = np.round((conditions.start_s[rows] - conditions.start_s[rows].min()) / interval_s)
+        place[rows] = np.round((begins_s[rows] - begins_s[rows].min()) / interval_s)
     most = max((len(rows) for rows in runs), default=0)
     usual: dict[str, list[float]] = {}
     for rows in runs:

@@ -29,43 +29,34 @@ _FEWEST_CYCLES = 3
 
 
 class Drift(Effect):
-    """Each collect is a little further than the one before: anew in every run, or on and on through the campaign."""
+    """Each collect is a little further than the one before, anew in every run.
+
+    What goes on through all runs goes on while nothing is collected too: that is `ageing`.
+    """
 
     id = "drift"
     family = "noise"
     follows = "time"
     title = "Linear drift between collects"
-    equation = "R += d k, k = -1, 0, 1 in the order taken within the run; or k = 1, 2, 3 … through all runs"
+    equation = "R += d k, k = -1, 0, 1 in the order taken within the run"
     per_channel = True
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."
     confusable_with = ("MU_real", "GS", "warmup", "bias_Tdot", "settle")
     incidental = True
-    kin = MappingProxyType({"bias_T": 1.0})
     experiment = "Order 1-3-2 moves it all into GS; the palindrome 1-3-2-2-3-1 cancels it."
 
-    def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Return its kin where it goes through all runs: within runs it has a history of its own."""
-        return self.kin if shape.get("through_runs") else {}
-
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the time from collect to collect, the middle of a run, and how far k goes: a run (0) or all runs (1).
-
-        None where no run has two collects.
-        """
+        """Return the time from collect to collect, and the middle of a run; none where no run has two collects."""
         interval = collect_interval_s(conditions)
         middle = 0.5 * (float(np.median(np.unique(conditions.run, return_counts=True)[1])) - 1.0)
         return (
             ShapeParameter("interval_s", "s", (interval,) if interval > 0.0 else ()),
             ShapeParameter("middle", "collects", (middle,)),
-            ShapeParameter("through_runs", "", (0.0, 1.0) if len(np.unique(conditions.run)) > 1 else (0.0,)),
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the collect's place in its run, from the run's middle, or its place in the campaign, per channel."""
-        if shape.get("through_runs"):
-            _, number = np.unique(conditions.start_s, return_inverse=True)
-            return per_channel(number.astype(np.float64), conditions.sensor)
+        """Return the collect's place in its run, from the run's middle, per channel."""
         place = place_in_run(conditions, shape["interval_s"]) - shape["middle"]
         return per_channel(place, conditions.sensor)
 
@@ -125,8 +116,8 @@ class Jump(Effect):
         return per_channel(holds.astype(np.float64), conditions.sensor)
 
 
-def _white(sigma: FloatArray, conditions: Conditions) -> tuple[Scatter, ...]:
-    return (Scatter(per_channel(sigma, conditions.sensor), group=np.arange(len(conditions))),)
+def _white(sigma: FloatArray, conditions: Conditions, *, of_angle: bool = False) -> tuple[Scatter, ...]:
+    return (Scatter(per_channel(sigma, conditions.sensor), group=np.arange(len(conditions)), of_angle=of_angle),)
 
 
 def _averaged_s(conditions: Conditions) -> FloatArray:
@@ -171,7 +162,7 @@ class Quantisation(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the duration (arcsec/s is deg/hr) of each row; rows of no duration count as one second."""
-        return _white(1.0 / _averaged_s(conditions), conditions)
+        return _white(1.0 / _averaged_s(conditions), conditions, of_angle=True)
 
 
 class BiasInstability(VarianceEffect):
@@ -191,11 +182,12 @@ class BiasInstability(VarianceEffect):
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return 1/f noise, as Gauss-Markov processes a factor 4 apart in time constant.
 
-        Equal variances B² ln 4/(2π) sum to the one-sided density B²/(2π f) between the shortest and longest.
+        Equal variances B² ln 4/π sum to the one-sided density B²/(π f) between the shortest and longest: the two-sided
+        B²/(2π f) of IEEE Std 952, whose Allan deviation is 0.664 B.
         """
         longest = max(float(np.ptp(middle_hr(conditions))) * _HOUR_S, 100.0) * 4.0
         taus = 10.0 * 4.0 ** np.arange(np.ceil(np.log(longest / 10.0) / np.log(4.0)) + 1)
-        each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / (2.0 * np.pi))), conditions.sensor)
+        each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / np.pi)), conditions.sensor)
         return tuple(Scatter(each, tau_s=float(tau)) for tau in taus)
 
 

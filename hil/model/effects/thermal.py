@@ -147,7 +147,12 @@ class ThermometerLag(Effect):
 
 
 class Hysteresis(Effect):
-    """Bias that depends on the turning points of temperature, not on its rate: a play operator."""
+    """Bias that depends on the turning points of temperature, not on its rate: a play operator.
+
+    The column knows the temperatures of collects and no others. It begins relaxed at the first row: where the unit came
+    from decides on which side of the loop it is until it has crossed it, so that a search prepends `came_from_degC`. An
+    overshoot between collects is not in it either.
+    """
 
     id = "hyst"
     family = "thermal"

@@ -165,3 +165,12 @@ def test_an_effect_that_a_sensor_cannot_have_is_refused_where_it_is_meant_for_th
 def test_the_shipped_model_fits_its_sensors() -> None:
     """Nothing is said where nothing is wrong, also of parameters that only the data name."""
     load_model("rd-gc-86-1-truth").check_sensor(ROTOR)
+
+
+def test_a_drift_through_all_runs_is_refused_and_within_runs_is_read(tmp_path: Path) -> None:
+    """It is ageing now; what was written of a drift within runs keeps its meaning."""
+    drift = {"effect": "drift", "parameters": {"d_A": {"unit": "deg/hr/collect", "value": 1.0}}}
+    shape = {"interval_s": 120.0, "middle": 1.0}
+    model(tmp_path, terms=[{**drift, "shape": {**shape, "through_runs": 0.0}}])
+    with pytest.raises(InputError, match=r"terms\.0\.shape\.through_runs: unknown key for effect drift; it has"):
+        model(tmp_path, terms=[{**drift, "shape": {**shape, "through_runs": 1.0}}])

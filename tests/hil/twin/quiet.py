@@ -9,9 +9,16 @@ from typing import Any
 import numpy as np
 import yaml
 
+from drivers.frames.description import load_description
 from hil.bench import LiveBench
+from hil.campaign import Conditions
 from hil.config import Bench, load_bench, parse_bench
+from hil.model import load_model
+from hil.twin import SimulatedUnit
+from hil.twin.setpoints import LoggedPlant
 
+POSITIONS = ("1", "3", "2")
+COLLECT_S, EVERY_S = 10.0, 400.0
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 SILENT: dict[str, Any] = {
     "angle_random_walk": "0 deg/sqrt(hr)",
@@ -58,3 +65,46 @@ def collect(live: LiveBench, position: str, settle_s: float = 30.0, duration_s: 
     block = live.devices.imu.read_block()
     assert block.counts.ok == len(block) > 0
     return {name: float(np.mean(values)) for name, values in block.fields.items() if re.match("[a-z]", name)}
+
+
+def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions, np.ndarray]]:
+    """Return by sensor the conditions and the averages of collects, (3 runs, 2), deg/hr, taken without any bytes."""
+    roles = load_description(bench.imu_description).roles
+    assert roles is not None
+    assert bench.simulation is not None
+    assert bench.simulation_model is not None
+    plant = LoggedPlant(ambient_degC=bench.simulation.start.temperature)
+    unit = SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, sample_rate_hz=1.0, **how)
+    unit.signals(np.array([1.0]))
+    starts, means, temperatures = [], [], []
+    for row in range(runs * len(POSITIONS)):
+        at_s = 300.0 + row * EVERY_S
+        unit.start_move(POSITIONS[row % 3], at_s + 5.0, at_s + 10.0)
+        starts.append(at_s + 260.0)
+        unit.signals(starts[-1] - np.array([2.0, 1.0]))  # an angle's white noise goes on from sample to sample
+        signals = unit.signals(starts[-1] + np.arange(COLLECT_S))
+        means.append({name: float(values.mean()) for name, values in signals.items()})
+        temperatures.append(means[-1]["rotor_2_degC"])
+    label = np.tile(np.array(POSITIONS), runs)
+    out = {}
+    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+    for number in (1, 2):
+        axes = [bench.orientations(number)[position].axes for position in label]
+        conditions = Conditions(
+            bench.sensor(number),
+            collect=np.arange(len(label)),
+            run=np.repeat(np.arange(1, runs + 1), 3),
+            position=label,
+            start_s=np.array(starts),
+            duration_s=np.full(len(label), COLLECT_S),
+            f_g=np.array([each @ gravity for each in axes]),
+            w_deg_per_hr=np.array([each @ earth_rate for each in axes]),
+            columns={
+                "temperature_degC": np.array(temperatures),
+                "time_since_power_on_s": np.array(starts) + bench.simulation.start.powered_for,
+                "time_since_index_s": np.full(len(label), 250.0),
+            },
+        )
+        rates = np.array([[mean[f"rate_{axis}{number}"] for axis in "AB"] for mean in means])
+        out[number] = conditions, rates - conditions.w_channels_deg_per_hr
+    return out

@@ -11,7 +11,9 @@ import pytest
 from hil.bench import build_bench
 from hil.errors import InputError
 from hil.model import load_model
-from tests.hil.twin.quiet import SILENT, collect, quiet_bench
+from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.thermal import Hysteresis
+from tests.hil.twin.quiet import EVERY_S, SILENT, averages, collect, quiet_bench
 
 
 def _term(
@@ -79,6 +81,13 @@ def test_a_model_without_values_cannot_drive_the_unit(tmp_path: Path) -> None:
         build_bench(bench)
 
 
+def test_a_model_that_does_not_fit_the_bench_is_refused_before_anything_begins(tmp_path: Path) -> None:
+    """The names of axes are the bench's: file and key, and which names there are."""
+    bench = quiet_bench(tmp_path, {}, [_term("vre", K_v_C=("deg/hr/g^2", 1.0))])
+    with pytest.raises(InputError, match=r"quiet\.yaml: terms\.0\.parameters\.K_v_C: .*it has K_v_A, K_v_B"):
+        build_bench(bench)
+
+
 @pytest.mark.parametrize("effect", ["bias_Tdot", "bias_grad", "supply", "soak_insufficient"])
 def test_a_term_sees_the_conditions_that_the_bytes_show(effect: str, tmp_path: Path) -> None:
     """While the chamber ramps and soaks: slope, gradient, supply and setpoint of the term are those on the wire."""
@@ -122,3 +131,34 @@ def test_a_warm_up_counts_from_power_on_not_from_the_nights_beginning(tmp_path: 
             live.devices.clock.sleep(2.0)
             first.append(live.devices.imu.read_block().fields["rate_A2"][0])
     assert first[0] - first[1] == pytest.approx(50.0 / np.e, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "unit", "shape"),
+    [
+        ("drift", "d_A", "deg/hr/collect", {"interval_s": EVERY_S, "middle": 1.0}),
+        ("settle", "S_A", "deg/hr", {"tau_s": 200.0}),
+        ("ageing", "a_A", "deg/hr/day", {}),
+        ("jump", "J_A", "deg/hr", {"from_run": 2.0, "runs_held": 1.0}),
+        ("hyst", "h_A", "deg/hr", {"half_width_degC": 3.0}),
+    ],
+)
+def test_what_remembers_does_in_the_unit_what_its_column_says(
+    effect: str, parameter: str, unit: str, shape: dict[str, float], tmp_path: Path
+) -> None:
+    """To 1 % over three self-calibrations after power-on, but for what the column's class says that it idealises."""
+    noise = SILENT | {"new_run_after_rest": "100 s"}
+    terms = [_term(effect, shape=shape, **{parameter: (unit, 100.0)})]
+    (conditions, with_it), (_, without) = (
+        averages(quiet_bench(tmp_path, {}, given, noise=noise), 3)[2] for given in (terms, [])
+    )
+    catalogued = effect_by_id(effect)
+    column = 100.0 * catalogued.columns(conditions, None, shape)[:, 0, 0]
+    known = slice(1, None) if effect == "settle" else slice(None)  # from where the first was reached is not recorded
+    if isinstance(catalogued, Hysteresis):
+        assert column[0] == 0.0  # as if it had rested there for ever, but it came from 15 °C
+        came = conditions.rows(np.array([0, *range(len(conditions))]))
+        came.columns["temperature_degC"][0] = 15.0
+        column = 100.0 * catalogued.columns(came, None, shape)[1:, 0, 0]
+    assert np.abs(column).max() > 0.1
+    np.testing.assert_allclose((with_it - without)[known, 0], column[known], rtol=0.01, atol=0.01)
