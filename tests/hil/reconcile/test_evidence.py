@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.sets import AtBest, BlockSearch, SensorSearch, tied_gain
+from hil.reconcile.search.sets import AtBest, BlockSearch, SensorSearch, SetInBlock, tied_gain
 from hil.reconcile.search.terms import SECOND_TIER
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
@@ -59,7 +60,7 @@ class Unusual(Usual):
 @pytest.fixture(scope="module")
 def search() -> SensorSearch:
     """One sensor of six runs, a supply effect hidden, and little else to choose from."""
-    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 14.0, -13.0), **SMALL)
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 40.0, -36.0), **SMALL)
     catalogue = (Usual(), Unusual(), effect_by_id("k2"))
     problem = pose(campaign, load_model("matrix-6-thermal"), catalogue)
     return searches(problem, (), (variance_effect_by_id("MU_rr"), variance_effect_by_id("rrw")))[2]
@@ -135,6 +136,21 @@ def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> N
     assert total == pytest.approx(logsumexp(brute_force(search, chosen, 0)), abs=0.1)
 
 
+def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
+    """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
+    chosen = (term(search, "usual"), term(search, "k2"))
+    tiny = search.terms[chosen[1]]
+    parts = tuple(None if p is None else replace(p, columns=1e9 * p.columns) for p in tiny.parts)
+    sizes = tuple(tuple(replace(a, deviation=1e-9 * a.deviation) for a in own) for own in tiny.amplitudes)
+    other = replace(tiny, parts=parts, amplitudes=sizes)
+    same = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], tiny)], 0)
+    scaled = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], other)], 0)
+    np.testing.assert_allclose(scaled.terms_log, same.terms_log, atol=1e-6)
+    assert scaled.best == same.best
+    for t in range(len(same.points)):
+        assert scaled.left_at(t) == pytest.approx(same.left_at(t), rel=1e-6)
+
+
 def test_a_scan_says_what_the_evidence_says(search: SensorSearch) -> None:
     """The quick look at all terms, at fewer points of the noise, puts the hidden one where the evidence does."""
     usual, noise = term(search, "usual"), term(search, "k2")
@@ -142,7 +158,7 @@ def test_a_scan_says_what_the_evidence_says(search: SensorSearch) -> None:
     scanned = search.scan(())
     assert scanned[usual] == pytest.approx(gain[1] - gain[0], abs=1.0)
     assert scanned[noise] == pytest.approx(gain[2] - gain[0], abs=1.0)
-    assert scanned[usual] > 5.0 > scanned[noise]
+    assert scanned[usual] > scanned[noise] + 1.0
 
 
 def test_the_odds_before_the_data_are_the_classes(search: SensorSearch) -> None:

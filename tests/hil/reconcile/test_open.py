@@ -150,8 +150,8 @@ def test_no_effect_is_named_in_the_search() -> None:
     assert found == []
 
 
-WORDS = {"base", "scale"}
-"""Ids that are common words as well, which a key or an attribute may be."""
+WORDS = {"base", "scale", "GS"}
+"""Ids that are common words or a parameter as well."""
 
 
 @pytest.mark.parametrize("source", sources(), ids=lambda source: source.stem)

@@ -154,7 +154,7 @@ def test_rates_without_noise_have_no_bad_runs_of_rounding() -> None:
 def flipped(runs: tuple[int, ...] = (4, 9)) -> tuple[Campaign, Rows]:
     """A campaign of which some runs have one channel's sign turned."""
     rows = layout()
-    return campaign_of(rows, changed(rows, measured(rows), -1.0, runs)), rows
+    return campaign_of(rows, changed(rows, measured(rows, 5), -1.0, runs)), rows
 
 
 def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
@@ -170,6 +170,7 @@ def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
     assert len([note for note in result.notes if "left out of the search" in note]) == 2
     assert result.gap.noise_floor < 3.0
     assert result.gap.after < 3.0
+    assert max(channel["observed_deg_per_hr"] for channel in result.noise) < 3.0
     assert result.model_after == result.input_model
     assert summary(result)[0].startswith("Runs 4, 9 do not agree")
     assert "in the model" not in " ".join(summary(result))
