@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, VarianceEffect
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import Term
@@ -171,7 +171,7 @@ def _named(
         kind = NO_NAME
     effect: Described | None = None if first is None else first.candidate.effect
     if first is None:
-        effect = next(k.effect for s in posterior.searches.values() for b in s.blocks for k in b.noise.kinds if k.effect.id == name)
+        effect = scatter_of(posterior)[name]
     return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter")
 
 
@@ -244,12 +244,19 @@ def _overlap(values: Fitted, posterior: Posterior, number: int, own: Sequence[in
     return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
 
 
+def scatter_of(posterior: Posterior) -> dict[str, VarianceEffect]:
+    """Return the effects on the scatter that were asked about, by id."""
+    kinds = (kind for search in posterior.searches.values() for block in search.blocks for kind in block.noise.kinds)
+    return {kind.effect.id: kind.effect for kind in kinds}
+
+
 def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     """What the disagreement follows, each driver with the probability that some term follows it, given that one is."""
     totals: dict[str, float] = {}
     any_of_them = 0.0
+    scatter = scatter_of(posterior)
     for f in posterior.sets:
-        drivers = {t.follows for _, t in _members(posterior, f)} | ({"run"} if f.kind else set())
+        drivers = {t.follows for _, t in _members(posterior, f)} | {scatter[f.kind].follows for _ in f.kind[:1]}
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0
         for driver in drivers:

@@ -60,6 +60,8 @@ def reconcile(
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
     chosen = load_model(model) if isinstance(model, str) else model
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
+    for collects in campaign.sensors.values():
+        chosen.check_sensor(collects.conditions.sensor)
     campaign = with_stand_ins(campaign)
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
