@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.given_file import check_folder
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
@@ -161,7 +162,8 @@ def open_source(folder: Path | str) -> Source:
     if (folder / HEADER_FILE).is_file():
         return Source(folder, read_campaign(folder), {})
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
-    raise InputError(f"{folder}: {neither if folder.is_dir() else 'there is no such folder'}")
+    check_folder(folder)
+    raise InputError(f"{folder}: {neither}")
 
 
 def _make_way(target: Path) -> None:
