@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil.cli.ask import must_agree
 from hil.cli.output import JsonFlag, messages, print_json, results, warn
 from hil.errors import InputError
 
@@ -109,12 +110,7 @@ def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
     dead_man = bench.chamber.dead_man
     stays = "stay there" if dead_man is None else f"stay there for {dead_man / 60.0:g} min (dead_man)"
     messages().print(f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and {stays}.")
-    try:
-        agreed = typer.confirm("Set it?", err=True)
-    except typer.Abort:
-        agreed = False
-    if not agreed:
-        raise InputError("not set: answer yes, or give --yes where nobody can be asked")
+    must_agree("Set it?", "not set")
 
 
 def _warn_of_others(bench: Bench) -> None:

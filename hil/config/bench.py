@@ -30,7 +30,7 @@ from hil.config.sections import to_settings
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
-from hil.files.strict import Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.files.strict import NAME, Section, find_config, parse_yaml, read_text, validated, validated_inside
 from hil.files.units import Degrees, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -54,7 +54,7 @@ def _plain_name(value: str) -> str:
 
 
 ASK = "ask"
-_LABEL = re.compile(r"[^\W_][ -~]{0,59}")
+_LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 """What may be a serial number: a line that fits on a label."""
 
 
@@ -65,7 +65,7 @@ class UnitSection(Section):
     """
 
     model: str
-    serial: str
+    serial: Annotated[str, AfterValidator(str.strip)]
 
 
 class SiteSection(Section):
@@ -212,7 +212,7 @@ class Bench(Section):
         A bench file that names another is not overruled.
         """
         if not _LABEL.fullmatch(serial):
-            raise InputError(f"{serial[:80]!r} is no serial number: one line of at most 60 plain characters")
+            raise InputError(f"{serial[:80]!r} is no serial number: one line of at most {NAME} plain characters")
         if self.unit.serial not in ("", ASK, serial):
             raise InputError(f"{self._source}: unit.serial: it says {self.unit.serial}, and {serial} was typed; which?")
         return self.model_copy(update={"unit": self.unit.model_copy(update={"serial": serial})})

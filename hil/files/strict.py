@@ -30,6 +30,17 @@ SINGULAR = {
 """The kinds of configuration: the folder's name, and the word for one of them."""
 
 
+NAME, REMARK = 60, 500
+"""Characters of a person's name or a label, and of what somebody says for the record: both fit on a screen."""
+
+
+def one_line(what: str, text: object, longest: int = REMARK) -> str:
+    """Return what a person gave as `what`, without blanks around it; raise `InputError` where it is no single line."""
+    if not isinstance(text, str) or len(text) > longest or not text.isprintable():
+        raise InputError(f"{what}: one line of at most {longest} characters")
+    return text.strip()
+
+
 class Section(BaseModel):
     """A mapping in a configuration file. Keys that it does not know are errors, with the nearest one suggested."""
 

@@ -37,8 +37,9 @@ from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import configuration_of, configuration_text
-from hil.errors import Damaged
+from hil.errors import Damaged, InputError
 from hil.files.lock import FolderLock
+from hil.files.strict import NAME, one_line
 from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
@@ -48,6 +49,7 @@ from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
+from hil.records.identity import night_identity
 from hil.records.live import LiveFiles, trace_digest
 from hil.records.rows import Night
 from hil.records.status import VERDICT
@@ -108,7 +110,7 @@ def start_night(
     check_sweep_against_bench(sweep, bench)
     text = configuration_text(bench, sweep, seed)
     plan = make_plan(sweep.procedure())
-    who = who or _user()
+    who = one_line("--operator", who or _user(), NAME)
     with bench_lock(bench, target):
         with whole_or_nothing(target) as partial:
             resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
@@ -152,12 +154,15 @@ def resume_night(
     controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
     written.
     """
-    folder, who = Path(folder), who or _user()
+    folder, who, said = Path(folder), one_line("--operator", who or _user(), NAME), remarks or Remarks()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
+        serial = night_identity(reader).get("serial", said.serial)
+    if said.serial not in ("", serial):
+        raise InputError(f"{folder}: it is a night of unit {serial}, and {said.serial} was typed; which?")
     if len(done) == len(plan.steps):
         return NightOutcome(folder, "complete", "every planned step was done before", 0)
     last_s = max((controller.seen_s for controller in controllers), default=0.0)
@@ -167,6 +172,7 @@ def resume_night(
     with ExitStack() as held:
         lock = held.enter_context(FolderLock(folder).acquire())
         bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
+        bench = bench.of_unit(said.serial) if said.serial else bench
         held.enter_context(bench_lock(bench, folder))
         attendant = Attendant(terminal)
         live = build_bench(
@@ -182,7 +188,6 @@ def resume_night(
         held.enter_context(live)
         clock, raw = live.devices.clock, bench.record.raw
         journal = held.enter_context(SqliteJournal.open(folder, clock=clock, who=who, keep_raw=raw, lock=lock))
-        said = remarks or Remarks()
         _record_resumption(journal, who, night, len(done), last_s, said.note)
         said.record(journal, who)
         for number, what in damaged.items():

@@ -21,6 +21,7 @@ from pathlib import Path
 from drivers.clock import SystemClock
 from hil.errors import InputError
 from hil.files.lock import living_owner
+from hil.files.strict import one_line
 from hil.records import schema as journal_schema
 from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
@@ -40,6 +41,7 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
     where no controller is at work there, or the request cannot be recorded; nothing is asked then.
     """
     _require_controller(folder, kind)
+    why = one_line("the reason or answer", why)
     path = folder / JOURNAL_NAME
     try:
         connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
