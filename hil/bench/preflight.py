@@ -26,8 +26,10 @@ from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
 from hil.bench.finding import Finding
 from hil.config import Bench, Sweep
+from hil.config.notify import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import left_hot_or_cold
+from hil.errors import InputError
 from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, make_plan
 
@@ -75,6 +77,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
             *_wear(plan, sweep, bench),
             _disk(left, live, folder),
             _clock(live),
+            *_notified(bench),
             _duration(left, live),
             *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
@@ -325,6 +328,17 @@ def _clock(live: LiveBench) -> Finding:
         return Finding("clock", True, f"{told}, synchronised")
     advice = "records carry this time: compare it with a watch, or switch synchronisation on (timedatectl set-ntp true)"
     return Finding("clock", True, f"{told}, not synchronised", advice)
+
+
+def _notified(bench: Bench) -> Iterator[Finding]:
+    """Say NOT where somebody is to be told of the night who could not be."""
+    for reference in bench.notify.to if bench.notify else ():
+        try:
+            for address in (found := addresses_of(reference)):
+                messenger_of(address)
+            yield Finding("notify", True, f"{reference}: {len(found)} to tell")
+        except InputError as error:
+            yield Finding("notify", False, f"{reference}: {error}", f"hil notify {bench.source} sends a trial message")
 
 
 def _duration(left: Sequence[Step] | None, live: LiveBench) -> Finding:
