@@ -155,3 +155,28 @@ def test_without_accelerations_the_pose_is_assumed_and_said_to_be() -> None:
     said = "the pose was not measured (no accelerations): that the unit lay as each position says"
     assert said in solve_campaign(bare)[0].assumed
     assert said not in solve_campaign(made)[0].assumed
+
+
+def test_a_contradiction_is_named_by_its_own_sensors_collects() -> None:
+    """Two sensors collected together have collects of their own numbers; what one of them shows is not the other's."""
+    made = campaign(runs=2)
+    first = made.sensors[2]
+    columns = {name: (1.2 if "accel" in name else 1.0) * values for name, values in first.conditions.columns.items()}
+    third = replace(first.conditions.sensor, number=3)
+    other = replace(first.conditions, sensor=third, collect=np.arange(101, 107), columns=columns)
+    both = replace(made, sensors={2: first, 3: replace(first, conditions=other)})
+    assert judged_by_its_records(both).warnings == (
+        "collects 101–106: sensor 3: its accelerometers show 1.20 times what gravity is: |f| is not 1 g",
+    )
+
+
+@pytest.mark.parametrize(
+    ("runs", "wrong", "accused"),
+    [(9, slice(12, 15), [5]), (3, slice(6, 9), [3]), (3, slice(9), [1, 2, 3]), (2, slice(6), [1, 2])],
+)
+def test_one_runs_wrong_thermometer_accuses_that_run(runs: int, wrong: slice, accused: list[int]) -> None:
+    """The others followed the air; only where none does, or nobody can tell which, all are doubtful."""
+    made = campaign(runs, per_temperature=1)
+    degrees = made.sensors[2].conditions.columns["temperature_degC"].copy()
+    degrees[wrong] = 0.0
+    assert sorted(with_column(made, temperature_degC=degrees).verdicts) == accused
