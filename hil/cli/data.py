@@ -75,6 +75,8 @@ def solve(
         f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
     ):
         console.print(text)
+    for text in dict.fromkeys(text for each in solutions for text in each.assumed):
+        console.print(f"assumed: {text}")
     if scatter:
         console.print("\nwhat scattered from run to run:")
     for each in overall(scatter):

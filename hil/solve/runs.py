@@ -24,9 +24,9 @@ from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
-from hil.solve.neighbours import contradicted_by_neighbours
+from hil.solve.neighbours import Neighbours, compared_with_neighbours
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import counted, plural, spelled
+from procedures.words import counted, numbered, plural, spelled
 
 SCHEMA = "hil.solution/1"
 
@@ -94,14 +94,24 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
-    beside = {number: contradicted_by_neighbours(collects) for number, collects in campaign.sensors.items()}
+    beside = {number: compared_with_neighbours(collects) for number, collects in campaign.sensors.items()}
     judged = [_judged(each, campaign.verdicts, beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
 
 
-def _judged(solution: RunSolution, *measured: Mapping[int, Judgement]) -> RunSolution:
-    """Return the solution with the worst of verdicts: how it was solved, and how its run was `measured`."""
-    found = [] if solution.run is None else [each[solution.run] for each in measured if solution.run in each]
+def _judged(solution: RunSolution, measured: Mapping[int, Judgement], beside: Neighbours) -> RunSolution:
+    """Return the solution with the worst of verdicts: how it was solved, how its run was `measured`, and what stands `beside`.
+
+    Where there is nothing to compare it with, that stands among what was assumed.
+    """
+    run = solution.run
+    if run in beside.not_compared:
+        alone = (
+            f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
+            "or a colder and a warmer one, and six such collects): that each collect is what it says"
+        )
+        solution = replace(solution, assumed=(*solution.assumed, alone))
+    found = [each[run] for each in (measured, beside.judged) if run is not None and run in each]
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution

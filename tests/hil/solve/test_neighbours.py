@@ -11,8 +11,9 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.plausibility import judged_by_its_records
 from hil.model.earth import Site
 from hil.solve import solve_campaign
-from hil.solve.neighbours import contradicted_by_neighbours
+from hil.solve.neighbours import compared_with_neighbours
 from procedures.verdict import Verdict
+from procedures.words import numbered
 
 _F = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _K = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
@@ -67,7 +68,7 @@ def test_sound_campaigns_are_left_alone(per_temperature: int) -> None:
     for seed in range(20):
         for runs in (1, 2, 3, 9):
             made = campaign(runs, per_temperature, seed)
-            assert not contradicted_by_neighbours(made.sensors[2])
+            assert not compared_with_neighbours(made.sensors[2]).judged
             assert judged_by_its_records(made).verdicts == {}
             assert {each.verdict for each in solve_campaign(made)} == {Verdict.PASS}
 
@@ -104,7 +105,7 @@ def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
     made = campaign(runs)
     rates = made.sensors[2].rates_deg_per_hr.copy()
     rates[12:15] += off
-    found = contradicted_by_neighbours(with_rates(made, rates).sensors[2])
+    found = compared_with_neighbours(with_rates(made, rates).sensors[2]).judged
     assert {run: each.verdict for run, each in found.items()} == {5: Verdict.MARGINAL}
     assert "its bias was another" in found[5].reason
 
@@ -180,3 +181,30 @@ def test_one_runs_wrong_thermometer_accuses_that_run(runs: int, wrong: slice, ac
     degrees = made.sensors[2].conditions.columns["temperature_degC"].copy()
     degrees[wrong] = 0.0
     assert sorted(with_column(made, temperature_degC=degrees).verdicts) == accused
+
+
+@pytest.mark.parametrize(
+    ("off", "verdict"), [(4.0, Verdict.PASS), (11.0, Verdict.MARGINAL), (40.0, Verdict.INCONCLUSIVE)]
+)
+def test_a_collect_that_scatter_hardly_explains_is_marginal(off: float, verdict: Verdict) -> None:
+    """Nearer than what is said of it with certainty, and beyond the false alarms that are allowed; with its row."""
+    made = campaign(16, 8, scatter=1.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[25, 1] -= off
+    solved = {each.run: each for each in solve_campaign(with_rates(made, rates))}
+    assert solved[9].verdict is verdict
+    assert ("collect 26: RB is -" in solved[9].reason) is (verdict is not Verdict.PASS)
+    assert ("chance alone shows as much" in solved[9].reason) is (verdict is Verdict.MARGINAL)
+    assert all(each.verdict is Verdict.PASS for run, each in solved.items() if run != 9)
+
+
+@pytest.mark.parametrize(
+    ("runs", "per_temperature", "alone"),
+    [(1, 1, [1]), (2, 2, [1, 2]), (9, 1, [1, 9]), (9, 3, []), (8, 3, [7, 8]), (3, 1, [1, 2, 3])],
+)
+def test_runs_that_cannot_be_compared_say_so(runs: int, per_temperature: int, alone: list[int]) -> None:
+    """Two at a temperature, one without neighbours, the coldest and the warmest: among what was assumed."""
+    told = {each.run: " ".join(each.assumed) for each in solve_campaign(campaign(runs, per_temperature))}
+    said = f"{numbered('run', alone)} cannot be compared with others"
+    assert [run for run, text in told.items() if said in text] == alone
+    assert sum("cannot be compared" in text for text in told.values()) == len(alone)
