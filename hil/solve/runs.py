@@ -100,7 +100,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
 
 
 def _judged(solution: RunSolution, measured: Mapping[int, Judgement], beside: Neighbours) -> RunSolution:
-    """Return the solution with the worst of verdicts: how it was solved, how its run was `measured`, and what stands `beside`.
+    """Return the solution with the worst of verdicts: of solving, of how it was `measured`, of what stands `beside`.
 
     Where there is nothing to compare it with, that stands among what was assumed.
     """
