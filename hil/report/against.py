@@ -120,8 +120,8 @@ def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
                     channels.setdefault((number, name), {})[place] = pair
     known = {each: rates for each, rates in channels.items() if len(rates) >= _LEAST_PLACES}
     away = {each: len(rates) * np.var(np.diff(list(rates.values()))) for each, rates in known.items()}  # beside a bias
-    for (number, name), rates in known.items():
-        now, before = np.array(list(rates.values())).T
+    for (number, name), pairs in known.items():
+        now, before = np.array(list(pairs.values())).T
         size = float(now @ now)
         gain = float(now @ before) / size if size > 0.0 else 1.0
         left = _MENDED * away[number, name]
