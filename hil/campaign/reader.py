@@ -106,6 +106,7 @@ def read_campaign(folder: Path | str) -> Campaign:
         verdicts=header.verdicts,
         identity=header.identity,
         pose=header.pose,
+        largest_se=header.largest_se,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
         read_series(campaign, collect)

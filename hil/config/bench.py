@@ -31,7 +31,7 @@ from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
 from hil.files.strict import NAME, Section, find_config, parse_yaml, read_text, validated, validated_inside
-from hil.files.units import Degrees, Gravities, Hertz, Seconds
+from hil.files.units import Degrees, DegreesPerHour, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
 from procedures.pose import PoseTable, PoseTolerance
@@ -169,6 +169,7 @@ class Bench(Section):
     interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
     polling: Annotated[Polling, _settings(Polling)] = Polling()
     pose: Annotated[PoseTolerance, _settings(PoseTolerance)] = PoseTolerance()
+    largest_standard_error: Annotated[DegreesPerHour, Field(gt=0.0)] | None = None
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None

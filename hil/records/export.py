@@ -208,6 +208,7 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         verdicts=_verdicts(journal),
         identity=night_identity(journal),
         pose=bench.pose,
+        largest_se=bench.largest_standard_error,
     )
     return judged_by_its_records(campaign), rows
 

@@ -33,6 +33,7 @@ def bench_file(folder: Path, *, tells: bool, serial: str = "ask") -> Path:
     (folder / "my-imu.yaml").write_text(yaml.safe_dump(frames, sort_keys=False))
     document = yaml.safe_load(load_bench("simulated").text)
     document["unit"]["serial"] = serial
+    document["largest_standard_error"] = "4 deg/hr"
     document["imu"]["description"] = str(folder / "my-imu.yaml")
     path = folder / "my-bench.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False))
@@ -75,6 +76,7 @@ def test_what_is_typed_stands_in_every_record(hil: Any, one_run: Path, tmp_path:
     assert hil("export", night, campaign).returncode == 0
     assert yaml.safe_load((campaign / "campaign.yaml").read_text())["identity"] == said
     assert read_campaign(campaign).identity == said
+    assert read_campaign(campaign).largest_se == 4.0
     assert hil("report", campaign, "--out", page).returncode == 0
     assert all(f"<strong>{text}</strong>" in page.read_text() for text in said.values())
 
