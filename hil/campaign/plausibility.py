@@ -10,7 +10,7 @@ is further off is said in words with its collects, and the runs that rest on the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,9 +19,10 @@ import numpy as np
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Campaign, Collects, FloatArray, IntArray
 from procedures.pose import PoseTable
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import numbered
+from procedures.words import listed, numbered
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
+_RIGID_G = 0.1  # in products of f: six degrees
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
 _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
 _WARMER_DEGC = 40.0
@@ -34,7 +35,7 @@ _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were colle
 
 def judged_by_its_records(campaign: Campaign) -> Campaign:
     """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other."""
-    found = [*_poses(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
+    found = [*_poses(campaign), *_tables(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
     verdicts = dict(campaign.verdicts)
     said = []
     for sensors, rows, words in found:
@@ -57,13 +58,9 @@ def accelerations_g(collects: Collects) -> FloatArray:
 
 def _poses(campaign: Campaign) -> Iterator[_Found]:
     """Compare measured accelerations with f, over all sensors that were collected together: they are one body."""
-    if campaign.centrifuge:
-        return
-    together: dict[tuple[float, ...], list[Collects]] = {}
-    for collects in campaign.sensors.values():
-        if np.isfinite(accelerations_g(collects)).any():
-            together.setdefault(tuple(collects.conditions.start_s.tolist()), []).append(collects)
-    for group in together.values():
+    for group in _together(
+        campaign, [each for each in campaign.sensors.values() if np.isfinite(accelerations_g(each)).any()]
+    ):
         first = group[0]
         f_g = np.stack([each.conditions.f_g for each in group], axis=1)
         measured = np.stack([accelerations_g(each) for each in group], axis=1)
@@ -73,6 +70,35 @@ def _poses(campaign: Campaign) -> Iterator[_Found]:
         for each in PoseTable(axes, poses, campaign.pose).contradictions(labels.tolist(), measured, f_g):
             about = [one for one in group if each.sensor in (None, one.conditions.sensor.number)]
             yield about, each.collects, each.words
+
+
+def _together(campaign: Campaign, sensors: Iterable[Collects]) -> Collection[Sequence[Collects]]:
+    """Return those of the sensors that were collected together, at rest."""
+    groups: dict[tuple[float, ...], list[Collects]] = {}
+    for each in () if campaign.centrifuge else sensors:
+        groups.setdefault(tuple(each.conditions.start_s.tolist()), []).append(each)
+    return groups.values()
+
+
+def _tables(campaign: Campaign) -> Iterator[_Found]:
+    """Compare the angles by which f turns from position to position: for the sensors of one body they are the same."""
+    for first, *others in _together(campaign, campaign.sensors.values()):
+        position = first.conditions.position
+        labels = list(dict.fromkeys(position.tolist()))
+        for other in others:
+            one, two = (
+                np.array([np.median(each.conditions.f_g[position == label], axis=0) for label in labels])
+                for each in (first, other)
+            )
+            apart = np.abs(one @ one.T - two @ two.T)
+            if apart.max() > _RIGID_G:
+                i, j = np.unravel_index(int(np.argmax(apart)), apart.shape)
+                numbers = listed(each.conditions.sensor.number for each in (first, other))
+                words = (
+                    f"between positions {labels[int(i)]} and {labels[int(j)]} f turns by different angles for sensors "
+                    f"{numbers}, which are one body: an orientation is wrong"
+                )
+                yield [first, other], np.isin(position, [labels[int(i)], labels[int(j)]]), words
 
 
 def _earth_rate(campaign: Campaign) -> Iterator[_Found]:

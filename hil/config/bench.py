@@ -56,6 +56,7 @@ def _plain_name(value: str) -> str:
 ASK = "ask"
 _LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 """What may be a serial number: a line that fits on a label."""
+_RIGID = 0.05  # of direction cosines: three degrees
 
 
 class UnitSection(Section):
@@ -190,6 +191,19 @@ class Bench(Section):
                 raise ValueError(
                     f"clock: a virtual clock cannot drive the real port {port} ({key}); write clock: system"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _sensors_are_one_body(self) -> Bench:
+        (first, of), *others = self.sensors.items()
+        for number, each in others:
+            stands = {at: of.built[at].axes @ each.built[at].axes.T for at in of.built if at in each.built}
+            for label, so in stands.items():
+                if np.abs(so - next(iter(stands.values()))).max() > _RIGID:
+                    raise ValueError(
+                        f"sensors.{number}.orientations.{label}: sensor {number} stands otherwise to sensor {first} "
+                        f"than at position {next(iter(stands))}, and they are one body: one of the four is wrong"
+                    )
         return self
 
     @property

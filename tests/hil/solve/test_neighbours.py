@@ -171,6 +171,25 @@ def test_a_contradiction_is_named_by_its_own_sensors_collects() -> None:
     )
 
 
+def test_orientation_tables_of_one_body_agree() -> None:
+    """One sensor's axes may stand anyhow to the other's, but as they do they stand in every position."""
+    made = campaign(runs=2)
+    first = made.sensors[2]
+    third = replace(first.conditions, sensor=replace(first.conditions.sensor, number=3), collect=np.arange(11, 17))
+    bare = {n: replace(c, columns={}, w_deg_per_hr=np.zeros((6, 3))) for n, c in ((2, first.conditions), (3, third))}
+
+    def said(f_g: FloatArray, **changes: bool) -> tuple[str, ...]:
+        rows = {2: replace(first, conditions=bare[2]), 3: replace(first, conditions=replace(bare[3], f_g=f_g))}
+        return tuple(judged_by_its_records(replace(made, sensors=rows, **changes)).warnings)
+
+    turned = first.conditions.f_g[:, [2, 0, 1]] * [1.0, -1.0, 1.0]
+    assert said(turned) == ()
+    turned[[2, 5]] = [0.0, -1.0, 0.0]
+    (told,) = said(turned)
+    assert told.startswith("collects 1, 3–4, 6, 11, 13–14, 16: between positions 1 and 3 f turns by different angles")
+    assert said(turned, centrifuge=True) == ()
+
+
 @pytest.mark.parametrize(
     ("runs", "wrong", "accused"),
     [(9, slice(12, 15), [5]), (3, slice(6, 9), [3]), (3, slice(9), [1, 2, 3]), (2, slice(6), [1, 2])],
