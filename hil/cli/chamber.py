@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil.cli.ask import must_agree
-from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.cli.output import JsonFlag, messages, printed, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -155,8 +155,7 @@ def _set(live: LiveChamber, target_degC: float) -> None:
 
 
 def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading, *, as_json: bool) -> None:
-    if as_json:
-        print_json(_document(bench, action, identity, reading))
+    if printed(_document(bench, action, identity, reading), as_json):
         return
     console = results()
     console.print(f"{bench.name}: {identity.model}{'  SIMULATED' if bench.simulated else ''}")

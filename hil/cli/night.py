@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
+from hil.cli.output import Folder, JsonFlag, listing, messages, printed, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
@@ -62,12 +61,9 @@ def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     steps = make_plan(asked.procedure())
-    if as_json:
-        print_json(plan_document(steps, simulated=on.simulated))
+    if printed(plan_document(steps, simulated=on.simulated), as_json):
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading, justify in (("begins", "right"), ("lasts", "right"), ("step", "left")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
     for step in steps.steps:
         table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
     console = results()
@@ -222,9 +218,7 @@ def status(
     if watch:
         keep_looking(folder, results())
     document, now = look_at(folder)
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
     well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
@@ -236,9 +230,7 @@ def verify(folder: Folder, as_json: JsonFlag = False) -> int:
     from hil.records.verify import verify_night
 
     document = verify_night(folder)
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         console = results()
         for problem in document["problems"]:
             console.print(f"problem: {problem}")
@@ -257,9 +249,7 @@ def repair(
     from hil.records.requests import who_asks
 
     document = repair_night(folder, out, who_asks())
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         console = results()
         for what in ("restored", "lost"):
             for line in document[what]:
