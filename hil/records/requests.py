@@ -23,7 +23,7 @@ from hil.errors import InputError
 from hil.files.lock import living_owner
 from hil.records import schema as journal_schema
 from hil.records.ledger import Ledger
-from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, open_readonly
 from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
 
@@ -107,8 +107,7 @@ def forsaken_chamber(journal: JournalReader) -> str:
 
 def _require_controller(folder: Path, kind: RequestKind) -> None:
     """Raise `InputError`, saying what can be done instead, where nobody would hear the request."""
-    if not (folder / JOURNAL_NAME).is_file():
-        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    journal_of(folder)
     if living_owner(folder) is not None:
         return
     with open_readonly(folder) as journal:

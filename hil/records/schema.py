@@ -10,7 +10,7 @@ import sqlite3
 from pathlib import Path
 
 from hil.errors import Damaged, InputError
-from hil.records.ledger import enter_everything
+from hil.records.ledger import HEAD_NAME, enter_everything
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
 
@@ -168,7 +168,8 @@ def check(connection: sqlite3.Connection, path: Path) -> int:
     except UNREADABLE as error:
         raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
-        raise InputError(f"{path}: is a database, but not a journal of hil")
+        kind = Damaged if path.with_name(HEAD_NAME).exists() else InputError
+        raise kind(f"{path}: is a database, but not a journal of hil")
     if version > VERSION:
         raise InputError(f"{path}: was written by a later hil (schema {version}, this one reads {VERSION}); update hil")
     return version

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -22,6 +23,7 @@ from hil.records.ledger import HEAD_NAME
 from hil.records.requests import request, standing_prompt, wait_for_answer
 from hil.records.status import night_status
 from hil.records.verify import verify_night
+from hil.records.witnesses import LOG_NAME
 from procedures.journal_protocol import Outcome
 from procedures.progress import Silent, Snapshot
 from procedures.requests import RequestKind
@@ -260,6 +262,8 @@ def test_a_journal_of_version_1_is_read_and_upgraded(full_night: Path, clock: Vi
         connection.execute(statement)
     as_it_was_then(connection)
     (full_night / HEAD_NAME).unlink()
+    log = full_night / LOG_NAME
+    log.write_text(re.sub(', "digest": "[^"]*"', "", log.read_text()))
     connection.close()
     with open_readonly(full_night) as journal:
         assert journal.requests() == ()
