@@ -40,7 +40,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     problems: list[str] = []
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
-    complete, signature = False, "not known"
+    complete, signature = False, "whether it is signed was not looked at"
     try:
         with reading(folder, damaged_too=True) as journal:
             problems += journal.found
@@ -63,7 +63,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             complete = not missing
             problems += [f"missing: {what}" for what in missing]
     except Damaged as error:  # it cannot be believed any further
-        problems.append(str(error))
+        problems += [] if problems else [str(error)]
     return {
         "schema": "hil.verify/1",
         "complete": complete and not problems,
