@@ -50,7 +50,7 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
     witnesses = Witnesses.of(folder)
     with whole_or_nothing(out) as partial:
         with closing(sqlite3.connect(partial / JOURNAL_NAME, isolation_level=None)) as new:
-            journal_schema.upgrade(new)
+            new.executescript(journal_schema.TABLES)
             new.execute("BEGIN")
             gone = _take_proven_rows(folder, new)
             restored = _take_from_the_log(new, witnesses, gone)

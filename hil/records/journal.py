@@ -98,7 +98,7 @@ class SqliteJournal(JournalReader):
         if len({step.key for step in plan.steps}) != len(plan.steps):
             raise InputError("the plan has two steps of one key, so that their results could not be told apart")
         with contextlib.closing(_connect(path)) as connection:
-            journal_schema.upgrade(connection)
+            connection.executescript(journal_schema.TABLES)
             with Ledger(connection, folder).transaction():
                 connection.executemany(
                     "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
@@ -135,8 +135,6 @@ class SqliteJournal(JournalReader):
                 pass  # it is what was written
             connection = _connect(path)
             try:
-                if journal_schema.check(connection, path) < journal_schema.VERSION:
-                    journal_schema.upgrade(connection)
                 journal = cls(
                     folder, connection, lock, clock=clock, who=who, keep_raw=keep_raw, disk=disk or RealDisk()
                 )

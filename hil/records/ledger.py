@@ -31,7 +31,7 @@ HEAD_NAME = "journal.head"
 TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Every table whose rows are chained. The first column of each is its row number."""
 
-_HEAD_SIZE, _UNSIGNED_SIZE = 180, 100  # bytes, always, so that it is written in place, within one sector; formerly
+_HEAD_SIZE = 180  # bytes, always, so that it is written in place, within one sector
 _SHORTEST_KEY = 16  # bytes
 
 
@@ -100,7 +100,7 @@ def signed(folder: Path, key: bytes) -> bool | None:
 def read_head(folder: Path) -> tuple[int, str] | None:
     """Return number and link of the newest entry that is known to be durable; number 0 where the file is damaged.
 
-    None where there is none, as beside a journal of an earlier version.
+    None where there is none.
     """
     path = folder / HEAD_NAME
     if not os.path.lexists(path):
@@ -109,7 +109,7 @@ def read_head(folder: Path) -> tuple[int, str] | None:
         while (text := _head_bytes(path)) != _head_bytes(path):
             pass  # it was just being written
         kind, number, link, *signature = words = text.decode().split()
-        whole = kind == "hil.head/1" and len(signature) <= 1 and len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE)
+        whole = kind == "hil.head/1" and len(signature) <= 1 and len(text) == _HEAD_SIZE
         whole = whole and " ".join(words).ljust(len(text)).encode() == text
         return (int(number), link) if whole else (0, "damaged")
     except (OSError, ValueError, InputError):
@@ -135,10 +135,11 @@ def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) ->
 
 
 def enter_everything(connection: sqlite3.Connection) -> None:
-    """Append one entry of all rows that there are: those of an earlier version, checked by its own digests before."""
-    rows = [(table, row) for table in TABLES for (row,) in connection.execute(f"SELECT rowid FROM {table}")]  # noqa: S608
-    if rows:
-        enter(connection, rows)
+    """Append one entry of all rows that there are: those that `hil repair` has brought back."""
+    enter(
+        connection,
+        [(table, row) for table in TABLES for (row,) in connection.execute(f"SELECT rowid FROM {table}")],  # noqa: S608
+    )
 
 
 def row_digest(row: Sequence[Any]) -> str:

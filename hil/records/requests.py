@@ -21,7 +21,6 @@ from pathlib import Path
 from drivers.clock import SystemClock
 from hil.errors import InputError
 from hil.files.lock import living_owner
-from hil.records import schema as journal_schema
 from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, open_readonly
 from hil.records.rows import Event, RequestRow
@@ -44,11 +43,6 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
     try:
         connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
         with contextlib.closing(connection):
-            if journal_schema.check(connection, path) < journal_schema.VERSION:
-                raise InputError(
-                    f"{folder}: its controller is an earlier hil that hears no requests; Ctrl-C in its terminal, or "
-                    "kill with the process number, brings the chamber to its safe state"
-                )
             connection.execute("PRAGMA synchronous = FULL")
             # For a millisecond: a controller waits for whoever writes, and hardly ever for one that dies meanwhile.
             with Ledger(connection, folder).transaction():

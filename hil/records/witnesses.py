@@ -85,7 +85,7 @@ def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:
     parts, told = list(folder.glob(f"{LOG_NAME}*")), Witnesses.of(folder).ended.items()
     if folder / f"{LOG_NAME}.{LOG_KEPT}" in parts:
         return
-    said = {each: line.get("digest") for each, line in told if proven(line) or "digest" not in line}  # as once it was
+    said = {each: line["digest"] for each, line in told if proven(line)}
     unsaid = [
         f"{key}, attempt {n}"
         for key, n, digest in connection.execute(
@@ -93,7 +93,7 @@ def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:
             "SELECT max(a.id) FROM attempts a JOIN controllers c ON c.id = controller "
             "WHERE c.ended IS NULL AND outcome IS NOT NULL GROUP BY c.id) ORDER BY id"
         )
-        if said.get((key, n), "") not in (digest, None)
+        if said.get((key, n)) != digest
     ]
     seals = connection.execute("SELECT evidence FROM events WHERE kind = 'verdict'").fetchall()
     seals = [part for (text,) in seals for part in json.loads(text).get("log", ())]
