@@ -119,7 +119,7 @@ def test_a_drive_that_does_not_answer_is_given_up(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(os, "stat", hangs)
     monkeypatch.setattr(given_file, "PATIENCE_S", 0.01)
-    with pytest.raises(InputError, match="hung: no answer within 0.01 s"):
+    with pytest.raises(InputError, match="hung: no answer within"):
         read_bytes(tmp_path / "hung")
     ended.set()
     (tmp_path / "file").write_bytes(b"x")
