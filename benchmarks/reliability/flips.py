@@ -74,7 +74,7 @@ class Judge:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        hil.config.recorded._understood = cache(hil.config.recorded._understood)  # type: ignore[assignment]
+        hil.config.recorded.understood = cache(hil.config.recorded.understood)  # type: ignore[assignment]
         hil.records.export.bench_of_record = cache(hil.records.export.bench_of_record)  # type: ignore[assignment]
         self._sound = {name: repr(path(folder)) for name, path in PATHS.items()}
         self.seen: Counter[str] = Counter()

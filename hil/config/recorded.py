@@ -78,7 +78,7 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
 
 def lost_files(text: str, folder: Path) -> Iterator[str]:
     """Yield in words which files of `folder` are not what `configuration_of` wrote there."""
-    document = _understood(text)
+    document = understood(text)
     for path in (folder / f"{name}.yaml" for name in _FILES if name in document):
         try:
             what = "" if read_bytes(path) == document[path.stem].encode() else "is not what the journal has on record"
@@ -90,14 +90,15 @@ def lost_files(text: str, folder: Path) -> Iterator[str]:
 
 def key_file(text: str) -> Path | None:
     """Return the file of the key with which the night's head is signed (`record.key`), None where none is named."""
-    key = _understood(text if "key:" in text else "").get("bench", {}).get("record", {}).get("key")  # it is a long text
+    key = understood(text if "key:" in text else "").get("bench", {}).get("record", {}).get("key")  # it is a long text
     return None if key is None else Path(key)
 
 
-def _understood(text: str) -> dict[str, Any]:
+def understood(text: str) -> dict[str, Any]:
+    """Return what a journal's text says; nothing where this version does not understand it."""
     try:
         return parse_yaml(text, "the night's configuration")
-    except InputError:  # nothing of it can be told
+    except InputError:
         return {}
 
 

@@ -16,7 +16,7 @@ from hil.night.watchdog import Patience, Watchdog
 
 @pytest.mark.parametrize(
     ("step", "share", "lasts_s"),
-    [("T1/S1/restabilise", 0.9, 120.0), ("T1/S1/C2/collect", 0.5, 25.0)],
+    [pytest.param("T1/S1/restabilise", 0.9, 120.0, marks=pytest.mark.slow), ("T1/S1/C2/collect", 0.5, 25.0)],
 )
 def test_an_hour_in_which_nobody_looked_is_said_and_counts_for_nothing(
     tmp_path: Path, step: str, share: float, lasts_s: float
