@@ -210,6 +210,8 @@ def main() -> None:
         work = changed_rows(judge) if asked.kind == "rows" else flips
         for name in work:
             print(name, dict(judge.seen), f"{time.monotonic() - began_s:.0f} s", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("ended early, and this is what was seen until then", file=sys.stderr)
     finally:
         shutil.rmtree(base)
     document = {**vars(asked), **judge.seen, "problems": judge.problems}
