@@ -136,15 +136,17 @@ COMMIT;
 
 
 def check(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise `InputError` where this is no journal, or one of another version."""
+    """Raise `InputError` where this is no journal, or a later one's; `Damaged` where it was one, or has no chain."""
     try:
         application = connection.execute("PRAGMA application_id").fetchone()[0]
         version = connection.execute("PRAGMA user_version").fetchone()[0]
     except UNREADABLE as error:
         raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
-        kind = Damaged if path.with_name(HEAD_NAME).exists() else InputError
-        raise kind(f"{path}: is a database, but not a journal of hil")
+        what = f"{path}: is a database, but not a journal of hil"
+        if path.with_name(HEAD_NAME).exists():
+            raise Damaged(what)
+        raise InputError(what)
     if version > VERSION:
         raise InputError(f"{path}: was written by a later hil (schema {version}, this one reads {VERSION}); update hil")
     if version < VERSION:

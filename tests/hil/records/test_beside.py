@@ -127,7 +127,11 @@ def test_the_head_is_signed_with_the_key_of_the_bench(full_night: Path, tmp_path
     assert said() == ("signed by the bench's key", True)
     assert verify_night(full_night)["signature"] == "signed, and no key is named to prove it with"
     assert not verify_night(full_night, other)["complete"]
-    for bad in (signed.replace(signed[100:101], b"0" if signed[100:101] != b"0" else b"1"), signed[:-9]):
+    for bad in (
+        unsigned[:79] + b"\0" + unsigned[80:],
+        signed.replace(signed[100:101], b"0" if signed[100:101] != b"0" else b"1"),
+        signed[:-9],
+    ):
         head.write_bytes(bad)
         assert not said()[1]
     head.write_bytes(unsigned)
