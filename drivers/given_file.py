@@ -12,18 +12,14 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
-from threading import Thread
 
 from drivers.errors import InputError
 
 TEXT_MB, TABLE_MB, RECORDING_MB = 4, 64, 2048
 """What is not exceeded by configuration, by a campaign's collects, by a recording that is read as a whole."""
-
-PATIENCE_S = 20.0
-"""For so long a drive is waited for that does not say whether a file is there."""
 
 LARGER = "HIL_LARGEST_FILE_MB"
 """The environment variable that raises all of them."""
@@ -65,7 +61,7 @@ def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[Buffered
     Raises `InputError` where it is none, is too large, or cannot be read, also later while it is read.
     """
     try:
-        _check_kind(path, _answered(path))
+        _check_kind(path, os.stat(path))
         # Without waiting, should it have become a pipe in the meantime.
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             status = os.fstat(file.fileno())
@@ -77,19 +73,6 @@ def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[Buffered
         raise InputError(f"{path}: there is no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or ' '.join(str(error).split())})") from error
-
-
-def _answered(path: Path | str) -> os.stat_result:
-    """Ask the system about a path, in a thread: a network drive that hangs would keep whoever asks for ever."""
-    thread = Thread(target=os.path.exists, args=(path,), daemon=True)
-    with suppress(RuntimeError):  # no memory for a thread
-        thread.start()
-        thread.join(PATIENCE_S)
-    if thread.is_alive():
-        raise InputError(
-            f"{path}: no answer within {PATIENCE_S:g} s; copy it from the network drive that hangs, or wait"
-        )
-    return os.stat(path)
 
 
 def _check_kind(path: Path | str, status: os.stat_result) -> None:

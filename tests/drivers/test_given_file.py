@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 import socket
-import threading
 from pathlib import Path
 
 import pytest
 
-from drivers import given_file
 from drivers.errors import InputError
 from drivers.given_file import LARGER, TEXT_MB, opened, read_bytes, read_text
 
@@ -105,23 +103,3 @@ def test_a_message_is_cut_at_a_screen() -> None:
     assert said.endswith("xx; give a shorter one")
     assert "more characters" in said
     assert str(InputError("short")) == "short"
-
-
-def test_a_drive_that_does_not_answer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever asks the system about a file of a hung network drive never comes back: another thread asks first."""
-    here, ended = threading.get_ident(), threading.Event()
-    stat = os.stat
-
-    def hangs(path: object, **options: object) -> os.stat_result:
-        if threading.get_ident() != here and "hung" in str(path):
-            ended.wait(60.0)
-        return stat(path, **options)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(os, "stat", hangs)
-    monkeypatch.setattr(given_file, "PATIENCE_S", 0.01)
-    with pytest.raises(InputError, match="hung: no answer within"):
-        read_bytes(tmp_path / "hung")
-    ended.set()
-    (tmp_path / "file").write_bytes(b"x")
-    monkeypatch.setattr(threading.Thread, "start", lambda _: (_ for _ in ()).throw(RuntimeError("no memory")))
-    assert read_bytes(tmp_path / "file") == b"x"
