@@ -30,7 +30,7 @@ from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, DamagedBlock, checked_bytes
 from hil.records.damage import damaged_self_calibrations
-from hil.records.ledger import TABLES, chain, enter, row_digest
+from hil.records.ledger import TABLES, chain, enter_everything, row_digest
 from hil.records.live import TRACE_NAME
 from hil.records.reader import JOURNAL_NAME, journal_of
 from hil.records.rows import step_row, to_json
@@ -54,8 +54,7 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
             new.execute("BEGIN")
             gone = _take_proven_rows(folder, new)
             restored = _take_from_the_log(new, witnesses, gone)
-            rows = [(table, row) for table in TABLES for (row,) in new.execute(f"SELECT rowid FROM {table}")]  # noqa: S608
-            enter(new, rows)
+            enter_everything(new)
             new.execute("COMMIT")
         lost = [f"{count} rows of the table {table}" for table, count in gone.items() if count > 0]
         (partial / BLOCKS).mkdir()
