@@ -69,9 +69,9 @@ def _bench_of(folder: Path) -> Any:
     from hil.config import load_bench
     from hil.config.recorded import bench_of_record
     from hil.records import reading
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.reader import is_night
 
-    if not (folder / JOURNAL_NAME).is_file():
+    if not is_night(folder):
         return load_bench("simulated")
     with reading(folder) as journal:
         return bench_of_record(journal.night.configuration)

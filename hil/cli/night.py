@@ -225,17 +225,25 @@ def status(
     return Exit.DONE if well else Exit.INCOMPLETE
 
 
-def verify(folder: Folder, as_json: JsonFlag = False) -> int:
+def verify(
+    folder: Folder,
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="The file of the bench's key, where it is elsewhere now.", show_default=False),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> int:
     """Check a night's records: every step, every block, every hash."""
     from hil.records.verify import verify_night
 
-    document = verify_night(folder)
+    document = verify_night(folder, key)
     if not printed(document, as_json):
         console = results()
         for problem in document["problems"]:
             console.print(f"problem: {problem}")
-        complete = "complete" if document["complete"] else "NOT complete"
-        console.print(f"{folder}: {complete}, {document['blocks_checked']} blocks checked")
+        missing = any(problem.startswith("missing: ") for problem in document["problems"])
+        how = "complete" if document["complete"] else "NOT complete" if missing else "NOT as it was written"
+        console.print(f"{folder}: {how}, {document['blocks_checked']} blocks checked, {document['signature']}")
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
 
 
@@ -267,7 +275,7 @@ def demo(
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
     from hil.cli.report import write_report
     from hil.config import load_bench, load_sweep
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.reader import is_night
 
     sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")
     if out.exists():
@@ -275,7 +283,7 @@ def demo(
     if out.exists() and any(out.iterdir()):
         from hil.records import open_readonly
 
-        if not (out / JOURNAL_NAME).is_file():
+        if not is_night(out):
             raise InputError(f"{out}: exists and holds something else; give another folder with --out")
         with open_readonly(out) as journal:
             if not journal.night.simulated:

@@ -59,6 +59,12 @@ _LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 _RIGID = 0.05  # of direction cosines: three degrees
 
 
+def _absolute(path: Path) -> Path:
+    if not path.is_absolute():
+        raise ValueError(f"{path}: give a whole path, such as /etc/hil/bench.key: a night is carried on from anywhere")
+    return path
+
+
 class UnitSection(Section):
     """The unit under test as its label says; the controller refuses another one.
 
@@ -150,9 +156,10 @@ class ImuSection(Section):
 
 
 class RecordSection(Section):
-    """What is kept of a night besides the averages."""
+    """What is kept of a night besides the averages, and the file with the key that signs its journal's head."""
 
     raw: bool = True
+    key: Annotated[Path, AfterValidator(_absolute)] | None = None
     series_block: Seconds = Field(default=1.0, gt=0.0, le=86400.0)
 
 

@@ -28,7 +28,7 @@ from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
-from hil.records.reader import JOURNAL_NAME, JournalReader, reading
+from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
@@ -155,7 +155,7 @@ class Source:
 def open_source(folder: Path | str) -> Source:
     """Read a night or a campaign folder; raise `InputError` where it is neither, or as `export_campaign` does."""
     folder = Path(folder)
-    if (folder / JOURNAL_NAME).is_file():
+    if is_night(folder):
         with reading(folder) as journal:
             campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
         return Source(folder, campaign, {row.number: row.collect.samples for row in rows if row.collect.samples})

@@ -17,7 +17,7 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.records.export import open_source
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME, is_night
 from hil.report.figures import draw_night
 from hil.report.night import night_content
 from procedures.words import ranges
@@ -164,7 +164,7 @@ def draw_temperatures(folder: Path) -> Figure:
 
     Raises `InputError` where the folder holds no night, or one without temperatures yet.
     """
-    if not (folder / JOURNAL_NAME).is_file():
+    if not is_night(folder):
         raise InputError(f"{folder}: temperatures through the night are in a night's folder (no {JOURNAL_NAME} here)")
     night = night_content(folder)
     if len(night.hours) < 2:
