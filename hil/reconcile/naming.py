@@ -96,9 +96,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     own = [f for f in posterior.sets if classes[id(f)] == lead]
     found = own[0] if own and (lead or chance <= alpha) else as_filed
-    mistakes = [
-        (n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake
-    ]
+    mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
     names = sorted(names, key=lambda named: -named.probability)
@@ -203,7 +201,17 @@ def _rival(
         follows = _order(posterior, own)
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
         overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
-    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy, effect is not None and effect.incidental)
+    return Also(
+        rival,
+        title,
+        probability,
+        overlap,
+        factor,
+        odds / max(factor, 1e-300),
+        terms,
+        remedy,
+        effect is not None and effect.incidental,
+    )
 
 
 def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:

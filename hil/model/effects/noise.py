@@ -104,7 +104,8 @@ class Jump(Effect):
         """Return its kin; after the first run, with what only the first run may show much of."""
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
         kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
-        return {**kin, **of_a_first_run} if shape.get("from_run") == np.unique(conditions.run)[1] else kin
+        second = np.unique(conditions.run)[1:2]
+        return {**kin, **of_a_first_run} if shape.get("from_run") in second else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the run from which the step holds, for how many runs (0: to the end), after how many of its collects."""
@@ -123,7 +124,8 @@ class Jump(Effect):
         return [
             shape
             for shape in super().shape_grid(conditions)
-            if (shape["from_collect"] or shape["from_run"] != first) and not (shape["from_collect"] and shape["runs_held"])
+            if (shape["from_collect"] or shape["from_run"] != first)
+            and not (shape["from_collect"] and shape["runs_held"])
         ]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

@@ -213,7 +213,9 @@ def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Di
                 if term.name == "run" and np.any(rows):
                     size = float(np.sqrt(np.mean(before[rows] ** 2)))
                     where = {"sensor": n, "channel": channels[c], "runs": [int(term.candidate.shape["number"])]}
-                    out.append(Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance))
+                    out.append(
+                        Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance)
+                    )
                     continue
                 for i in np.flatnonzero(rows):
                     label, run = str(conditions.position[own.rows[i]]), int(conditions.run[own.rows[i]])

@@ -14,6 +14,7 @@ from hil.reconcile.search.sets import BlockSearch, SensorSearch
 from hil.reconcile.search.terms import terms, wrong_rows
 from hil.solve.rows import Block
 
+
 def searches(
     problem: Problem, mislabelled: Sequence[Effect], scatter: Sequence[VarianceEffect]
 ) -> Mapping[int, SensorSearch]:
@@ -62,5 +63,14 @@ def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator
             columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
             if np.any(columns):
                 parameters = effect.parameters_for(conditions)
-                yield Candidate(effect.id, 0, sensor.number, columns, parameters, shape=shape, effect=effect,
-                                title=effect.title, equation=effect.equation)
+                yield Candidate(
+                    effect.id,
+                    0,
+                    sensor.number,
+                    columns,
+                    parameters,
+                    shape=shape,
+                    effect=effect,
+                    title=effect.title,
+                    equation=effect.equation,
+                )

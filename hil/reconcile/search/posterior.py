@@ -1,8 +1,8 @@
 """The posterior over sets of terms in all sensors: grown from the likeliest, weighed by one evidence.
 
-    posterior = weigh(searches, kinds)
-    posterior.sets[0]                   # the most probable: terms by sensor, and its probability
-    posterior.of_name("supply")         # how probable it is that the name is among the terms
+posterior = weigh(searches, kinds)
+posterior.sets[0]                   # the most probable: terms by sensor, and its probability
+posterior.of_name("supply")         # how probable it is that the name is among the terms
 """
 
 from __future__ import annotations

@@ -118,7 +118,8 @@ def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Ter
     def known(term: Term) -> bool:
         parts = [(described.get((term.follows, b)), b, part) for b, part in enumerate(term.parts) if part is not None]
         return all(
-            own is not None and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
+            own is not None
+            and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
             for own, b, part in parts
         )
 
