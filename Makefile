@@ -47,10 +47,16 @@ reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in a few 
 	$(BIN)/python -m benchmarks.reliability.kill points
 	$(BIN)/python -m benchmarks.reliability.kill instants --take 200 --seed 1
 	$(BIN)/python -m benchmarks.reliability.kill twice --take 150 --seed 1
+	$(BIN)/python -m benchmarks.reliability.kill resuming
 	$(BIN)/python -m benchmarks.reliability.kill power --take 500 --seed 2
 	unshare --map-root-user --mount $(BIN)/python -m benchmarks.reliability.disks
 	$(BIN)/python -m benchmarks.reliability.flips bytes
 	$(BIN)/python -m benchmarks.reliability.flips rows
+	$(BIN)/python -m benchmarks.reliability.starved memory
+	$(BIN)/python -m benchmarks.reliability.starved descriptors
+	$(BIN)/python -m benchmarks.reliability.suspend
+	$(BIN)/python -m benchmarks.reliability.combined lies
+	$(BIN)/python -m benchmarks.reliability.combined pairs
 	$(BIN)/python -m benchmarks.reliability.ledger_cost
 	$(BIN)/python -m benchmarks.reliability.long_night
 	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1

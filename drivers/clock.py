@@ -34,15 +34,18 @@ class Clock(Protocol):
         """Let `seconds` pass (none where negative)."""
 
 
+_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # which goes on while the computer is suspended
+
+
 class SystemClock:
-    """The bench's clock: the operating system's monotonic and wall clocks."""
+    """The bench's clock: the operating system's monotonic and wall clocks; a computer that sleeps is no exception."""
 
     def __init__(self) -> None:
-        self._origin = time.monotonic()
+        self._origin = time.clock_gettime(_STEADY)
 
     def now(self) -> float:
         """Return monotonic seconds since this clock was made."""
-        return time.monotonic() - self._origin
+        return time.clock_gettime(_STEADY) - self._origin
 
     def utc(self) -> datetime:
         """Return the wall time, timezone-aware, in UTC."""

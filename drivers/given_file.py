@@ -24,7 +24,8 @@ TEXT_MB, TABLE_MB, RECORDING_MB = 4, 64, 2048
 LARGER = "HIL_LARGEST_FILE_MB"
 """The environment variable that raises all of them."""
 
-_NO_FILE = {
+_KINDS = {
+    stat.S_IFREG: "a file",
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
     stat.S_IFSOCK: "a socket",
@@ -75,10 +76,20 @@ def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[Buffered
         raise InputError(f"{path}: cannot be read ({error.strerror or ' '.join(str(error).split())})") from error
 
 
-def _check_kind(path: Path | str, status: os.stat_result) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        what = _NO_FILE.get(stat.S_IFMT(status.st_mode), "something else")
-        raise InputError(f"{path}: is {what}, not a file; give the name of a file")
+def _check_kind(path: Path | str, status: os.stat_result, wanted: int = stat.S_IFREG) -> None:
+    if (kind := stat.S_IFMT(status.st_mode)) != wanted:
+        what = _KINDS.get(kind, "something else")
+        raise InputError(f"{path}: is {what}, not {_KINDS[wanted]}; give the name of {_KINDS[wanted]}")
+
+
+def check_folder(path: Path | str) -> None:
+    """Raise `InputError` where `path` is no folder, in words that say what it is instead."""
+    try:
+        _check_kind(path, os.stat(path), stat.S_IFDIR)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such folder") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def read_bytes(path: Path | str, usual_mb: float = TEXT_MB) -> bytes:

@@ -22,7 +22,7 @@ from procedures.devices import BenchDevices
 from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, same_samples, slope_per_min
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.watch import Watch
+from procedures.watch import UNSEEN_S, Watch
 
 BoolArray = NDArray[np.bool_]
 
@@ -100,6 +100,9 @@ def reduce_collect(
     }
     number = _enough(samples, n, expected, missing, imu.sample_rate_hz, settings)
     judgements = [*number, *kept.judge(imu.sensors, average, index)]
+    if duration_s > settings.duration_s + UNSEEN_S:
+        said = f"it lasted {duration_s:.0f} s instead of {settings.duration_s:.0f}: nobody looked meanwhile"
+        judgements.append(Judgement(Verdict.INCONCLUSIVE, said))
     judgement = combine(judgements, passed="complete, stationary, no drift that matters")
     return data, judgement
 

@@ -59,10 +59,11 @@ class PoseTolerance:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What accelerometers contradict: in which collects, (n,), and in words."""
+    """What accelerometers contradict: in which collects, (n,), in words, and of which sensor where not of all."""
 
     collects: BoolArray
     words: str
+    sensor: int | None = None
 
 
 @dataclass(frozen=True)
@@ -101,25 +102,27 @@ class PoseTable:
         if not wrong.any():
             return []
         labels = np.asarray(positions)
+        numbers = list(self.axes)
         lies = list(self._lies_elsewhere(labels, wrong, measured_g))
         poses = len(np.unique(np.round(expected_g, 1), axis=0))
         if lies and poses == 1:  # one pose alone says nothing about the accelerometers that another pose does not
             causes: dict[int, str] = {}
         else:
-            numbers = list(self.axes)
             causes = {
                 k: f"sensor {numbers[k]}: {cause}"
                 for k in np.flatnonzero(off.any(axis=0)).tolist()
                 if (cause := self._cause(k, measured_g, expected_g))
             }
-        told = "; ".join(causes.values())
         left = np.asarray(wrong & ~np.any([each.collects for each in lies], axis=0)) if lies else wrong
         if lies and not left.any():  # every collect has its pose: whether axes are turned instead cannot be told
-            instead = f" (or else {told})" if len(causes) == np.count_nonzero(off.any(axis=0)) else ""
+            instead = (
+                f" (or else {'; '.join(causes.values())})" if len(causes) == np.count_nonzero(off.any(axis=0)) else ""
+            )
             return [replace(each, words=each.words + instead) for each in lies]
         unexplained = np.asarray(off[:, [k for k in range(off.shape[1]) if k not in causes]].any(axis=1))
         if causes:
-            return [Contradiction(wrong, told), *self._unexplained(labels, unexplained, measured_g, expected_g)]
+            found = [Contradiction(off[:, k], cause, numbers[k]) for k, cause in causes.items()]
+            return [*found, *self._unexplained(labels, unexplained, measured_g, expected_g)]
         return [*lies, *self._unexplained(labels, left, measured_g, expected_g)]
 
     def _lies_elsewhere(
@@ -172,7 +175,7 @@ class PoseTable:
                 f"position {asked} was asked for, but sensor {number} shows {measured_g[first, k, axis]:+.3f} g along "
                 f"{names[int(axis)]} where {expected_g[first, k, axis]:+.3f} g belong, as in no position of the table"
             )
-            yield Contradiction(here, words)
+            yield Contradiction(here, words, number)
 
 
 def _turned(

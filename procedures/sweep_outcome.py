@@ -55,4 +55,6 @@ def why(cause: BaseException | None) -> str:
         return str(cause)
     if "disk is full" in str(cause) or getattr(cause, "errno", None) == errno.ENOSPC:
         return f"the disk is full ({getattr(cause, 'strerror', None) or cause}): free some space, then carry on"
+    if isinstance(cause, MemoryError):
+        return "the computer is out of memory: end other programs, then carry on"
     return f"{type(cause).__name__}: {cause}"

@@ -32,8 +32,11 @@ from procedures.settings import Polling
 from procedures.sign_of_life import SignOfLife, Unwatched
 from procedures.stop import StopRequest
 from procedures.stuck_rates import Unchanged
+from procedures.words import hours_minutes
 
 _WALL_JUMP_S = 5.0
+UNSEEN_S = 300.0
+"""For so long no device is waited for: in a longer silence nobody looked."""
 _HOLD_CEILING_S = 3600.0
 _IDENTITY_S = 10.0  # more than a unit is given to say who it is
 _TICK_S = 1e-6  # sleeping for less may not move a clock at all
@@ -233,6 +236,10 @@ class Watch:
         self.alive(self.polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
+        unseen_s = self.now_s - self._drained_s
+        if unseen_s > UNSEEN_S + self.polling.read_interval_s:
+            said = f"nobody looked for {hours_minutes(unseen_s)}: the computer slept, or the program was stopped"
+            self.event("nobody-looked", said, unseen_s=unseen_s)
         block, span_s, stream_error = self._drain()
         fresh, chamber_error = self._read_chamber()
         # Interlocks come before anything that could fail for another reason.

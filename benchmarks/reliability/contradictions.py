@@ -42,7 +42,8 @@ Tamper = Callable[[FloatArray, Signals, LiveBench], Mapping[str, FloatArray]]
 
 _WORDS = (
     "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
-    "renewed|from the others|other runs|thermometer|vertical|samples: the unit sends|NOT|S/N|jump"
+    "renewed|from the others|other runs|thermometer|vertical|samples: the unit sends|one body|not measured well enough|"
+    "NOT|S/N|jump"
 )
 """What is said of contradictions; residuals beyond 5 % of chance are said of 5 % of nights, and are none."""
 
@@ -315,21 +316,34 @@ def _temperatures() -> Iterator[Case]:
 def _rows() -> Iterator[Case]:
     """What only the other runs can show: rates of whole collects."""
     many = {"temperatures": "23 degC, 50 degC", "runs": 3}
-    off = _in_collect(3, 2, lambda v: v + 300.0)
+    off = _in_collect(3, 2, lambda _t, given, _live: {n: v + 300.0 for n, v in given.items() if n.startswith("rate")})
     yield Case("one collect off by 300 deg/hr", "from what the other runs show", off, **many)  # type: ignore[arg-type]
-    turned = _in_collect(3, None, lambda v: -v)
+    turned = _in_collect(3, None, _times(-1.0, "rate"))
     yield Case("rates of one run with the other sign", "minus|from what the other runs show", turned, **many)  # type: ignore[arg-type]
+    plugs = _in_collect(3, None, _exchanged(("rate_A1", "rate_A2")))
+    yield Case("RA of both sensors exchanged in one run", "from what the other runs show", plugs, **many)  # type: ignore[arg-type]
+    loud = _noisy(1150.0)
+    yield Case("rates with standard errors of 33 deg/hr", "not measured well enough|scatter about", loud)
 
 
-def _in_collect(run: int, collect: int | None, change: Callable[[FloatArray], FloatArray]) -> Tamper:
-    """Change the rates while the unit stays for the given run and collect (None: all three)."""
+def _noisy(sigma: float) -> Tamper:
+    def tamper(times_s: FloatArray, given: Signals, live: LiveBench) -> Mapping[str, FloatArray]:
+        del live
+        rng = np.random.default_rng(int(1e3 * times_s[0]))
+        return {n: v + rng.normal(0.0, sigma, len(v)) for n, v in given.items() if n.startswith("rate")}
+
+    return tamper
+
+
+def _in_collect(run: int, collect: int | None, change: Tamper) -> Tamper:
+    """Change what is sent while the unit stays for the given run and collect (None: all three)."""
 
     def tamper(times_s: FloatArray, given: Signals, live: LiveBench) -> Mapping[str, FloatArray]:
         legs = live.simulators.unit._timeline.legs if live.simulators else []
         here = [leg for leg in legs if leg.run == run and np.isfinite(leg.begins_s)]
         if not here or (collect is not None and len(here) != collect) or times_s[0] < here[-1].ends_s:
             return {}
-        return {name: change(values) for name, values in given.items() if name.startswith("rate")}
+        return change(times_s, given, live)
 
     return tamper
 

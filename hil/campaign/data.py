@@ -133,7 +133,8 @@ class Campaign:
 
     `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series` reads
     one when it is needed. `verdicts` says how each run was measured, by whoever recorded it and by what its records
-    contradict of each other (hil.campaign.plausibility); `pose` how far accelerometers may be from f. `identity` holds
+    contradict of each other (hil.campaign.plausibility); `pose` how far accelerometers may be from f, `largest_se` how
+    large a standard error is accepted, deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds
     what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what they went on `despite`.
     """
 
@@ -152,3 +153,4 @@ class Campaign:
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)
+    largest_se: float | None = None

@@ -18,7 +18,7 @@ from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "pose", "identity"}
+    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr"}
 )
 
 
@@ -38,6 +38,7 @@ class Header:
     verdicts: Mapping[int, Judgement]
     identity: Mapping[str, str]
     pose: PoseTolerance
+    largest_se: float | None
     extra: tuple[str, ...] = field(default=())
 
 
@@ -62,6 +63,7 @@ def read_header(path: Path) -> Header:
         verdicts=dict(_verdicts(path, keys)),
         identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
         pose=_pose(path, _mapping(path, keys, "pose")),
+        largest_se=_positive(path, keys, "largest_standard_error_deg_per_hr"),
         extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
 
@@ -143,6 +145,14 @@ def _number(path: Path, key: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise InputError(f"{path}, key {key}: {value!r} is not a number")
     return float(value)
+
+
+def _positive(path: Path, keys: Mapping[Any, Any], key: str) -> float | None:
+    if keys.get(key) is None:
+        return None
+    if (value := _number(path, key, keys[key])) <= 0.0:
+        raise InputError(f"{path}, key {key}: it must be more than 0")
+    return value
 
 
 def _flag(path: Path, keys: Mapping[Any, Any], key: str) -> bool:

@@ -10,18 +10,19 @@ is further off is said in words with its collects, and the runs that rest on the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Campaign, Collects, FloatArray
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Campaign, Collects, FloatArray, IntArray
 from procedures.pose import PoseTable
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import numbered
+from procedures.words import listed, numbered
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
+_RIGID_G = 0.1  # in products of f: six degrees
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
 _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
 _WARMER_DEGC = 40.0
@@ -29,18 +30,19 @@ _NEIGHBOURS_DEGC = 10.0  # two sensors of one unit
 _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 
-_Found = tuple[Collects, BoolArray, str]
+_Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
 
 
 def judged_by_its_records(campaign: Campaign) -> Campaign:
     """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other."""
-    found = [*_poses(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
+    found = [*_poses(campaign), *_tables(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
     verdicts = dict(campaign.verdicts)
     said = []
-    for collects, rows, words in found:
-        sentence = f"{numbered('collect', collects.conditions.collect[rows].tolist())}: {words}"
+    for sensors, rows, words in found:
+        numbers = np.concatenate([each.conditions.collect[rows] for each in sensors]).tolist()
+        sentence = f"{numbered('collect', numbers)}: {words}"
         said.append(sentence)
-        for run in np.unique(collects.conditions.run[rows]).tolist():
+        for run in np.unique(sensors[0].conditions.run[rows]).tolist():
             known = [verdicts[run]] if run in verdicts else []
             if not any(words in each.reason for each in known):  # whoever recorded it may have said so already
                 verdicts[run] = combine([Judgement(Verdict.FAIL, sentence), *known])
@@ -56,13 +58,9 @@ def accelerations_g(collects: Collects) -> FloatArray:
 
 def _poses(campaign: Campaign) -> Iterator[_Found]:
     """Compare measured accelerations with f, over all sensors that were collected together: they are one body."""
-    if campaign.centrifuge:
-        return
-    together: dict[tuple[float, ...], list[Collects]] = {}
-    for collects in campaign.sensors.values():
-        if np.isfinite(accelerations_g(collects)).any():
-            together.setdefault(tuple(collects.conditions.start_s.tolist()), []).append(collects)
-    for group in together.values():
+    for group in _together(
+        campaign, [each for each in campaign.sensors.values() if np.isfinite(accelerations_g(each)).any()]
+    ):
         first = group[0]
         f_g = np.stack([each.conditions.f_g for each in group], axis=1)
         measured = np.stack([accelerations_g(each) for each in group], axis=1)
@@ -70,7 +68,37 @@ def _poses(campaign: Campaign) -> Iterator[_Found]:
         poses = {label: np.median(f_g[labels == label], axis=0) for label in dict.fromkeys(labels.tolist())}
         axes = {each.conditions.sensor.number: each.conditions.sensor.axes for each in group}
         for each in PoseTable(axes, poses, campaign.pose).contradictions(labels.tolist(), measured, f_g):
-            yield first, each.collects, each.words
+            about = [one for one in group if each.sensor in (None, one.conditions.sensor.number)]
+            yield about, each.collects, each.words
+
+
+def _together(campaign: Campaign, sensors: Iterable[Collects]) -> Collection[Sequence[Collects]]:
+    """Return those of the sensors that were collected together, at rest."""
+    groups: dict[tuple[float, ...], list[Collects]] = {}
+    for each in () if campaign.centrifuge else sensors:
+        groups.setdefault(tuple(each.conditions.start_s.tolist()), []).append(each)
+    return groups.values()
+
+
+def _tables(campaign: Campaign) -> Iterator[_Found]:
+    """Compare the angles by which f turns from position to position: for the sensors of one body they are the same."""
+    for first, *others in _together(campaign, campaign.sensors.values()):
+        position = first.conditions.position
+        labels = list(dict.fromkeys(position.tolist()))
+        for other in others:
+            one, two = (
+                np.array([np.median(each.conditions.f_g[position == label], axis=0) for label in labels])
+                for each in (first, other)
+            )
+            apart = np.abs(one @ one.T - two @ two.T)
+            if apart.max() > _RIGID_G:
+                i, j = np.unravel_index(int(np.argmax(apart)), apart.shape)
+                numbers = listed(each.conditions.sensor.number for each in (first, other))
+                words = (
+                    f"between positions {labels[int(i)]} and {labels[int(j)]} f turns by different angles for sensors "
+                    f"{numbers}, which are one body: an orientation is wrong"
+                )
+                yield [first, other], np.isin(position, [labels[int(i)], labels[int(j)]]), words
 
 
 def _earth_rate(campaign: Campaign) -> Iterator[_Found]:
@@ -88,7 +116,7 @@ def _earth_rate(campaign: Campaign) -> Iterator[_Found]:
                 f"sensor {number}: along the vertical w is {found[wrong][0]:.2f} deg/hr, and the earth rate at "
                 f"latitude {latitude_deg:g} deg {vertical:.2f}: f, w or the latitude is wrong"
             )
-            yield collects, wrong, words
+            yield [collects], wrong, words
 
 
 def _thermometers(campaign: Campaign) -> Iterator[_Found]:
@@ -104,19 +132,19 @@ def _thermometers(campaign: Campaign) -> Iterator[_Found]:
             continue
         soaked[number] = shown, rows
         above = np.where(rows, shown - air, 0.0)
-        if np.ptp(air[rows]) > _RANGE_DEGC and np.polyfit(air[rows], shown[rows], 1)[0] < _FOLLOWS:
+        if (lost := _lost(shown, air, rows, collects.conditions.run)).any():
             words = (
-                f"sensor {number}: its thermometer shows {shown[rows].min():.1f} to {shown[rows].max():.1f} °C while "
+                f"sensor {number}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
                 f"the air went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
             )
-            yield collects, rows, words
+            yield [collects], lost, words
         elif (wrong := (above < -_COLDER_DEGC) | (above > _WARMER_DEGC)).any():
             most = float(above[np.argmax(np.abs(above))])
             words = (
                 f"sensor {number}: its thermometer shows {abs(most):.1f} °C {'more' if most > 0.0 else 'less'} than "
                 "the air around the unit, after a soak"
             )
-            yield collects, wrong, words
+            yield [collects], wrong, words
     numbers = list(soaked)
     for one, other in pairwise(numbers):
         (first, rows), (second, others) = soaked[one], soaked[other]
@@ -127,4 +155,18 @@ def _thermometers(campaign: Campaign) -> Iterator[_Found]:
                     f"the thermometers of sensors {one} and {other}, of one unit, are "
                     f"{np.abs(apart).max():.1f} °C apart after a soak"
                 )
-                yield campaign.sensors[one], np.asarray(wrong), words
+                yield [campaign.sensors[one], campaign.sensors[other]], np.asarray(wrong), words
+
+
+def _lost(shown: FloatArray, air: FloatArray, rows: BoolArray, run: IntArray) -> BoolArray:
+    """Return in which of the `rows`, (n,), a thermometer has lost the air: in one run, if the others follow, or all."""
+
+    def follows(chosen: BoolArray) -> float:
+        known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False
+        return float(np.polyfit(air[chosen], shown[chosen], 1)[0]) if known else np.nan
+
+    if not follows(rows) < _FOLLOWS:
+        return np.zeros_like(rows)
+    without = {one: follows(rows & (run != one)) for one in np.unique(run[rows]).tolist()}
+    wrong = [one for one, slope in without.items() if slope >= _FOLLOWS]
+    return rows & (run == min(wrong, key=lambda one: abs(without[one] - 1.0))) if wrong else rows

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from drivers.given_file import RECORDING_MB, opened
+from drivers.given_file import RECORDING_MB, check_folder, opened
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.header import Header, read_header
 from hil.campaign.plausibility import judged_by_its_records
@@ -68,8 +68,7 @@ def se_columns(sensor: Sensor) -> list[str]:
 def read_campaign(folder: Path | str) -> Campaign:
     """Read and check a campaign folder; raise InputError for anything that campaign.md says must be refused."""
     root = Path(folder)
-    if not root.is_dir():
-        raise InputError(f"{root}: there is no such campaign folder")
+    check_folder(root)
     header = read_header(root / HEADER_FILE)
     _check_names(root / HEADER_FILE, header)
     table = Table(root / COLLECTS_FILE)
@@ -107,6 +106,7 @@ def read_campaign(folder: Path | str) -> Campaign:
         verdicts=header.verdicts,
         identity=header.identity,
         pose=header.pose,
+        largest_se=header.largest_se,
     )
     for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
         read_series(campaign, collect)

@@ -94,6 +94,8 @@ def _header(campaign: Campaign) -> str:
     verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
     if campaign.pose != PoseTolerance():
         keys["pose"] = dict(vars(campaign.pose))
+    if campaign.largest_se is not None:
+        keys["largest_standard_error_deg_per_hr"] = campaign.largest_se
     if verdicts:
         keys["verdicts"] = {
             run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()

@@ -6,7 +6,10 @@ import os
 import select
 import sys
 
+import typer
+
 from hil.cli.output import messages
+from hil.errors import InputError
 from procedures.words import hours_minutes
 
 _YES, _NO = {"y", "yes"}, {"n", "no"}
@@ -28,6 +31,24 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
             return answer in _YES
         console.print("please answer yes or no: ", end="")
     return None
+
+
+def must_agree(question: str, refused: str) -> None:
+    """Raise `InputError` beginning with `refused` where whoever sits there does not say yes."""
+    try:
+        agreed = typer.confirm(question, err=True)
+    except typer.Abort:
+        agreed = False
+    if not agreed:
+        raise InputError(f"{refused}: answer yes, or give --yes where nobody can be asked")
+
+
+def ask_words(question: str) -> str:
+    """Return what is typed; raise `InputError` where nobody answers."""
+    try:
+        return str(typer.prompt(question, err=True))
+    except typer.Abort:
+        raise InputError("not begun: nobody answered") from None
 
 
 class TerminalQuestions:

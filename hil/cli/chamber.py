@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.cli.ask import must_agree
+from hil.cli.output import JsonFlag, messages, printed, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,12 +110,7 @@ def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
     dead_man = bench.chamber.dead_man
     stays = "stay there" if dead_man is None else f"stay there for {dead_man / 60.0:g} min (dead_man)"
     messages().print(f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and {stays}.")
-    try:
-        agreed = typer.confirm("Set it?", err=True)
-    except typer.Abort:
-        agreed = False
-    if not agreed:
-        raise InputError("not set: answer yes, or give --yes where nobody can be asked")
+    must_agree("Set it?", "not set")
 
 
 def _warn_of_others(bench: Bench) -> None:
@@ -159,8 +155,7 @@ def _set(live: LiveChamber, target_degC: float) -> None:
 
 
 def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading, *, as_json: bool) -> None:
-    if as_json:
-        print_json(_document(bench, action, identity, reading))
+    if printed(_document(bench, action, identity, reading), as_json):
         return
     console = results()
     console.print(f"{bench.name}: {identity.model}{'  SIMULATED' if bench.simulated else ''}")

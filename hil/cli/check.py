@@ -11,7 +11,7 @@ from rich.console import Console
 
 from drivers.errors import DeviceError
 from hil.cli.exit_status import Exit
-from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.cli.output import JsonFlag, messages, printed, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ def check(
 
     asked, on = _bench_and_sweep(target, bench, sweep)
     found = _look(asked, on, Path.cwd())
-    if as_json:
-        print_json(check_document(found, simulated=on.simulated))
-    else:
+    if not printed(check_document(found, simulated=on.simulated), as_json):
         results().print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
         _show(results(), found.findings)
     check_ports(on)  # one that is not there is bad input

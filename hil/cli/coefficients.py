@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, check_result_folder, messages, print_json, results, warn
+from hil.cli.output import JsonFlag, check_result_folder, listing, messages, printed, results, warn
 from hil.errors import InputError
 
 _READINGS_SHOWN = 4
@@ -73,8 +72,7 @@ def allan(
     if out is not None:
         write_figure(result, out)
     document = result.document(collect_s, wanted)
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
     _print_allan(document)
     if out is not None:
@@ -96,16 +94,12 @@ def _print_allan(document: dict[str, Any]) -> None:
         f"{document['source']}: {document['samples']} samples at {document['rate_hz']:.6g} Hz, "
         f"{document['stretches']} stretch{'es' if document['stretches'] > 1 else ''} without a gap{mark}"
     )
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("averaging, s", "deviation, deg/hr", "95 % interval", "slope", "fit"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = listing("averaging, s", "deviation, deg/hr", "95 % interval", "slope", "fit", left=())
     columns = ("tau_s", "deviation", "low", "high", "slope", "fitted")
     for tau, deviation, low, high, slope, fitted in zip(*(document[name] for name in columns), strict=True):
         table.add_row(f"{tau:.4g}", f"{deviation:.4g}", f"{low:.4g} to {high:.4g}", f"{slope:+.2f}", f"{fitted:.4g}")
     console.print(table)
-    terms = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("term", "value", "95 % interval", "unit", "slope", "what it is"):
-        terms.add_column(heading, no_wrap=True)
+    terms = listing("term", "value", "95 % interval", "unit", "slope", "what it is")
     for name, term in document["fit"].items():
         value = f"{term['value']:.4g}" if term["seen"] else "not seen"
         terms.add_row(
@@ -124,7 +118,7 @@ def _print_allan(document: dict[str, Any]) -> None:
 
 
 def audit(
-    table: Annotated[
+    name: Annotated[
         Path,
         typer.Argument(
             metavar="TABLE",
@@ -137,21 +131,18 @@ def audit(
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
     from hil.analysis.published import audit_table
 
-    found = audit_table(table)
+    found = audit_table(name)
     document = found.document()
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
     console = results()
-    listing = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("row", "identity", "residual", "tolerance", "verdict"):
-        listing.add_column(heading, no_wrap=True, justify="right" if heading in {"residual", "tolerance"} else "left")
+    table = listing("row", "identity", "residual", "tolerance", "verdict", left={"row", "identity", "verdict"})
     doubtful = [each for each in document["identities"] if each["verdict"] != "ok"]
     for each in doubtful:
         numbers = (f"{each['residual']:+.4f}", f"{each['tolerance']:.4f}")
-        listing.add_row(str(each["row"]), each["identity"], *numbers, each["verdict"])
+        table.add_row(str(each["row"]), each["identity"], *numbers, each["verdict"])
     if doubtful:
-        console.print(listing)
+        console.print(table)
     for each in doubtful:
         _print_mending(each)
     console.print(f"\n{document['summary']}")
@@ -210,8 +201,7 @@ def thermal(
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
     document = thermal_document(result)
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
     warn(tuple(campaign.warnings))
     mark = "  SIMULATED" if document["simulated"] else ""
@@ -229,10 +219,8 @@ def _print_thermal(sensor: dict[str, Any]) -> None:
         f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
         f"{low:.1f} to {high:.1f} °C"
     )
-    table = Table(box=None, pad_edge=False, header_style="bold")
     headings = ("", "unit", "form", "held-out error", "form chosen anew", "with a constant", "one run scatters")
-    for heading in (*headings, "from below - from above") if sensor["both_directions_degC"] else headings:
-        table.add_column(heading, no_wrap=True)
+    table = listing(*headings, *(["from below - from above"] if sensor["both_directions_degC"] else []))
     for name, each in sensor["parameters"].items():
         scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"
         found = each["improvement"]

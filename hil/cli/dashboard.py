@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from drivers.given_file import check_folder
 from hil.cli.output import messages, results
-from hil.errors import InputError
 
 NightOrFolder = Annotated[
     Path,
@@ -37,8 +37,7 @@ def dashboard(
     from hil.dashboard.server import create_app, listen, server
     from hil.dashboard.watcher import Watcher
 
-    if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder")
+    check_folder(folder)
     access = Access(token_from(token_file) if token_file else new_token(), host)
     if token_file and token_file.stat().st_mode & 0o077:
         messages().print(f"note: others of this machine may read {token_file}; chmod 600 {token_file}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from hil.cli.output import JsonFlag, messages, print_json, results, warn
+from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.campaign import Campaign
@@ -53,14 +53,10 @@ def solve(
 
         solutions = solve_beside(campaign, load_model(model))
     scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
-    if as_json:
-        print_json(
-            {
-                **solution_document(campaign, solutions),
-                "scatter": [each.document() for each in scatter],
-                "both_sensors": None if both is None else both.document(),
-            }
-        )
+    document = solution_document(campaign, solutions)
+    document["scatter"] = [each.document() for each in scatter]
+    document["both_sensors"] = None if both is None else both.document()
+    if printed(document, as_json):
         return
     console = results()
     mark = "  SIMULATED" if campaign.simulated else ""
@@ -75,6 +71,8 @@ def solve(
         f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
     ):
         console.print(text)
+    for text in dict.fromkeys(text for each in solutions for text in each.assumed):
+        console.print(f"assumed: {text}")
     if scatter:
         console.print("\nwhat scattered from run to run:")
     for each in overall(scatter):
@@ -88,12 +86,8 @@ def _odd(solution: RunSolution) -> bool:
 
 
 def _solution_table(solutions: list[RunSolution]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("run", justify="right")
     units = {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
-    for name, unit in units.items():
-        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
-    table.add_column("verdict")
+    table = listing("run", *(f"{name}\n{unit}" for name, unit in units.items()), "verdict", left={"verdict"})
     for solution in solutions:
         cells = []
         for name in units:

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from hil.cli.data import read_source
-from hil.cli.output import JsonFlag, print_json, results
+from hil.cli.output import JsonFlag, listing, printed, results
 from hil.errors import InputError
 
 _MANY = 12  # positions that are still written out
@@ -60,9 +60,7 @@ def budget(
             sweep.title,
             Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed),
         )
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         _print_budget(document)
 
 
@@ -71,9 +69,9 @@ def _bench_of(folder: Path) -> Any:
     from hil.config import load_bench
     from hil.config.recorded import bench_of_record
     from hil.records import reading
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.reader import is_night
 
-    if not (folder / JOURNAL_NAME).is_file():
+    if not is_night(folder):
         return load_bench("simulated")
     with reading(folder) as journal:
         return bench_of_record(journal.night.configuration)
@@ -120,11 +118,8 @@ def _origins(sensor: Mapping[str, Any]) -> str:
 
 
 def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("source", no_wrap=True)
-    table.add_column("size", justify="right", no_wrap=True)
-    for name, unit in sensor["parameters"].items():
-        table.add_column(f"{name}\n{unit}", justify="right", no_wrap=True)
+    units = (f"{name}\n{unit}" for name, unit in sensor["parameters"].items())
+    table = listing("source", "size", *units, left={"source"})
     names = list(sensor["parameters"])
     told = _two if len(names) <= _MOST_TWICE else lambda cell: _one(cell["analytic"])
     for source in sensor["sources"]:
@@ -203,9 +198,7 @@ def design(
     document = design_document(proposal, asked, base, its_bench)
     if out is not None:
         write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         _print_design(document, out)
 
 
@@ -233,12 +226,9 @@ def _in_words(each: Mapping[str, Any]) -> str:
 
 
 def _design_table(document: Mapping[str, Any], number: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
     names = list(document["proposed"]["sensors"][number]["uncertainty"])
-    for heading in ("", "sequence", "s", "times", "hours", *names, "residuals", "drift out of", "g²"):
-        table.add_column(
-            heading, justify="left" if heading in {"", "sequence", "drift out of"} else "right", no_wrap=True
-        )
+    headings = ("", "sequence", "s", "times", "hours", *names, "residuals", "drift out of", "g²")
+    table = listing(*headings, left={"", "sequence", "drift out of"})
     for mark, each in [("→", document["proposed"]), *(("", one) for one in document["compared"])]:
         of = each["sensors"][number]
         kept_out = of["immune_to_drift"]
@@ -273,17 +263,15 @@ def scatter(
         title, simulated, found = campaign.title, campaign.simulated, campaign_signatures(campaign)
     else:
         title, simulated, found = source, False, published_signatures(source)
-    if as_json:
-        print_json(
-            {
-                "schema": "hil.scatter/1",
-                "title": title,
-                "simulated": simulated,
-                "hypotheses": dict(HYPOTHESES),
-                "named_from": NAMED,
-                "signatures": [each.document() for each in found],
-            }
-        )
+    document = {
+        "schema": "hil.scatter/1",
+        "title": title,
+        "simulated": simulated,
+        "hypotheses": dict(HYPOTHESES),
+        "named_from": NAMED,
+        "signatures": [each.document() for each in found],
+    }
+    if printed(document, as_json):
         return
     console = results()
     console.print(title + ("  SIMULATED" if simulated else ""))
@@ -305,13 +293,9 @@ _SHORT = {"white": "noise", "bias": "bias", "collect_3": "MU", "bias_and_collect
 
 
 def _scatter_table(signatures: list[dict[str, Any]]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
     spreads = ("c", "m", "mu")
-    for heading in ("sensor", "at °C", "runs", *(f"σ{of.upper()}\ndeg/hr" for of in spreads), "correlation C, M"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for short in _SHORT.values():
-        table.add_column(short, justify="right", no_wrap=True)
-    table.add_column("named")
+    headings = ("sensor", "at °C", "runs", *(f"σ{of.upper()}\ndeg/hr" for of in spreads), "correlation C, M")
+    table = listing(*headings, *_SHORT.values(), "named", left={"named"})
     for each in signatures:
         at, correlation, probabilities = each["temperature_degC"], each["correlation"], each["probabilities"]
         told = "–" if correlation["value"] is None else f"{correlation['value']:+.2f}"

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from drivers.strict_yaml import parse_value
-from hil.cli.output import JsonFlag, print_json, results
+from hil.cli.output import JsonFlag, printed, results
 from hil.errors import InputError
 
 Description = Annotated[
@@ -33,8 +33,7 @@ def decode(
 
     description = load_frames_named(frames, parameters=_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
     console = results()
     console.print(

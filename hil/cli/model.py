@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, check_result_folder, print_json, results, warn
+from hil.cli.output import JsonFlag, check_result_folder, listing, printed, results, warn
 
 _SHOWN = 3
 
@@ -31,8 +30,7 @@ def reconcile(
     result = search(data, model, alpha=alpha)
     write_result(result, out)
     document = result.document()
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
     warn(tuple(data.warnings))
     for line in _reconciled(document):
@@ -104,9 +102,7 @@ def visibility(
         document = campaign_document(read_source(Path(source)), chosen)
     else:
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         results().print(visibility_text(document))
 
 
@@ -115,12 +111,9 @@ def effects(as_json: JsonFlag = False) -> None:
     from hil.model.effects.pages import effects_document
 
     document = effects_document()
-    if as_json:
-        print_json(document)
+    if printed(document, as_json):
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("id", "family", "what it is", "equation"):
-        table.add_column(heading, overflow="fold")
+    table = listing("id", "family", "what it is", "equation", no_wrap=False)
     for effect in document["effects"]:
         table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
     results().print(table)

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
 from drivers.clock import SystemClock
-from hil.cli.ask import TerminalQuestions
+from drivers.given_file import check_folder
+from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
+from hil.cli.output import Folder, JsonFlag, listing, messages, printed, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
@@ -43,6 +43,9 @@ WithWatchdog = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
 Operator = Annotated[str, typer.Option("--operator", help="Who carries it out, for the record.", show_default="you")]
 Note = Annotated[str, typer.Option("--note", help="A remark, for the record.", show_default=False)]
+Serial = Annotated[
+    str | None, typer.Option("--serial", help="The unit's serial number, typed or scanned.", show_default=False)
+]
 Despite = Annotated[
     str, typer.Option("--despite", help="Why to go on although hil check says NOT; recorded.", show_default=False)
 ]
@@ -58,12 +61,9 @@ def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     steps = make_plan(asked.procedure())
-    if as_json:
-        print_json(plan_document(steps, simulated=on.simulated))
+    if printed(plan_document(steps, simulated=on.simulated), as_json):
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading, justify in (("begins", "right"), ("lasts", "right"), ("step", "left")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
     for step in steps.steps:
         table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
     console = results()
@@ -82,13 +82,11 @@ def run(
         str,
         typer.Option(
             "--out",
-            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, or "
-            "its model where that is not known before it is asked.",
+            help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
+            "which is asked where nobody gave it.",
         ),
     ] = "night-{serial}-{date}",
-    serial: Annotated[
-        str, typer.Option("--serial", help="The unit's serial number, typed or scanned.", show_default=False)
-    ] = "",
+    serial: Serial = None,
     operator: Operator = "",
     note: Note = "",
     despite: Despite = "",
@@ -100,50 +98,50 @@ def run(
     """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
     from hil.bench.assemble import clock_of
     from hil.config import load_bench, load_sweep
-    from hil.config.frames import load_frames, must_be_typed
     from hil.night import Remarks
     from hil.night.folder import refuse_existing
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
-    on = on.of_unit(serial) if serial else on
+    on = _of_unit(on, serial, out, attended=not yes and sys.stdin.isatty())
     folder = _folder(out, on)
     refuse_existing(folder)
-    if must_be_typed(on, load_frames(on)) and (
-        yes or not sys.stdin.isatty() or (on.clock == "virtual" and speed is None)
-    ):
-        raise InputError(
-            f"{on.source}: unit.serial: ask: the unit does not tell its own and nobody can be asked; give --serial"
-        )
     clock_of(on, speed=speed)
     wrong = look_first(asked, on, folder, despite)
     if not on.simulated and not yes:
         steps = make_plan(asked.procedure())
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
-        if not _confirmed():
-            raise InputError("not begun: answer yes, or give --yes where nobody can be asked")
+        must_agree("Begin?", "not begun")
     told = {"who": operator, "remarks": Remarks(note, wrong, despite), "speed": speed}
     return _end(_start(asked, on, folder, quiet=quiet, watchdog=watchdog, **told))
 
 
-def _folder(name: str, bench: Bench) -> Path:
-    """Return the night's folder: what nobody knows yet of the unit, its model or the bench's name stands for."""
+def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> Bench:
+    """Return the bench with the unit of which somebody gave the serial number, or gives it now if the folder has it.
+
+    A night that only needs it asks by itself, here and on the live page. Raises `InputError` where nobody can be asked.
+    """
     from hil.config.bench import ASK
+    from hil.config.frames import load_frames, must_be_typed
 
-    unit = bench.unit.serial if bench.unit.serial != ASK else ""
-    shown = re.sub(r"[^\w.+-]+", "-", unit or bench.unit.model or bench.name)
+    named, typed = "{serial}" in out, must_be_typed(bench, load_frames(bench))
+    if serial is None and bench.unit.serial in ("", ASK) and (named or typed):
+        if not attended:
+            instead = "" if typed else ", or an --out without {serial}"
+            raise InputError(f"{bench.source}: unit.serial: not known, and nobody can be asked; give --serial{instead}")
+        if named or bench.clock == "virtual":
+            serial = ask_words("Type or scan the serial number of the unit")
+    return bench if serial is None else bench.of_unit(serial)
+
+
+def _folder(name: str, bench: Bench) -> Path:
+    shown = re.sub(r"[^\w.+-]+", "-", bench.unit.serial)
     return Path(name.replace("{date}", f"{SystemClock().utc():%Y-%m-%d}").replace("{serial}", shown))
-
-
-def _confirmed() -> bool:
-    try:
-        return typer.confirm("Begin?", err=True)
-    except typer.Abort:
-        return False
 
 
 def resume(
     folder: Folder,
+    serial: Serial = None,
     operator: Operator = "",
     note: Note = "",
     despite: Despite = "",
@@ -160,9 +158,10 @@ def resume(
     with reading(folder) as journal, tempfile.TemporaryDirectory(prefix="hil-") as files:
         on, asked = configuration_of(journal.night.configuration, Path(files))
         done, owner = journal.completed().keys(), living_owner(folder)
+        on = on if serial is None else on.of_unit(serial)
         left = len(done) < len(journal.plan.steps) and not journal.found and owner is None
         wrong = look_first(asked, on, folder, despite, done) if left else []
-    remarks, who = Remarks(note, wrong, despite), operator or None
+    remarks, who = Remarks(note, wrong, despite, serial or ""), operator or None
     with _watching(folder, on, quiet=quiet, watchdog=watchdog) as progress:
         told = TerminalQuestions()
         ended = resume_night(folder, who=who, progress=progress, terminal=told, speed=speed, remarks=remarks)
@@ -219,28 +218,32 @@ def status(
     if watch:
         keep_looking(folder, results())
     document, now = look_at(folder)
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
     well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
     return Exit.DONE if well else Exit.INCOMPLETE
 
 
-def verify(folder: Folder, as_json: JsonFlag = False) -> int:
+def verify(
+    folder: Folder,
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="The file of the bench's key, where it is elsewhere now.", show_default=False),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> int:
     """Check a night's records: every step, every block, every hash."""
     from hil.records.verify import verify_night
 
-    document = verify_night(folder)
-    if as_json:
-        print_json(document)
-    else:
+    document = verify_night(folder, key)
+    if not printed(document, as_json):
         console = results()
         for problem in document["problems"]:
             console.print(f"problem: {problem}")
-        complete = "complete" if document["complete"] else "NOT complete"
-        console.print(f"{folder}: {complete}, {document['blocks_checked']} blocks checked")
+        missing = any(problem.startswith("missing: ") for problem in document["problems"])
+        how = "complete" if document["complete"] else "NOT complete" if missing else "NOT as it was written"
+        console.print(f"{folder}: {how}, {document['blocks_checked']} blocks checked, {document['signature']}")
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
 
 
@@ -254,9 +257,7 @@ def repair(
     from hil.records.requests import who_asks
 
     document = repair_night(folder, out, who_asks())
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         console = results()
         for what in ("restored", "lost"):
             for line in document[what]:
@@ -274,20 +275,23 @@ def demo(
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
     from hil.cli.report import write_report
     from hil.config import load_bench, load_sweep
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.reader import is_night
 
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; the night needs a folder, give another with --out")
+    sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")
+    if out.exists():
+        check_folder(out)
     if out.exists() and any(out.iterdir()):
         from hil.records import open_readonly
 
-        if not (out / JOURNAL_NAME).is_file():
+        if not is_night(out):
             raise InputError(f"{out}: exists and holds something else; give another folder with --out")
         with open_readonly(out) as journal:
             if not journal.night.simulated:
                 raise InputError(f"{out}: holds a night that was measured; give another folder with --out")
+    look_first(sweep, bench, out, "")
+    if out.exists():
         shutil.rmtree(out)
-    ended = _end(_start(load_sweep("rd-gc-86-1"), load_bench("simulated"), out, quiet=quiet))
+    ended = _end(_start(sweep, bench, out, quiet=quiet))
     if ended == Exit.DONE:
         results().print(f"report: {write_report(out).resolve()}")
     return ended

@@ -6,12 +6,13 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from hil.errors import InputError
 
@@ -72,6 +73,22 @@ def messages() -> Console:
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document. NaN is no JSON: a number that is not known must already be null."""
     sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def printed(document: Mapping[str, Any], as_json: bool) -> bool:
+    """Print a document where JSON is asked for; say whether."""
+    if as_json:
+        print_json(document)
+    return as_json
+
+
+def listing(*headings: str, left: Collection[str] | None = None, no_wrap: bool = True) -> Table:
+    """Return an empty table for people. Columns stand on the right but those of `left`; without it all on the left."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in headings:
+        right = left is not None and heading not in left
+        table.add_column(heading, justify="right" if right else "left", no_wrap=no_wrap)
+    return table
 
 
 def check_result_folder(out: Path, another: str, command: str) -> None:

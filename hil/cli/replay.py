@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, JsonFlag, print_json, results
+from hil.cli.output import Folder, JsonFlag, printed, results
 
 
 def replay(folder: Folder, as_json: JsonFlag = False) -> int:
@@ -11,9 +11,7 @@ def replay(folder: Folder, as_json: JsonFlag = False) -> int:
     from hil.night.replay import replay_night
 
     document = replay_night(folder)
-    if as_json:
-        print_json(document)
-    else:
+    if not printed(document, as_json):
         console = results()
         for difference in document["differences"]:
             console.print(f"different: {difference}")

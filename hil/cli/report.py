@@ -95,10 +95,10 @@ def _campaign(source: Path, night: NightContent | None) -> Campaign:
 
 
 def _night(source: Path) -> NightContent | None:
-    from hil.records.reader import JOURNAL_NAME
+    from hil.records.reader import is_night
     from hil.report.night import night_content
 
-    return night_content(source) if (source / JOURNAL_NAME).is_file() else None
+    return night_content(source) if is_night(source) else None
 
 
 COMMANDS = (report,)

@@ -8,7 +8,7 @@ import typer
 from rich.table import Table
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, print_json, results, warn
+from hil.cli.output import JsonFlag, listing, printed, results, warn
 
 if TYPE_CHECKING:  # a command that is not this one does not wait for it
     from hil.analysis.published.reproduction import Cell, ContractorError, Printed, Reproduction, SevenBiases
@@ -24,8 +24,7 @@ def reproduce(
 
     campaign = read_source(source)
     found = give_again(campaign, sensor)
-    if as_json:
-        print_json(found.document())
+    if printed(found.document(), as_json):
         return
     warn(tuple(campaign.warnings))
     console = results()
@@ -40,12 +39,9 @@ def reproduce(
 
 
 def _table_1(found: Reproduction) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("")
-    for temperature, printed in zip(found.temperatures_degC, found.printed_temperatures, strict=True):
-        table.add_column(
-            printed or ("" if temperature is None else f"{temperature:.1f} degC"), justify="right", no_wrap=True
-        )
+    temperatures = zip(found.temperatures_degC, found.printed_temperatures, strict=True)
+    headings = (name or ("" if at is None else f"{at:.1f} degC") for at, name in temperatures)
+    table = listing(" ", *headings, left={" "})
     for row in found.table_1:
         table.add_row(f"{row.label}, {row.unit}", *(_measured(cell) for cell in row.cells))
         table.add_row("  printed", *(_printed(cell.printed) for cell in row.cells), style="dim")
@@ -66,9 +62,7 @@ def _printed(printed: Printed | None) -> str:
 def _table_a1(found: Reproduction) -> Table:
     from hil.analysis.published.reproduction import SEVEN
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("", *SEVEN, "MUB·G1", "MUB·G3", "G3/G1"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = listing("", *SEVEN, "MUB·G1", "MUB·G3", "G3/G1", left=())
     for each in found.table_a1:
         table.add_row(*_seven(each))
     for each in found.printed_a1:

@@ -24,6 +24,7 @@ EVERY_S = 1.0
 _WORKING = ("running", "paused")
 _MOST_LEFT = 6
 _HEAD, _TAIL = 170, 50  # of a long line
+_WORTH_SAYING_ONCE = 30  # characters
 
 
 def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
@@ -53,6 +54,8 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
                 verdict = {key: end[key] for key in ("verdict", "reason")} if end else None
         except Damaged as damage:
             verdict = {"verdict": "ERROR", "reason": str(damage)}
+            if status["state"] == "complete":
+                status |= {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
     status["verdict"] = verdict
     if status["now"] is None:
         return status, None
@@ -61,17 +64,25 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
 
 
 def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Console) -> None:
-    """Print once how it stands: what is wrong first and in red, then what goes on, then what is missing."""
-    verdict = status["verdict"]
+    """Print once how it stands: a chamber that is not safe before all else, and nothing twice."""
+    verdict, said = status["verdict"], list[str]()
     mark = "  SIMULATED" if status["simulated"] else ""
-    judged = f", {verdict['verdict']}" if verdict else ""
+    working, judged = status["state"] in _WORKING, f", {verdict['verdict']}" if verdict else ""
+
+    def alarm(word: str, text: str) -> None:
+        if text:
+            console.print(_cut(f"{word}: {_without(said, text)}"), style="bold red")
+            said.extend(text.split("; "))
+
+    danger = [line for line in status["problems"] if line.startswith("THE CHAMBER")]
+    for line in danger:
+        alarm(str(folder), line)
     console.print(f"{folder}: {status['state']}{judged}{mark}")
-    working, ended = status["state"] in _WORKING, f"{status['state']}: {status['reason']}"
-    bad = [*(f"PROBLEM: {line}" for line in status["problems"]), status["old"]]
-    bad.append("" if working or status["state"] == "complete" else ended)
-    bad.append(f"{verdict['verdict']}: {verdict['reason']}" if verdict and verdict["verdict"] != "PASS" else "")
-    for line in filter(None, bad):
-        console.print(_cut(line), style="bold red")
+    for line in status["problems"]:
+        alarm("PROBLEM", "" if line in danger else line)
+    alarm("OLD", status["old"])
+    alarm(status["state"], "" if working or status["state"] == "complete" else status["reason"])
+    alarm(judged[2:], verdict["reason"] if judged not in ("", ", PASS") else "")
     for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
@@ -86,12 +97,12 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         console.print(f"{name}: {text}")
     left = in_brief(status["missing"])
     for line in left[:_MOST_LEFT]:
-        console.print(_cut(f"{'to do' if working else 'missing'}: {line}"))
+        console.print(_cut(f"{'to do' if working else 'missing'}: {_without(said, line)}"))
     if len(left) > _MOST_LEFT:
         console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
     if not working:
         again = "" if status["state"] == "complete" else f"; hil resume {folder} carries on"
-        console.print(f"hil report {folder} shows it all{again}")
+        console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all{again}")
 
 
 Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
@@ -132,6 +143,13 @@ def _lines(console: Console) -> Iterator[Show]:
 def _trouble(folder: Path, status: dict[str, Any]) -> str:
     """Return what must be seen first: what is wrong, data that are old, a question, a pause."""
     return "\n".join([*map(_cut, status["problems"]), *filter(None, (status["old"], _asked(folder, status)))])
+
+
+def _without(said: list[str], text: str) -> str:
+    """Return a text without the sentences that were said before."""
+    for each in said:
+        text = text.replace(each, "…") if len(each) > _WORTH_SAYING_ONCE else text
+    return text
 
 
 def _cut(line: str) -> str:

@@ -30,8 +30,8 @@ from hil.config.sections import to_settings
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
-from hil.files.strict import Section, find_config, parse_yaml, read_text, validated, validated_inside
-from hil.files.units import Degrees, Gravities, Hertz, Seconds
+from hil.files.strict import NAME, Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.files.units import Degrees, DegreesPerHour, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
 from procedures.pose import PoseTable, PoseTolerance
@@ -54,8 +54,15 @@ def _plain_name(value: str) -> str:
 
 
 ASK = "ask"
-_LABEL = re.compile(r"[^\W_][ -~]{0,59}")
+_LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 """What may be a serial number: a line that fits on a label."""
+_RIGID = 0.05  # of direction cosines: three degrees
+
+
+def _absolute(path: Path) -> Path:
+    if not path.is_absolute():
+        raise ValueError(f"{path}: give a whole path, such as /etc/hil/bench.key: a night is carried on from anywhere")
+    return path
 
 
 class UnitSection(Section):
@@ -65,7 +72,7 @@ class UnitSection(Section):
     """
 
     model: str
-    serial: str
+    serial: Annotated[str, AfterValidator(str.strip)]
 
 
 class SiteSection(Section):
@@ -149,9 +156,10 @@ class ImuSection(Section):
 
 
 class RecordSection(Section):
-    """What is kept of a night besides the averages."""
+    """What is kept of a night besides the averages, and the file with the key that signs its journal's head."""
 
     raw: bool = True
+    key: Annotated[Path, AfterValidator(_absolute)] | None = None
     series_block: Seconds = Field(default=1.0, gt=0.0, le=86400.0)
 
 
@@ -169,6 +177,7 @@ class Bench(Section):
     interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
     polling: Annotated[Polling, _settings(Polling)] = Polling()
     pose: Annotated[PoseTolerance, _settings(PoseTolerance)] = PoseTolerance()
+    largest_standard_error: Annotated[DegreesPerHour, Field(gt=0.0)] | None = None
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None
@@ -189,6 +198,19 @@ class Bench(Section):
                 raise ValueError(
                     f"clock: a virtual clock cannot drive the real port {port} ({key}); write clock: system"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _sensors_are_one_body(self) -> Bench:
+        (first, of), *others = self.sensors.items()
+        for number, each in others:
+            stands = {at: of.built[at].axes @ each.built[at].axes.T for at in of.built if at in each.built}
+            for label, so in stands.items():
+                if np.abs(so - next(iter(stands.values()))).max() > _RIGID:
+                    raise ValueError(
+                        f"sensors.{number}.orientations.{label}: sensor {number} stands otherwise to sensor {first} "
+                        f"than at position {next(iter(stands))}, and they are one body: one of the four is wrong"
+                    )
         return self
 
     @property
@@ -212,7 +234,7 @@ class Bench(Section):
         A bench file that names another is not overruled.
         """
         if not _LABEL.fullmatch(serial):
-            raise InputError(f"{serial[:80]!r} is no serial number: one line of at most 60 plain characters")
+            raise InputError(f"{serial[:80]!r} is no serial number: one line of at most {NAME} plain characters")
         if self.unit.serial not in ("", ASK, serial):
             raise InputError(f"{self._source}: unit.serial: it says {self.unit.serial}, and {serial} was typed; which?")
         return self.model_copy(update={"unit": self.unit.model_copy(update={"serial": serial})})

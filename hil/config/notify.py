@@ -7,10 +7,15 @@ notify:
 
 from __future__ import annotations
 
-from typing import Literal
+import logging
+import os
+from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
+from drivers.given_file import read_text
+from hil.errors import InputError
 from hil.files.strict import Section
 
 Topic = Literal["started", "needs-you", "fault", "finished"]
@@ -35,3 +40,35 @@ class NotifySection(Section):
                     "file, which every night keeps a copy of: put it into a variable or a file and name that"
                 )
         return to
+
+
+def addresses_of(reference: str) -> list[str]:
+    """Return the addresses that a reference stands for; raise `InputError`, without them, where there is none."""
+    kind, _, name = reference.partition(":")
+    text = os.environ.get(name) if kind == "env" else read_text(Path(name).expanduser())
+    if text is None:
+        raise InputError("the variable is not set")
+    found = [word for line in text.splitlines() for word in line.split() if not line.lstrip().startswith("#")]
+    if not found:
+        raise InputError("it holds no address")
+    return found
+
+
+def messenger_of(address: str) -> Any:
+    """Return apprise's messenger, or None where a plain POST of JSON will do.
+
+    Raises `InputError`, without the address, where neither can send to it.
+    """
+    logging.getLogger("apprise").disabled = True  # it would print addresses
+    try:
+        import apprise
+    except ImportError:
+        why = "this kind of address needs apprise: pip install 'hil[notify]'"
+    else:
+        messenger = apprise.Apprise()
+        if messenger.add(address):
+            return messenger
+        why = "apprise does not understand the address"
+    if not address.startswith(("http://", "https://")):
+        raise InputError(why)
+    return None

@@ -11,18 +11,23 @@ without a driver of its own, which the bench file only names.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from drivers.given_file import read_bytes
 from hil.config import Bench, Sweep, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import parse_yaml, read_text
 
 SCHEMA = "hil.configuration/1"
-IMU_FILE, MODEL_FILE, CHAMBER_FILE = "imu.yaml", "model.yaml", "chamber.yaml"
+CONFIGURATION = "configuration"
+"""The folder within a night's that the files are written into."""
+_FILES = {"imu": ("imu", "description"), "model": ("simulation", "model"), "chamber": ("chamber", "description")}
+"""Where the bench file names what stands in the text, by its name there."""
 
 
 def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> str:
@@ -60,18 +65,41 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
         raise InputError(f"the night's configuration is {document.get('schema')!r}; this program reads {SCHEMA}")
     bench: dict[str, Any] = document["bench"]
     folder = folder.resolve()
-    write_durably(RealDisk(), folder / IMU_FILE, document["imu"].encode())
-    bench["imu"]["description"] = str(folder / IMU_FILE)
-    if "model" in document:
-        write_durably(RealDisk(), folder / MODEL_FILE, document["model"].encode())
-        bench["simulation"]["model"] = str(folder / MODEL_FILE)
-    if "chamber" in document:
-        write_durably(RealDisk(), folder / CHAMBER_FILE, document["chamber"].encode())
-        bench["chamber"]["description"] = str(folder / CHAMBER_FILE)
+    folder.mkdir(exist_ok=True)
+    for name, (section, key) in _FILES.items():
+        if name in document:
+            write_durably(RealDisk(), folder / f"{name}.yaml", document[name].encode())
+            bench[section][key] = str(folder / f"{name}.yaml")
     return (
         parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
         parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),
     )
+
+
+def lost_files(text: str, folder: Path) -> Iterator[str]:
+    """Yield in words which files of `folder` are not what `configuration_of` wrote there."""
+    document = understood(text)
+    for path in (folder / f"{name}.yaml" for name in _FILES if name in document):
+        try:
+            what = "" if read_bytes(path) == document[path.stem].encode() else "is not what the journal has on record"
+        except InputError as error:
+            what = f"is lost ({error})"
+        if what:
+            yield f"{folder.name}/{path.name} {what}; nothing is read from it, the journal has its text"
+
+
+def key_file(text: str) -> Path | None:
+    """Return the file of the key with which the night's head is signed (`record.key`), None where none is named."""
+    key = understood(text if "key:" in text else "").get("bench", {}).get("record", {}).get("key")  # it is a long text
+    return None if key is None else Path(key)
+
+
+def understood(text: str) -> dict[str, Any]:
+    """Return what a journal's text says; nothing where this version does not understand it."""
+    try:
+        return parse_yaml(text, "the night's configuration")
+    except InputError:
+        return {}
 
 
 def bench_of_record(text: str) -> Bench:

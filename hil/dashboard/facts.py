@@ -18,11 +18,10 @@ from typing import Any
 
 from drivers.clock import SystemClock
 from hil.analysis.night_verdict import night_verdict
+from hil.config.recorded import understood
 from hil.dashboard.curves import NightCurves
 from hil.dashboard.results import ResultsSoFar
-from hil.errors import InputError
 from hil.files.lock import Owner, living_owner
-from hil.files.strict import parse_yaml
 from hil.records import JournalReader, reading
 from hil.records.heartbeat import read_heartbeat
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
@@ -174,21 +173,13 @@ def _now(live: Part) -> Part:
 
 def _about(journal: JournalReader) -> Part:
     """Return what stays the same all night."""
-    bench = _configuration(journal).get("bench")
+    bench = understood(journal.night.configuration).get("bench")
     return {
         "title": journal.night.title,
         "bench": str(bench.get("name", "")) if isinstance(bench, dict) else "",
         "simulated": journal.night.simulated,
         "began_utc": journal.night.began_utc.isoformat(),
     }
-
-
-def _configuration(journal: JournalReader) -> Part:
-    """Return the night's configuration; nothing where this version does not understand it, which hides no night."""
-    try:
-        return parse_yaml(journal.night.configuration, "the night's configuration")
-    except InputError:
-        return {}
 
 
 def _pausing(journal: JournalReader) -> str | None:

@@ -63,6 +63,7 @@ class ResultsSoFar:
                     "model": each.model,
                     "verdict": str(each.verdict),
                     "reason": each.reason,
+                    "assumed": list(each.assumed),
                     "parameters": {name: vars(estimate) for name, estimate in each.parameters.items()},
                 }
             )

@@ -33,6 +33,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from hil.dashboard.access import Access, Guard
 from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
+from hil.files.strict import NAME, one_line
 from hil.records.requests import RequestKind, wait_for_answer
 from hil.records.requests import request as ask_controller
 
@@ -40,7 +41,6 @@ _STATIC = str(files("hil.dashboard") / "static")
 _UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once
 _STILL = {"content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"}
 _LARGEST_BODY = 8192
-_LONGEST_NAME, _LONGEST_WHY = 60, 200
 _ANSWER_S = 5.0
 _PATIENCE_S = 10.0
 _CONNECTIONS, _WAITING, _AT_ONCE = 512, 256, 128  # in all, before their first request, and new ones in one instant
@@ -194,23 +194,15 @@ def _asked(document: dict[str, Any]) -> Asked:
     if document.get("kind") not in kinds:
         raise InputError(f"kind: one of {', '.join(kinds)}")
     kind = RequestKind(document["kind"])
-    who = _line(document, "who", _LONGEST_NAME)
+    who = one_line("who", document.get("who", ""), NAME)
     if not who:
         raise InputError("who: a name is needed, for the journal")
     prompt = document.get("prompt")
     answers = kind in (RequestKind.CONFIRM, RequestKind.REFUSE)
     if answers and not (type(prompt) is int and 0 <= prompt < 2**63):  # what the journal can hold
         raise InputError("prompt: the number of the question that is answered")
-    why = _line(document, "why", _LONGEST_WHY)
+    why = one_line("why", document.get("why", ""))
     return Asked(str(document.get("night", "")), kind, who, why, prompt if answers else None)
-
-
-def _line(document: dict[str, Any], name: str, longest: int) -> str:
-    """Return a text of one line; raise `InputError` where it is none."""
-    value = document.get(name, "")
-    if not isinstance(value, str) or len(value) > longest or not (value.isprintable()):
-        raise InputError(f"{name}: one line of at most {longest} characters")
-    return value.strip()
 
 
 def _ask(watcher: Watcher, asked: Asked) -> dict[str, Any]:

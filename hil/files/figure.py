@@ -24,17 +24,21 @@ def check_name(path: Path) -> None:
         raise InputError(f"{path}: the folder {path.parent} does not exist")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write `figure` to `path`, whole or not at all; raise `InputError` where the file cannot be written."""
+def drawn(figure: Figure, kind: str = "svg") -> bytes:
+    """Return the bytes of a picture, svg or png."""
     import matplotlib as mpl  # imported late: it is slow, and only a plot needs it
 
-    check_name(path)
-    kind = path.suffix.lower().removeprefix(".")
     details: Any = {"metadata": {"Date": None, "Creator": None}} if kind == "svg" else {"dpi": _DOTS_PER_INCH}
     stream = io.BytesIO()
     with mpl.rc_context(SETTINGS):
         figure.savefig(stream, format=kind, **details)
+    return stream.getvalue()
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write `figure` to `path`, whole or not at all; raise `InputError` where the file cannot be written."""
+    check_name(path)
     try:
-        write_durably(RealDisk(), path, stream.getvalue())
+        write_durably(RealDisk(), path, drawn(figure, path.suffix.lower().removeprefix(".")))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None

@@ -25,8 +25,20 @@ SINGULAR = {
     "imus": "IMU description",
     "models": "model",
     "sweeps": "sweep",
+    "tables": "table",
 }
 """The kinds of configuration: the folder's name, and the word for one of them."""
+
+
+NAME, REMARK = 60, 500
+"""Characters of a person's name or a label, and of what somebody says for the record: both fit on a screen."""
+
+
+def one_line(what: str, text: object, longest: int = REMARK) -> str:
+    """Return what a person gave as `what`, without blanks around it; raise `InputError` where it is no single line."""
+    if not isinstance(text, str) or len(text) > longest or not text.isprintable():
+        raise InputError(f"{what}: one line of at most {longest} characters")
+    return text.strip()
 
 
 class Section(BaseModel):
@@ -58,10 +70,10 @@ def config_folders(kind: str) -> list[Path]:
 
 
 def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path:
-    """Return the file for `name`, with or without `.yaml`, from anywhere.
+    """Return the file for `name`, with or without `.yaml` (a table's `.csv`), from anywhere.
 
     An existing path wins, then a file of that name in the folder `beside` (where the file stands that names it), then
-    what ships with hil. `kind` is "benches", "sweeps", "imus" or "models". Raises `InputError` naming the nearest.
+    what ships with hil. `kind` is a key of `SINGULAR`. Raises `InputError` naming the nearest.
     """
     path = Path(name).expanduser()
     if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
@@ -69,14 +81,15 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     folders = ([beside] if beside is not None else []) + config_folders(kind)
     if path.is_absolute():
         folders = []
+    ending = ".csv" if kind == "tables" else ".yaml"
     for folder in folders:
-        for candidate in (folder / path, folder / f"{path}.yaml"):
+        for candidate in (folder / path, folder / f"{path}{ending}"):
             if _is(Path.is_file, candidate):
                 return candidate
     what = SINGULAR.get(kind, kind)
     if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
-    shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob("*.yaml")})
+    shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob(f"*{ending}")})
     if path.is_absolute() or "/" in str(name):
         raise InputError(f"{name}: there is no such {what} file")
     raise InputError(f"{name}: there is no {what} of this name{near(path.stem, shipped)}")

@@ -307,10 +307,11 @@ def _check_term(
             names = ", ".join(units or [each.name for each in effect.parameters])
             raise InputError(f"{where}.parameters.{name}: unknown key for effect {effect.id}; it has {names}")
         _check_unit(f"{where}.parameters.{name}", curve.unit, units.get(name, usual or curve.unit))
-    shapes = {shape.name: shape.unit for shape in effect.shapes_for(sample)}
-    for name, unit in shapes.items():
-        if name not in term.shape:
-            raise InputError(f"{where}.shape.{name}: missing; {effect.id} needs it{f', in {unit}' if unit else ''}")
+    shapes = {shape.name: shape for shape in effect.shapes_for(sample)}
+    for name, shape in shapes.items():
+        if name not in term.shape and shape.default is None:
+            unit = f", in {shape.unit}" if shape.unit else ""
+            raise InputError(f"{where}.shape.{name}: missing; {effect.id} needs it{unit}")
     for name in term.shape:
         if name not in shapes and term.shape[name]:
             there = ", ".join(shapes) or "none"

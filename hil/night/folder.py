@@ -13,7 +13,7 @@ from pathlib import Path
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
 from hil.files.lock import process_start
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import is_night
 
 
 def refuse_existing(folder: Path) -> None:
@@ -21,7 +21,7 @@ def refuse_existing(folder: Path) -> None:
     if folder.is_dir() and not any(folder.iterdir()):
         return
     if folder.exists():
-        what = "it holds a night already" if (folder / JOURNAL_NAME).exists() else "it exists and is not empty"
+        what = "it holds a night already" if is_night(folder) else "it exists and is not empty"
         raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
 
 

@@ -17,7 +17,7 @@ from drivers.chambers import Chamber, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
 from drivers.positioners.positioner import Positioner
-from hil.records.witnesses import LOG_NAME
+from hil.records.witnesses import LOG_KEPT, LOG_NAME
 
 
 class Log(Protocol):
@@ -58,7 +58,9 @@ class NightLog:
     A file of `largest` bytes becomes log.jsonl.1, that one log.jsonl.2, and so on; the one after the `kept` is deleted.
     """
 
-    def __init__(self, folder: Path, clock: Clock, who: str, *, largest: int = 10_000_000, kept: int = 4) -> None:
+    def __init__(
+        self, folder: Path, clock: Clock, who: str, *, largest: int = 10_000_000, kept: int = LOG_KEPT
+    ) -> None:
         self._path = folder / LOG_NAME
         self._clock, self._who = clock, who
         self._largest, self._kept = largest, kept

@@ -13,17 +13,13 @@ address. Sending is the work of one thread. Whatever becomes of it, the night go
 from __future__ import annotations
 
 import json
-import logging
-import os
 import queue
 import threading
 import urllib.request
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
-from drivers.given_file import read_text
-from hil.config.notify import NotifySection
+from hil.config.notify import NotifySection, addresses_of, messenger_of
 from hil.errors import InputError
 
 _TIMEOUT_S = 10.0
@@ -34,56 +30,23 @@ Send = Callable[[str, str, str], None]
 """Sends a title and a text to one address; raises whatever goes wrong."""
 
 
-class NotSent(Exception):
-    """A notification could not be sent. The message holds no address."""
-
-
 def send(address: str, title: str, text: str) -> None:
     """Send through apprise, or by a plain POST of JSON where apprise is absent, or is not needed.
 
-    Raises `NotSent` where neither can, and what a POST raises.
+    Raises `InputError` where neither can or it was not delivered, and what a POST raises.
     """
-    logging.getLogger("apprise").disabled = True  # it would print addresses
-    try:
-        import apprise
-    except ImportError:
-        if not _plain(address):
-            raise NotSent("this kind of address needs apprise: pip install 'hil[notify]'") from None
-    else:
-        messenger = apprise.Apprise()
-        if messenger.add(address):
-            if not messenger.notify(title=title, body=text):
-                raise NotSent("apprise could not deliver it")
-            return
-        if not _plain(address):
-            raise NotSent("apprise does not understand the address")
-    _post(address, title, text)
-
-
-def _plain(address: str) -> bool:
-    return address.startswith(("http://", "https://"))
+    messenger = messenger_of(address)
+    if messenger is None:
+        _post(address, title, text)
+    elif not messenger.notify(title=title, body=text):
+        raise InputError("apprise could not deliver it")
 
 
 def _post(address: str, title: str, text: str) -> None:
     body = json.dumps({"title": title, "text": text}).encode()
-    asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - see _plain
+    asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - http(s), see messenger_of
     with urllib.request.urlopen(asked, timeout=_TIMEOUT_S):  # noqa: S310
         return
-
-
-def addresses_of(reference: str) -> list[str]:
-    """Return the addresses that a reference stands for; raise `NotSent` where there is none."""
-    kind, _, name = reference.partition(":")
-    try:
-        text = os.environ[name] if kind == "env" else read_text(Path(name).expanduser())
-    except KeyError:
-        raise NotSent("the variable is not set") from None
-    except InputError as error:
-        raise NotSent(str(error)) from None
-    found = [word for line in text.splitlines() for word in line.split() if not line.lstrip().startswith("#")]
-    if not found:
-        raise NotSent("it holds no address")
-    return found
 
 
 class Notifier:
@@ -116,7 +79,7 @@ class Notifier:
         for reference in section.to if section else ():
             try:
                 self._addresses += [(reference, address) for address in addresses_of(reference)]
-            except NotSent as error:
+            except InputError as error:
                 self._failures.put(f"{reference}: {error}")
 
     def tell(self, topic: str, text: str) -> None:
@@ -156,7 +119,7 @@ class Notifier:
             try:
                 self._send(address, title, text)
                 return
-            except NotSent as error:
+            except InputError as error:
                 why = str(error)
             except Exception as error:
                 why = type(error).__name__

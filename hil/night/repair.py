@@ -19,19 +19,22 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import VirtualClock
-from hil.config.recorded import configuration_of
+from drivers.given_file import opened
+from hil.config.recorded import CONFIGURATION, configuration_of
 from hil.errors import Damaged, InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.lock import living_owner
 from hil.night.folder import whole_or_nothing
+from hil.night.run import judge
 from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, DamagedBlock, checked_bytes
 from hil.records.damage import damaged_self_calibrations
 from hil.records.ledger import TABLES, chain, enter_everything, row_digest
-from hil.records.reader import JOURNAL_NAME
+from hil.records.live import TRACE_NAME
+from hil.records.reader import JOURNAL_NAME, journal_of
 from hil.records.rows import step_row, to_json
-from hil.records.witnesses import Witnesses, proven
+from hil.records.witnesses import LOG_NAME, Witnesses, proven
 from procedures.plan import make_plan
 
 
@@ -41,13 +44,13 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
     Raises `InputError` where the folder holds no night, somebody is at work there, or `out` is not new; `Damaged` where
     not even the plan is proven.
     """
-    owner = living_owner(folder)
-    if owner is not None or not (folder / JOURNAL_NAME).is_file():
-        raise InputError(f"{folder}: {f'{owner} is at work here' if owner else f'holds no night (no {JOURNAL_NAME})'}")
+    journal_of(folder)
+    if (owner := living_owner(folder)) is not None:
+        raise InputError(f"{folder}: {owner} is at work here")
     witnesses = Witnesses.of(folder)
     with whole_or_nothing(out) as partial:
         with closing(sqlite3.connect(partial / JOURNAL_NAME, isolation_level=None)) as new:
-            journal_schema.upgrade(new)
+            new.executescript(journal_schema.TABLES)
             new.execute("BEGIN")
             gone = _take_proven_rows(folder, new)
             restored = _take_from_the_log(new, witnesses, gone)
@@ -55,6 +58,9 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
             new.execute("COMMIT")
         lost = [f"{count} rows of the table {table}" for table, count in gone.items() if count > 0]
         (partial / BLOCKS).mkdir()
+        for path in (*folder.glob(f"{LOG_NAME}*"), folder / TRACE_NAME):  # not as sealed? That is said again
+            with suppress(InputError), opened(path) as file:
+                (partial / path.name).write_bytes(file.read())
         with open_readonly(partial) as night:
             for row in night.blocks():
                 try:
@@ -65,12 +71,16 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
             useless = [key for key in night.completed() if night.steps_by_key()[key].self_calibration in broken]
             last_s = max((each.ended_s or each.began_s for each in night.attempts()), default=0.0)
             clock = VirtualClock(night.night.utc(last_s))  # the campaign goes on from there
+            with suppress(InputError):
+                configuration_of(night.night.configuration, partial / CONFIGURATION)
         with SqliteJournal.open(partial, clock=clock, who=who) as journal:
             journal.withdraw(useless, "its samples were lost")
             said = f"brought back from {folder}; lost: {'; '.join(lost) or 'nothing'}"
             journal.event("repaired", said, lost=lost, restored=restored)
-            journal.finish("incomplete: brought back from a damaged folder")
             steps = {"steps_done": len(journal.completed()), "steps_total": len(journal.plan.steps)}
+            state = "complete" if steps["steps_done"] == steps["steps_total"] else "incomplete"
+            judge(journal, state)
+            journal.finish(f"{state}: brought back from a damaged folder")
     return {"schema": "hil.repair/1", "folder": str(out), **steps, "restored": restored, "lost": lost}
 
 

@@ -31,10 +31,9 @@ from drivers.imu.stream import StreamImu
 from hil.bench.closed_port import ClosedPort
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.reader import JOURNAL_NAME
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
@@ -57,9 +56,7 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
             replay.differences += journal.found
             simulated = journal.night.simulated
             replay.averages(journal)
-    except InputError as error:
-        if not (folder / JOURNAL_NAME).is_file():
-            raise
+    except Damaged as error:
         replay.differences += [] if replay.differences else [str(error)]  # damage, which has been named by then
     return {
         "schema": SCHEMA,

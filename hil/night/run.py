@@ -36,9 +36,10 @@ from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
-from hil.config.recorded import configuration_of, configuration_text
-from hil.errors import Damaged
+from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
+from hil.errors import InputError
 from hil.files.lock import FolderLock
+from hil.files.strict import NAME, one_line
 from hil.night.folder import refuse_existing, whole_or_nothing
 from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
@@ -48,9 +49,12 @@ from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
-from hil.records.live import LiveFiles, trace_digest
+from hil.records.identity import night_identity
+from hil.records.ledger import read_key
+from hil.records.live import TRACE_NAME, LiveFiles
 from hil.records.rows import Night
 from hil.records.status import VERDICT
+from hil.records.witnesses import seal, sealed_log
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind, make_plan
 from procedures.progress import Audience, Progress
@@ -59,11 +63,9 @@ from procedures.settings import Polling
 from procedures.stop import StopRequest
 from procedures.sweep_outcome import SweepOutcome, SweepState
 
-CONFIGURATION = "configuration"
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
 
-_LOST = "progress is no longer shown"
 _WATCHED_S = 0.25  # of real time, between two polls of a simulated night that somebody watches
 
 
@@ -107,11 +109,12 @@ def start_night(
     refuse_existing(target)
     check_sweep_against_bench(sweep, bench)
     text = configuration_text(bench, sweep, seed)
+    read_key(bench.record.key)  # or nothing begins
     plan = make_plan(sweep.procedure())
-    who = who or _user()
+    who = one_line("--operator", who or _user(), NAME)
     with bench_lock(bench, target):
         with whole_or_nothing(target) as partial:
-            resolved, _ = configuration_of(text, _made(partial / CONFIGURATION))
+            resolved, _ = configuration_of(text, partial / CONFIGURATION)
             attendant = Attendant(terminal)
             live = build_bench(resolved, ask=attendant, speed=speed)
             try:
@@ -152,12 +155,15 @@ def resume_night(
     controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
     written.
     """
-    folder, who = Path(folder), who or _user()
+    folder, who, said = Path(folder), one_line("--operator", who or _user(), NAME), remarks or Remarks()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
+        serial = night_identity(reader).get("serial", said.serial)
+    if said.serial not in ("", serial):
+        raise InputError(f"{folder}: it is a night of unit {serial}, and {said.serial} was typed; which?")
     if len(done) == len(plan.steps):
         return NightOutcome(folder, "complete", "every planned step was done before", 0)
     last_s = max((controller.seen_s for controller in controllers), default=0.0)
@@ -166,7 +172,8 @@ def resume_night(
     visited = [s.position for s in half_done if s.kind is StepKind.COLLECT and s.key in done and s.position]
     with ExitStack() as held:
         lock = held.enter_context(FolderLock(folder).acquire())
-        bench, _ = configuration_of(night.configuration, _made(folder / CONFIGURATION))
+        bench, _ = configuration_of(night.configuration, folder / CONFIGURATION)
+        bench = bench.of_unit(said.serial) if said.serial else bench
         held.enter_context(bench_lock(bench, folder))
         attendant = Attendant(terminal)
         live = build_bench(
@@ -182,7 +189,6 @@ def resume_night(
         held.enter_context(live)
         clock, raw = live.devices.clock, bench.record.raw
         journal = held.enter_context(SqliteJournal.open(folder, clock=clock, who=who, keep_raw=raw, lock=lock))
-        said = remarks or Remarks()
         _record_resumption(journal, who, night, len(done), last_s, said.note)
         said.record(journal, who)
         for number, what in damaged.items():
@@ -262,7 +268,7 @@ def _carry_out(
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
             shown.close()  # what it shows is recorded with the verdict
-            _judge(journal, outcome.state)
+            judge(journal, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
             notifier.tell("finished", in_words_at_the_end(journal, f"{outcome.state}: {outcome.reason}"))
         return outcome
@@ -274,16 +280,16 @@ def _carry_out(
         log.close()
 
 
-def _judge(journal: SqliteJournal, state: str) -> None:
+def judge(journal: SqliteJournal, state: str) -> None:
     """Record what the report will say of the night, so that whoever only asks how it stands need not solve it."""
     from hil.analysis.night_verdict import night_solutions, night_verdict  # only an end needs what solves
 
     try:
         judged = night_verdict(state, night_solutions(journal.folder))
-    except Damaged:
-        return  # whoever reads it is told
-    trace = {"trace": digest} if (digest := trace_digest(journal.folder)) else {}
-    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **trace)
+    except InputError:
+        return  # whoever reads it is told why
+    seals = {"trace": seal(journal.folder / TRACE_NAME), "log": sealed_log(journal.folder)}
+    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **seals)
 
 
 def _polling(live: LiveBench) -> Polling:
@@ -339,11 +345,6 @@ def versions() -> dict[str, str]:
     """Return the versions of what a result may depend on."""
     libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder
 
 
 def _user() -> str:

@@ -124,7 +124,10 @@ class Watchdog:
                 failed = self._end_silent(owner)
                 if failed is not None:
                     return failed
+            looked_s = self._clock.now()
             self._clock.sleep(self._patience.look_s)
+            if self._clock.now() - looked_s > self._patience.look_s + self._patience.term_s:
+                self._changed_s = self._clock.now()  # it slept itself, and so may have the controller
         return Watched(f"the watch ended: {self._stop.reason}; nobody watches {self._folder} now", 0)
 
     # Looking

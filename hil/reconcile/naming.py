@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, VarianceEffect
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import Term
@@ -96,9 +96,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     own = [f for f in posterior.sets if classes[id(f)] == lead]
     found = own[0] if own and (lead or chance <= alpha) else as_filed
-    mistakes = [
-        (n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake
-    ]
+    mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
     names = sorted(names, key=lambda named: -named.probability)
@@ -171,7 +169,7 @@ def _named(
         kind = NO_NAME
     effect: Described | None = None if first is None else first.candidate.effect
     if first is None:
-        effect = next(k.effect for s in posterior.searches.values() for b in s.blocks for k in b.noise.kinds if k.effect.id == name)
+        effect = scatter_of(posterior)[name]
     return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter")
 
 
@@ -203,7 +201,17 @@ def _rival(
         follows = _order(posterior, own)
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
         overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
-    return Also(rival, title, probability, overlap, factor, odds / max(factor, 1e-300), terms, remedy, effect is not None and effect.incidental)
+    return Also(
+        rival,
+        title,
+        probability,
+        overlap,
+        factor,
+        odds / max(factor, 1e-300),
+        terms,
+        remedy,
+        effect is not None and effect.incidental,
+    )
 
 
 def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:
@@ -244,12 +252,19 @@ def _overlap(values: Fitted, posterior: Posterior, number: int, own: Sequence[in
     return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
 
 
+def scatter_of(posterior: Posterior) -> dict[str, VarianceEffect]:
+    """Return the effects on the scatter that were asked about, by id."""
+    kinds = (kind for search in posterior.searches.values() for block in search.blocks for kind in block.noise.kinds)
+    return {kind.effect.id: kind.effect for kind in kinds}
+
+
 def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     """What the disagreement follows, each driver with the probability that some term follows it, given that one is."""
     totals: dict[str, float] = {}
     any_of_them = 0.0
+    scatter = scatter_of(posterior)
     for f in posterior.sets:
-        drivers = {t.follows for _, t in _members(posterior, f)} | ({"run"} if f.kind else set())
+        drivers = {t.follows for _, t in _members(posterior, f)} | {scatter[f.kind].follows for _ in f.kind[:1]}
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0
         for driver in drivers:

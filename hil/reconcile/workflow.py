@@ -60,6 +60,8 @@ def reconcile(
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
     chosen = load_model(model) if isinstance(model, str) else model
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
+    for collects in campaign.sensors.values():
+        chosen.check_sensor(collects.conditions.sensor)
     campaign = with_stand_ins(campaign)
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
@@ -70,7 +72,9 @@ def reconcile(
     reading = read(posterior, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
-    return _result(campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove)
+    return _result(
+        campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove
+    )
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:
@@ -102,7 +106,11 @@ def _result(
     conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
     fit, before = fitted(posterior, reading.found), fitted(posterior, reading.nothing)
     names = [beside_unasked(named, posterior, conditions) for named in reading.names]
-    of_scatter = {n.name: scatter.found_scatter(posterior, reading.found.terms, fit, n.name, conditions) for n in names if n.acts_on == "scatter"}
+    of_scatter = {
+        n.name: scatter.found_scatter(posterior, reading.found.terms, fit, n.name, conditions)
+        for n in names
+        if n.acts_on == "scatter"
+    }
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
     gap = findings.gap_of(proof, fit, before, chances, reading.chance)
@@ -113,7 +121,9 @@ def _result(
         for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
-    verdict = findings.verdict_of(reading, names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha)
+    verdict = findings.verdict_of(
+        reading, names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
+    )
     standing = findings.as_it_stands(model, campaign)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
@@ -138,7 +148,11 @@ def _result(
         campaign=campaign.title,
         model_before=model.title,
         verdict=verdict,
-        disagreements=[*findings.mistake_places(reading, campaign, fit), *where, *scatter.places(of_scatter, reading.chance)],
+        disagreements=[
+            *findings.mistake_places(reading, campaign, fit),
+            *where,
+            *scatter.places(of_scatter, reading.chance),
+        ],
         effects=[*mistakes, *results, *within],
         gap=gap,
         false_alarm_rate=alpha,
@@ -171,11 +185,20 @@ def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Pr
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(np.diag(b.noise_alone())) for b in fit.blocks])))
         rival = rivals[0] if rivals else None
-        other = None if rival is None or number not in rival.terms else posterior.term(number, rival.terms[number]).candidate
+        other = (
+            None
+            if rival is None or number not in rival.terms
+            else posterior.term(number, rival.terms[number]).candidate
+        )
         other = None if other is not None and other.effect is None else other
         remedy = "" if rival is None else rival.remedy
         return next_experiment(
-            Fitting(candidate, values), other, "" if rival is None else rival.name, problem.sensors[number], sigma, remedy
+            Fitting(candidate, values),
+            other,
+            "" if rival is None else rival.name,
+            problem.sensors[number],
+            sigma,
+            remedy,
         )
     return None
 

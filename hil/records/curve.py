@@ -19,8 +19,9 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.errors import Damaged
-from hil.records.live import TRACE_NAME, Rows, TraceReader, trace_digest
+from hil.records.live import TRACE_NAME, Rows, TraceReader
 from hil.records.rows import Heartbeat
+from hil.records.witnesses import seal
 
 TEMPERATURE = "_degC"
 """How the names of columns of temperatures end."""
@@ -121,9 +122,9 @@ def temperatures(
     """Return the names of a night's temperatures, times of the campaign, s, (n,), and values, °C, (n, names).
 
     They are those of its trace, a row a second, and of its signs of life, one a minute: a trace may be lost or cut off
-    with the power. Raises `Damaged` where one of full length is not what was `recorded` of it (`trace_digest`).
+    with the power. Raises `Damaged` where one of full length is not what was `recorded` of it (`seal`).
     """
-    found = trace_digest(folder, recorded["size"]) if recorded else {}
+    found = seal(folder / TRACE_NAME, recorded["size"]) if recorded else {}
     if recorded and found.get("size") == recorded["size"] and found != recorded:
         raise Damaged(f"{folder / TRACE_NAME}: is not what was written; without it the journal's marks are drawn")
     trace = TraceReader(folder)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.given_file import check_folder
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
@@ -27,7 +28,7 @@ from hil.errors import InputError
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
-from hil.records.reader import JOURNAL_NAME, JournalReader, reading
+from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
@@ -154,14 +155,15 @@ class Source:
 def open_source(folder: Path | str) -> Source:
     """Read a night or a campaign folder; raise `InputError` where it is neither, or as `export_campaign` does."""
     folder = Path(folder)
-    if (folder / JOURNAL_NAME).is_file():
+    if is_night(folder):
         with reading(folder) as journal:
             campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
         return Source(folder, campaign, {row.number: row.collect.samples for row in rows if row.collect.samples})
     if (folder / HEADER_FILE).is_file():
         return Source(folder, read_campaign(folder), {})
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
-    raise InputError(f"{folder}: {neither if folder.is_dir() else 'there is no such folder'}")
+    check_folder(folder)
+    raise InputError(f"{folder}: {neither}")
 
 
 def _make_way(target: Path) -> None:
@@ -206,6 +208,7 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         verdicts=_verdicts(journal),
         identity=night_identity(journal),
         pose=bench.pose,
+        largest_se=bench.largest_standard_error,
     )
     return judged_by_its_records(campaign), rows
 

@@ -33,7 +33,7 @@ from hil.files.lock import FolderLock
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
 from hil.records.ledger import Ledger
-from hil.records.reader import JOURNAL_NAME, JournalReader, reading
+from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, reading
 from hil.records.rows import Night, digest_of, step_row, to_json
 from hil.records.witnesses import ENDED
 from procedures.journal_protocol import StepResult
@@ -98,7 +98,7 @@ class SqliteJournal(JournalReader):
         if len({step.key for step in plan.steps}) != len(plan.steps):
             raise InputError("the plan has two steps of one key, so that their results could not be told apart")
         with contextlib.closing(_connect(path)) as connection:
-            journal_schema.upgrade(connection)
+            connection.executescript(journal_schema.TABLES)
             with Ledger(connection, folder).transaction():
                 connection.executemany(
                     "INSERT INTO steps VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", [step_row(step) for step in plan.steps]
@@ -127,9 +127,7 @@ class SqliteJournal(JournalReader):
         Raises `InputError` where there is no journal, or another controller holds it; `Damaged` where it is not what
         was written. The lock of a controller that has died is taken over, and an event says so.
         """
-        path = folder / JOURNAL_NAME
-        if not path.is_file():
-            raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+        path = journal_of(folder)
         if lock is None:
             lock = FolderLock(folder).acquire()
         try:
@@ -137,8 +135,6 @@ class SqliteJournal(JournalReader):
                 pass  # it is what was written
             connection = _connect(path)
             try:
-                if journal_schema.check(connection, path) < journal_schema.VERSION:
-                    journal_schema.upgrade(connection)
                 journal = cls(
                     folder, connection, lock, clock=clock, who=who, keep_raw=keep_raw, disk=disk or RealDisk()
                 )

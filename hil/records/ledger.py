@@ -7,13 +7,15 @@
 
 A commit is one entry: the SHA-256 of every row that it wrote, as the row stands since, and a link, the SHA-256 of the
 link before and of this entry. The head is the newest link, written after each durable commit: a journal that lost its
-end is shorter than its head says. It may be longer: a crash came in between, or only heartbeats followed.
+end is shorter than its head says. It may be longer: a crash came in between, or only heartbeats followed. Where the
+night's bench names a key, and who writes can read it, the head is signed (HMAC-SHA256): without it nobody forges both.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import hmac
 import json
 import os
 import sqlite3
@@ -21,14 +23,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from drivers.given_file import opened
+from drivers.given_file import opened, read_bytes
+from hil.config.recorded import key_file
 from hil.errors import InputError
 
 HEAD_NAME = "journal.head"
 TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Every table whose rows are chained. The first column of each is its row number."""
 
-_HEAD_SIZE = 100  # bytes, always, so that it is written in place, within one sector
+_HEAD_SIZE = 180  # bytes, always, so that it is written in place, within one sector
+_UNSIGNED_SIZE = 100  # as nights were recorded that could not be signed
+_SHORTEST_KEY = 16  # bytes
 
 
 class Ledger:
@@ -37,6 +42,9 @@ class Ledger:
     def __init__(self, connection: sqlite3.Connection, folder: Path) -> None:
         self._connection = connection
         self._path = folder / HEAD_NAME
+        self._key = b""
+        with contextlib.suppress(InputError, AttributeError, TypeError):  # of a night without a key
+            self._key = read_key(key_file(*connection.execute("SELECT configuration FROM night").fetchone()))
         self._written: set[tuple[str, int]] = set()
         connection.create_function("hil_written", 2, lambda table, row: self._written.add((table, row)))
         for table in TABLES:
@@ -64,18 +72,36 @@ class Ledger:
             with contextlib.suppress(OSError):  # it is committed, whatever becomes of the second witness
                 file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
                 with open(file, "wb", buffering=0) as head:
-                    head.write(_head_text(number, link))
+                    head.write(_head_text(number, link, self._key))
                     os.fdatasync(file)
 
 
-def _head_text(number: int, link: str) -> bytes:
-    return f"hil.head/1 {number} {link}".ljust(_HEAD_SIZE).encode()
+def read_key(path: Path | None) -> bytes:
+    """Return the key in a bench's file, nothing where none is named; raise `InputError` where it cannot be used."""
+    key = b"" if path is None else read_bytes(path).strip()
+    if path is not None and len(key) < _SHORTEST_KEY:
+        raise InputError(f"{path}: is no key: it needs {_SHORTEST_KEY} bytes or more that nobody can guess")
+    return key
+
+
+def _signature(number: int, link: str, key: bytes) -> str:
+    return hmac.new(key, f"{number} {link}".encode(), "sha256").hexdigest() if key else ""
+
+
+def _head_text(number: int, link: str, key: bytes) -> bytes:
+    return f"hil.head/1 {number} {link} {_signature(number, link, key)}".ljust(_HEAD_SIZE).encode()
+
+
+def signed(folder: Path, key: bytes) -> bool | None:
+    """Tell whether the head is signed with this key; None where it is not signed at all."""
+    _, number, link, *signature = _head_bytes(folder / HEAD_NAME).decode().split()
+    return hmac.compare_digest(signature[0], _signature(int(number), link, key)) if signature else None
 
 
 def read_head(folder: Path) -> tuple[int, str] | None:
     """Return number and link of the newest entry that is known to be durable; number 0 where the file is damaged.
 
-    None where there is none, as beside a journal of an earlier version.
+    None where there is none.
     """
     path = folder / HEAD_NAME
     if not os.path.lexists(path):
@@ -83,8 +109,10 @@ def read_head(folder: Path) -> tuple[int, str] | None:
     try:
         while (text := _head_bytes(path)) != _head_bytes(path):
             pass  # it was just being written
-        _, number, link = text.decode().split()
-        return (int(number), link) if _head_text(int(number), link) == text else (0, "damaged")
+        kind, number, link, *signature = words = text.decode().split()
+        whole = kind == "hil.head/1" and [*map(len, signature)] in ([], [64]) and len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE)
+        whole = whole and " ".join(words).ljust(len(text)).encode() == text
+        return (int(number), link) if whole else (0, "damaged")
     except (OSError, ValueError, InputError):
         return 0, "damaged"
 
@@ -108,10 +136,8 @@ def enter(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) ->
 
 
 def enter_everything(connection: sqlite3.Connection) -> None:
-    """Append one entry of all rows that there are: those of an earlier version, checked by its own digests before."""
-    rows = [(table, row) for table in TABLES for (row,) in connection.execute(f"SELECT rowid FROM {table}")]  # noqa: S608
-    if rows:
-        enter(connection, rows)
+    """Append one entry of all rows that there are: those that `hil repair` has brought back."""
+    enter(connection, [(name, row) for name in TABLES for (row,) in connection.execute(f"SELECT rowid FROM {name}")])  # noqa: S608
 
 
 def row_digest(row: Sequence[Any]) -> str:

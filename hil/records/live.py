@@ -9,7 +9,6 @@ journal is the truth, but it is written once a minute, which is too seldom to lo
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -128,16 +127,6 @@ class LiveFiles(Silent):
         if trace is not None:
             with suppress(OSError):
                 trace.close()
-
-
-def trace_digest(folder: Path, size: int | None = None) -> dict[str, Any]:
-    """Return size and SHA-256 of a night's trace, or of its first `size` bytes; nothing where there is none."""
-    try:
-        with opened(folder / TRACE_NAME) as file:
-            data = file.read(-1 if size is None else size)
-    except InputError:
-        return {}
-    return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def _open_trace(path: Path, columns: Sequence[str]) -> BufferedWriter:

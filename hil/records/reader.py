@@ -22,10 +22,10 @@ from urllib.parse import quote
 
 from hil.errors import Damaged, InputError
 from hil.records import schema as journal_schema
-from hil.records.blocks import Block
-from hil.records.ledger import breaks
-from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, result_digest, step_of
-from hil.records.witnesses import Witnesses, contradictions
+from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
+from hil.records.ledger import HEAD_NAME, breaks
+from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, step_of
+from hil.records.witnesses import Witnesses, contradictions, forgotten
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step
 
@@ -192,27 +192,13 @@ class JournalReader:
         witnesses = witnesses or Witnesses.of(self.folder)
         found = [line for (line,) in self._connection.execute("PRAGMA integrity_check(5)") if line != "ok"]
         if not found:
-            found += [*self.found, *breaks(self._connection, witnesses.head)]
+            found += breaks(self._connection, witnesses.head)
             found += contradictions(self._connection, witnesses)
         return [f"{JOURNAL_NAME}: {shorten(each, _LONGEST)}" for each in found]
 
-    def unchained_damage(self) -> Iterator[str]:
-        """Yield in words what is wrong by the digests and row numbers that journals had before they were chained."""
-        for table, ever in self._connection.execute("SELECT name, seq FROM sqlite_sequence").fetchall():
-            (count,) = self._connection.execute(f"SELECT count(*) FROM {table}").fetchone()  # noqa: S608
-            if count != ever:
-                yield f"{ever - count} of {ever} rows of the table {table} were deleted"
-        if self._connection.execute("SELECT digest FROM night").fetchone() != (self.night.digest(self.plan),):
-            yield "the plan or the configuration was changed after the night had begun"
-        blocks: dict[tuple[str, int], list[Block]] = {}
-        for row in self.blocks():
-            blocks.setdefault((row.step_key, row.attempt), []).append(row.block)
-        ended = (
-            "SELECT step_key, attempt, digest, outcome, reason, data, ended_s FROM attempts WHERE outcome IS NOT NULL"
-        )
-        for key, attempt, recorded, *facts in self._connection.execute(ended):
-            if result_digest(*(*facts, blocks.get((key, attempt), []))) != recorded:
-                yield f"the record of {key}, attempt {attempt}, was changed after it was written"
+    def log_damage(self) -> list[str]:
+        """Return in words what the log does not say any more: no result rests on it."""
+        return list(forgotten(self._connection, self.folder))
 
 
 def refuse(folder: Path, damage: Sequence[str]) -> None:
@@ -223,14 +209,36 @@ def refuse(folder: Path, damage: Sequence[str]) -> None:
         raise Damaged(f"{folder}/{damage[0]}{more}; {advice}")
 
 
+def is_night(folder: Path) -> bool:
+    """Tell whether the folder holds a night, or what is left of one that has lost its journal."""
+    return any(os.path.lexists(folder / name) for name in (JOURNAL_NAME, HEAD_NAME)) or bool(
+        next(folder.glob(f"{BLOCKS}/*{SUFFIXES[SAMPLES]}"), None)
+    )
+
+
+def journal_of(folder: Path) -> Path:
+    """Return where the journal of a night is; raise `InputError` where there is no night.
+
+    `Damaged` where there was one, whose journal is gone or empty.
+    """
+    path = folder / JOURNAL_NAME
+    if path.is_file() and path.stat().st_size:
+        return path
+    if not is_night(folder):
+        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    raise Damaged(
+        f"{path}: {'is empty' if path.is_file() else 'is gone'}; {HEAD_NAME} or {BLOCKS} beside it say that there was "
+        "a night. Without it nothing is proven: put it back from a copy. Whether the chamber is safe cannot be told: "
+        "hil chamber BENCH stop makes it so"
+    )
+
+
 def open_readonly(folder: Path) -> JournalReader:
     """Open the journal of a night to read it, whether or not a controller is writing.
 
-    Raises `InputError` where the folder holds no journal, or one that cannot be read.
+    Raises as `journal_of`, and `InputError` where it cannot be read.
     """
-    path = folder / JOURNAL_NAME
-    if not path.is_file():
-        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    path = journal_of(folder)
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
     if not os.access(folder, os.W_OK) and not path.with_name(f"{JOURNAL_NAME}-wal").exists():
         uri += "&immutable=1"  # an archived night on a read-only medium: nobody can be writing
@@ -239,23 +247,11 @@ def open_readonly(folder: Path) -> JournalReader:
     except sqlite3.Error as error:
         raise InputError(f"{path}: cannot be opened ({error})") from None
     try:
-        journal = JournalReader(folder, connection)
-        if journal_schema.check(connection, path) < journal_schema.VERSION:
-            journal = _upgraded_copy(journal)
+        journal_schema.check(connection, path)
     except BaseException:
         connection.close()
         raise
-    return journal
-
-
-def _upgraded_copy(old: JournalReader) -> JournalReader:
-    """Return a journal of an earlier version as it would be in this one, in memory, with what is damaged in `found`."""
-    new = JournalReader(old.folder, sqlite3.connect(":memory:", isolation_level=None))
-    with old:
-        old._connection.backup(new._connection)
-    new.found = list(new.unchained_damage())
-    journal_schema.upgrade(new._connection)
-    return new
+    return JournalReader(folder, connection)
 
 
 @contextmanager

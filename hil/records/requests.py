@@ -21,9 +21,9 @@ from pathlib import Path
 from drivers.clock import SystemClock
 from hil.errors import InputError
 from hil.files.lock import living_owner
-from hil.records import schema as journal_schema
+from hil.files.strict import one_line
 from hil.records.ledger import Ledger
-from hil.records.reader import JOURNAL_NAME, JournalReader, open_readonly
+from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, open_readonly
 from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
 
@@ -40,15 +40,11 @@ def request(folder: Path, kind: RequestKind, who: str, why: str = "", *, prompt:
     where no controller is at work there, or the request cannot be recorded; nothing is asked then.
     """
     _require_controller(folder, kind)
+    why = one_line("the reason or answer", why)
     path = folder / JOURNAL_NAME
     try:
         connection = sqlite3.connect(path, isolation_level=None, timeout=_BUSY_S)
         with contextlib.closing(connection):
-            if journal_schema.check(connection, path) < journal_schema.VERSION:
-                raise InputError(
-                    f"{folder}: its controller is an earlier hil that hears no requests; Ctrl-C in its terminal, or "
-                    "kill with the process number, brings the chamber to its safe state"
-                )
             connection.execute("PRAGMA synchronous = FULL")
             # For a millisecond: a controller waits for whoever writes, and hardly ever for one that dies meanwhile.
             with Ledger(connection, folder).transaction():
@@ -107,8 +103,7 @@ def forsaken_chamber(journal: JournalReader) -> str:
 
 def _require_controller(folder: Path, kind: RequestKind) -> None:
     """Raise `InputError`, saying what can be done instead, where nobody would hear the request."""
-    if not (folder / JOURNAL_NAME).is_file():
-        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    journal_of(folder)
     if living_owner(folder) is not None:
         return
     with open_readonly(folder) as journal:

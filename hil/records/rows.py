@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import Enum
 from pathlib import Path
@@ -144,11 +144,6 @@ def _plain(value: object) -> object:
 def digest_of(value: object) -> str:
     """Return the SHA-256 of the canonical JSON of `value`."""
     return hashlib.sha256(to_json(value).encode()).hexdigest()
-
-
-def result_digest(outcome: str, reason: str, data: str, ended_s: float, blocks: Sequence[Block]) -> str:
-    """Return the SHA-256 over everything that an ended attempt claims; `data` as JSON text."""
-    return digest_of([outcome, reason, data, ended_s, [asdict(block) for block in blocks]])
 
 
 def step_row(step: Step) -> tuple[Any, ...]:

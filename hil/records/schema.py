@@ -1,4 +1,4 @@
-"""The tables of a journal, and one script for every version that they have had.
+"""The tables of a journal.
 
 A journal is never rewritten: rows are added, and an attempt is closed once. Two kinds of key make a duplicate
 impossible (an attempt is one row; a step is DONE at most once); the ledger makes any change visible.
@@ -10,14 +10,18 @@ import sqlite3
 from pathlib import Path
 
 from hil.errors import Damaged, InputError
-from hil.records.ledger import enter_everything
+from hil.records.ledger import HEAD_NAME
 
 APPLICATION_ID = 0x68696C31  # "hil1": what the `file` program and `open_checked` recognise a journal by
 
 UNREADABLE = (sqlite3.DatabaseError, UnicodeDecodeError)
 """What SQLite and its binding make of a damaged file."""
 
-_VERSION_1 = """
+VERSION = 3
+"""A journal of the first two had no chain, so that nothing in it is proven."""
+
+TABLES = f"""
+BEGIN IMMEDIATE;
 CREATE TABLE night (
     id INTEGER PRIMARY KEY CHECK (id = 1),
     title TEXT NOT NULL,
@@ -61,11 +65,12 @@ CREATE TABLE attempts (
     outcome TEXT CHECK (outcome IN ('DONE', 'FAILED', 'ERROR', 'TIMEOUT', 'ABORTED')),  -- NULL: never ended
     reason TEXT,
     data TEXT,                       -- JSON
-    digest TEXT,                     -- SHA-256 over outcome, reason, data and blocks
+    digest TEXT,                     -- SHA-256 over what its line in the log says of its end
+    withdrawn TEXT,                  -- why a DONE result counts no more: its samples are lost or damaged
     UNIQUE (step_key, attempt),
     CHECK ((outcome IS NULL) = (ended_s IS NULL) AND (outcome IS NULL) = (digest IS NULL))
 );
-CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE';
+CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE' AND withdrawn IS NULL;
 CREATE TABLE blocks (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     step_key TEXT NOT NULL,
@@ -94,13 +99,15 @@ CREATE TABLE heartbeats (
     step_key TEXT NOT NULL REFERENCES steps (key),
     readings TEXT NOT NULL           -- JSON
 );
-CREATE TRIGGER an_ended_attempt_stays BEFORE UPDATE ON attempts WHEN OLD.outcome IS NOT NULL
+CREATE TRIGGER an_ended_attempt_stays
+BEFORE UPDATE OF id, step_key, attempt, controller, began_s, ended_s, outcome, reason, data, digest ON attempts
+WHEN OLD.outcome IS NOT NULL
 BEGIN SELECT RAISE(ABORT, 'an attempt that has ended is never changed'); END;
+CREATE TRIGGER withdrawn_once BEFORE UPDATE OF withdrawn ON attempts
+WHEN OLD.withdrawn IS NOT NULL OR OLD.outcome IS NOT 'DONE'
+BEGIN SELECT RAISE(ABORT, 'only a result that counts can be withdrawn'); END;
 CREATE TRIGGER a_block_stays BEFORE UPDATE ON blocks
 BEGIN SELECT RAISE(ABORT, 'a block is never changed'); END;
-"""
-
-_VERSION_2 = """
 CREATE TABLE requests (              -- what somebody asked of a running controller, and what it answered
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     controller INTEGER NOT NULL REFERENCES controllers (id),  -- of whom it was asked: never acted upon by another
@@ -117,73 +124,30 @@ CREATE TABLE requests (              -- what somebody asked of a running control
 CREATE INDEX unanswered ON requests (controller) WHERE answered_s IS NULL;
 CREATE TRIGGER an_answer_stays BEFORE UPDATE ON requests WHEN OLD.answered_s IS NOT NULL
 BEGIN SELECT RAISE(ABORT, 'an answered request is never changed'); END;
-ALTER TABLE attempts ADD COLUMN withdrawn TEXT;  -- why a DONE result counts no more: its samples are lost or damaged
-DROP INDEX a_step_is_done_once;
-CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE' AND withdrawn IS NULL;
-DROP TRIGGER an_ended_attempt_stays;
-CREATE TRIGGER an_ended_attempt_stays
-BEFORE UPDATE OF id, step_key, attempt, controller, began_s, ended_s, outcome, reason, data, digest ON attempts
-WHEN OLD.outcome IS NOT NULL
-BEGIN SELECT RAISE(ABORT, 'an attempt that has ended is never changed'); END;
-CREATE TRIGGER withdrawn_once BEFORE UPDATE OF withdrawn ON attempts
-WHEN OLD.withdrawn IS NOT NULL OR OLD.outcome IS NOT 'DONE'
-BEGIN SELECT RAISE(ABORT, 'only a result that counts can be withdrawn'); END;
-"""
-
-_VERSION_3 = """
 CREATE TABLE ledger (                -- one row per commit (hil.records.ledger)
     n INTEGER PRIMARY KEY,
     rows TEXT NOT NULL,              -- JSON: the SHA-256 of every row that it wrote
     link TEXT NOT NULL               -- SHA-256 of the link before and of `rows`
 );
+PRAGMA user_version = {VERSION};
+PRAGMA application_id = {APPLICATION_ID};
+COMMIT;
 """
 
-UPGRADES = (_VERSION_1, _VERSION_2, _VERSION_3)
-"""UPGRADES[n] turns version n into n + 1, inside a transaction. Version 0 is an empty file."""
 
-VERSION = len(UPGRADES)
-
-
-def upgrade(connection: sqlite3.Connection) -> None:
-    """Bring a journal to the present version: all of it or, when anything fails, none of it."""
-    connection.execute("BEGIN IMMEDIATE")
-    try:
-        for script in UPGRADES[_version(connection) :]:
-            for statement in _statements(script):
-                connection.execute(statement)
-        enter_everything(connection)
-        connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    except BaseException:
-        connection.execute("ROLLBACK")
-        raise
-    connection.execute("COMMIT")
-
-
-def check(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the schema version; raise `InputError` where this is no journal, or a later version's."""
+def check(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `InputError` where this is no journal, or a later one's; `Damaged` where it was one, or has no chain."""
     try:
         application = connection.execute("PRAGMA application_id").fetchone()[0]
-        version = _version(connection)
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
     except UNREADABLE as error:
         raise Damaged(f"{path}: is not a journal, or is damaged ({error})") from None
     if application != APPLICATION_ID:
-        raise InputError(f"{path}: is a database, but not a journal of hil")
+        what = f"{path}: is a database, but not a journal of hil"
+        if path.with_name(HEAD_NAME).exists():
+            raise Damaged(what)
+        raise InputError(what)
     if version > VERSION:
         raise InputError(f"{path}: was written by a later hil (schema {version}, this one reads {VERSION}); update hil")
-    return version
-
-
-def _version(connection: sqlite3.Connection) -> int:
-    return int(connection.execute("PRAGMA user_version").fetchone()[0])
-
-
-def _statements(script: str) -> list[str]:
-    """Split at the semicolons that end a statement (`executescript` would commit the transaction in between)."""
-    statements, pending = [], ""
-    for line in script.splitlines(keepends=True):
-        pending += line
-        if sqlite3.complete_statement(pending):
-            statements.append(pending)
-            pending = ""
-    return statements
+    if version < VERSION:
+        raise Damaged(f"{path}: its rows are not chained (schema {version}), so nothing in it is proven")

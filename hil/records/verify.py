@@ -4,7 +4,8 @@
     night["complete"], night["problems"]  # True, []
 
 It trusts nothing but hashes and arithmetic: the journal is held against its chain and what stands beside it, every
-block against its hash and its contents, and every recorded average is computed again from the samples.
+block against its hash and its contents, log and configuration beside it against what the journal has on record, and
+every recorded average is computed again from the samples.
 """
 
 from __future__ import annotations
@@ -16,27 +17,30 @@ from typing import Any
 
 import numpy as np
 
-from hil.errors import InputError
+from hil.config.recorded import CONFIGURATION, key_file, lost_files
+from hil.errors import Damaged, InputError
 from hil.files.durable import PARTIAL
 from hil.records.blocks import BLOCKS, RAW, DamagedBlock, Samples, read_raw, read_samples
 from hil.records.damage import lost_blocks
-from hil.records.reader import JOURNAL_NAME, reading
+from hil.records.ledger import HEAD_NAME, read_key, signed
+from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
 from hil.records.status import missing_in_words
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
 
-def verify_night(folder: Path | str) -> dict[str, Any]:
+def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     """Return the document hil.verify/1 of a night; raise `InputError` where the folder holds none.
 
-    `notes` names what is harmless: a block that a crash left behind before it could be recorded.
+    `notes` names what is harmless: a block that a crash left behind before it could be recorded. `signature` says in
+    words whether the journal's head is signed with `key`, by default the one that the night's bench names.
     """
     folder = Path(folder)
     problems: list[str] = []
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
-    complete = False
+    complete, signature = False, "whether it is signed was not looked at"
     try:
         with reading(folder, damaged_too=True) as journal:
             problems += journal.found
@@ -50,21 +54,37 @@ def verify_night(folder: Path | str) -> dict[str, Any]:
                 else:
                     problems += found
             problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
+            if not problems:  # what is damaged cannot say what stood beside it
+                problems += [*journal.log_damage(), *lost_files(journal.night.configuration, folder / CONFIGURATION)]
+                signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
+                problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
             complete = not missing
             problems += [f"missing: {what}" for what in missing]
-    except InputError as error:  # it cannot be believed any further
-        if not (folder / JOURNAL_NAME).is_file():
-            raise
-        problems.append(str(error))
+    except Damaged as error:  # it cannot be believed any further
+        problems += [] if problems else [str(error)]
     return {
         "schema": "hil.verify/1",
         "complete": complete and not problems,
         "problems": problems,
         "blocks_checked": len(rows),
         "notes": notes,
+        "signature": signature,
     }
+
+
+def _signature(folder: Path, path: Path | None) -> tuple[str, bool]:
+    """Return in words whether the head is signed with the key in a file, and whether that is not as it should be."""
+    try:
+        fits = signed(folder, read_key(path))
+    except InputError as error:
+        return f"whether it is signed by the bench's key cannot be told: {error}", False
+    if fits is None:
+        return "not signed" if path is None else f"not signed, and the bench has a key ({path})", path is not None
+    if path is None:
+        return "signed, and no key is named to prove it with", False
+    return "signed by the bench's key" if fits else f"the signature does not fit the key in {path}", not fits
 
 
 def _check_block(folder: Path, row: BlockRow, attempt: Attempt | None) -> list[str]:

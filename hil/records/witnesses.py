@@ -8,6 +8,7 @@ One flipped bit in SQLite's write-ahead log makes every later commit in it vanis
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +25,8 @@ from hil.records.ledger import read_head
 from hil.records.rows import digest_of
 from procedures.journal_protocol import Outcome
 
-LOG_NAME = "log.jsonl"
+LOG_NAME, LOG_KEPT = "log.jsonl", 4
+"""The log, and how many older parts of it (`log.jsonl.1` …) are kept."""
 ENDED = "step ends"
 """How a line of the log begins that says how an attempt ended, with everything that the journal was told of it."""
 
@@ -61,6 +63,48 @@ def proven(line: Mapping[str, Any]) -> bool:
     """Tell whether a line of the log is whole: it holds the digest of what it says."""
     facts = {name: value for name, value in line.items() if name not in ("event", "utc", "who", "digest")}
     return line.get("digest") == digest_of(facts)
+
+
+def seal(path: Path, size: int | None = None) -> dict[str, Any]:
+    """Return size and SHA-256 of a file, or of its first `size` bytes; nothing where there is none."""
+    data = _bytes(path)[:size]
+    return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()} if data else {}
+
+
+def sealed_log(folder: Path) -> list[dict[str, Any]]:
+    """Return the seals of a log's parts: what a verdict records."""
+    return [seal(path) for path in sorted(folder.glob(f"{LOG_NAME}*"))]
+
+
+def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:
+    """Yield in words what the log does not say any more of a night: it was lost, shortened or edited.
+
+    A killed controller may not have come to say how its last attempt ended. Nothing is asked of a log that has become
+    so long that its oldest part was deleted.
+    """
+    parts, told = list(folder.glob(f"{LOG_NAME}*")), Witnesses.of(folder).ended.items()
+    if folder / f"{LOG_NAME}.{LOG_KEPT}" in parts:
+        return
+    said = {each: line["digest"] for each, line in told if proven(line)}
+    unsaid = [
+        f"{key}, attempt {n}"
+        for key, n, digest in connection.execute(
+            "SELECT step_key, attempt, digest FROM attempts WHERE outcome IS NOT NULL AND id NOT IN ("
+            "SELECT max(a.id) FROM attempts a JOIN controllers c ON c.id = controller "
+            "WHERE c.ended IS NULL AND outcome IS NOT NULL GROUP BY c.id) ORDER BY id"
+        )
+        if said.get((key, n)) != digest
+    ]
+    seals = connection.execute("SELECT evidence FROM events WHERE kind = 'verdict'").fetchall()
+    seals = [part for (text,) in seals for part in json.loads(text).get("log", ())]
+    if unsaid:
+        more = f", and {len(unsaid) - 1} more" if len(unsaid) > 1 else ""
+        what = f"shortened or edited: it does not say how {unsaid[0]}, ended{more}" if parts else "lost"
+    elif any(each not in (seal(path, each["size"]) for path in parts) for each in seals):
+        what = "shortened or edited: it is not what it was when the night was judged"
+    else:
+        return
+    yield f"{LOG_NAME} was {what}; nothing is computed from it, the journal has what it said"
 
 
 def contradictions(connection: sqlite3.Connection, witnesses: Witnesses) -> Iterator[str]:

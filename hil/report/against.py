@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import t as student
@@ -83,6 +84,7 @@ class Comparison:
         )
 
 
+_Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature
 _Groups = Mapping[float | None, Sequence[RunSolution]]
 
 
@@ -101,36 +103,43 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
                 remarks.append(f"Sensor {sensor} at {_at(temperature)}: the earlier campaign has no such temperature.")
                 continue
             differences += _differences(sensor, temperature, solutions, match)
-    doubts = [f"Sensor {n}: {said}." for n in now if n in before for said in _slips(campaign, earlier, n)]
-    doubts += _sites(campaign.site, earlier.site)
+    doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
     return Comparison(earlier.title, earlier.simulated, earlier.source, differences, [*doubts, *remarks], doubts)
 
 
-def _slips(campaign: Campaign, earlier: Campaign, number: int) -> Iterator[str]:
-    """Yield what of a sensor's channels, turned, exchanged or with another gain, would agree with the earlier rates."""
-    pairs = list(_same_place(campaign.sensors[number], earlier.sensors[number]))
-    names = list(campaign.sensors[number].conditions.sensor.channels)
-    if len(pairs) < _LEAST_PLACES or list(earlier.sensors[number].conditions.sensor.channels) != names:
-        return
-    now, before = (np.array(rates) for rates in zip(*pairs, strict=True))  # (places, c)
-    away = len(now) * np.var(now - before, axis=0)  # what another bias does not explain
-    for i, name in enumerate(names):
-        size = float(np.sum(now[:, i] ** 2))
-        gain = float(np.sum(now[:, i] * before[:, i])) / size if size > 0.0 else 1.0
-        if np.sum((now[:, i] + before[:, i]) ** 2) < _MENDED * away[i]:
-            yield f"the sign of {name} looks turned: with minus it agrees with the earlier rates"
-        elif np.sum((gain * now[:, i] - before[:, i]) ** 2) < _MENDED * away[i] and abs(gain - 1.0) > _GAIN:
-            yield f"{name} looks {1.0 / gain:.3g} times too large, at every position alike"
-        for j in range(i + 1, len(names)):
-            crossed = np.sum((now[:, [i, j]] - before[:, [j, i]]) ** 2)
-            if crossed < _MENDED * (away[i] + away[j]):
-                yield f"{name} and {names[j]} look exchanged: crosswise they agree with the earlier rates"
+def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
+    """Yield which channels, turned, exchanged (with another sensor's, too) or with another gain, would agree again."""
+    channels: dict[tuple[int, str], dict[_Place, FloatArray]] = {}
+    for number in sorted(campaign.sensors.keys() & earlier.sensors.keys()):
+        now, before = campaign.sensors[number], earlier.sensors[number]
+        if list(now.conditions.sensor.channels) == list(before.conditions.sensor.channels):
+            for place, rates in _same_place(now, before):
+                for name, pair in zip(now.conditions.sensor.channels, rates.T, strict=True):
+                    channels.setdefault((number, name), {})[place] = pair
+    known = {each: rates for each, rates in channels.items() if len(rates) >= _LEAST_PLACES}
+    away = {each: len(rates) * np.var(np.diff(list(rates.values()))) for each, rates in known.items()}  # beside a bias
+    for (number, name), pairs in known.items():
+        now, before = np.array(list(pairs.values())).T
+        size = float(now @ now)
+        gain = float(now @ before) / size if size > 0.0 else 1.0
+        left = _MENDED * away[number, name]
+        if np.sum((now + before) ** 2) < left:
+            yield f"Sensor {number}: the sign of {name} looks turned: with minus it agrees with the earlier rates."
+        elif np.sum((gain * now - before) ** 2) < left and abs(gain - 1.0) > _GAIN:
+            yield f"Sensor {number}: {name} looks {1.0 / gain:.3g} times too large, at every position alike."
+    for one, other in combinations(known, 2):
+        both = np.array([[known[one][place], known[other][place]] for place in known[one].keys() & known[other].keys()])
+        if len(both) >= _LEAST_PLACES and np.sum((both[:, :, 0] - both[:, ::-1, 1]) ** 2) < _MENDED * (
+            away[one] + away[other]
+        ):
+            of = f"Sensor {one[0]}" if one[0] == other[0] else f"Sensors {one[0]} and {other[0]}"
+            yield f"{of}: {one[1]} and {other[1]} look exchanged: crosswise they agree with the earlier rates."
 
 
-def _same_place(now: Collects, before: Collects) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield the mean rates, (c,), of both campaigns at each position and temperature that they have in common."""
+def _same_place(now: Collects, before: Collects) -> Iterator[tuple[_Place, FloatArray]]:
+    """Yield the mean rates, (2, c), of both campaigns at each position and temperature that they have in common."""
     for temperature, runs in runs_by_temperature(now.conditions):
         groups = dict(runs_by_temperature(before.conditions))
         match = (
@@ -143,7 +152,7 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[FloatArray, F
             there = (before.conditions.position == label) & np.isin(before.conditions.run, groups[match])
             means = [rows.rates_deg_per_hr[chosen] for rows, chosen in ((now, here), (before, there))]
             if all(len(each) and np.isfinite(each).all() for each in means):
-                yield means[0].mean(axis=0), means[1].mean(axis=0)
+                yield (str(label), tuple(runs)), np.array([each.mean(axis=0) for each in means])
 
 
 def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import html
-import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil.campaign import FloatArray
-from hil.files.figure import SETTINGS
+from hil.files.figure import drawn
 from hil.report.night import NightContent
 
 LOOKS: dict[str, dict[str, Any]] = {
@@ -128,12 +127,7 @@ def inline_svg(figure: Figure, says: str) -> str:
 
     Its ids are its own: a page may hold many such elements.
     """
-    import matplotlib as mpl  # imported late: it is slow, and only a report needs it
-
-    stream = io.StringIO()
-    with mpl.rc_context(SETTINGS):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue()
+    text = drawn(figure).decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
     label = html.escape(says, quote=True)

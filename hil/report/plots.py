@@ -8,7 +8,7 @@ Every axis has its unit, every line a colour and a style or marker of its own, a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,17 +17,13 @@ import numpy as np
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.records.export import open_source
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME, is_night
 from hil.report.figures import draw_night
 from hil.report.night import night_content
-from hil.solve import solve_campaign
 from procedures.words import ranges
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from hil.analysis.thermal.fit import ParameterFit, SensorFit
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MEANS = 60  # a collect is drawn with so many means, whatever its length
@@ -168,7 +164,7 @@ def draw_temperatures(folder: Path) -> Figure:
 
     Raises `InputError` where the folder holds no night, or one without temperatures yet.
     """
-    if not (folder / JOURNAL_NAME).is_file():
+    if not is_night(folder):
         raise InputError(f"{folder}: temperatures through the night are in a night's folder (no {JOURNAL_NAME} here)")
     night = night_content(folder)
     if len(night.hours) < 2:
@@ -183,50 +179,16 @@ def draw_temperatures(folder: Path) -> Figure:
 
 
 def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Figure:
-    """Draw every parameter of a sensor against temperature: each run, and the curve that `hil thermal` fits.
+    """Draw every parameter of a sensor against temperature, as `hil thermal` does.
 
     Raises `InputError` where there are too few temperatures for a curve.
     """
-    from matplotlib.figure import Figure
-
     from hil.analysis.thermal import fit_thermal
+    from hil.analysis.thermal.files import draw_fit
 
     number = _sensor(folder, campaign, sensor)
-    fit = fit_thermal(Campaign(campaign.title, campaign.source, {number: campaign.sensors[number]})).sensors[number]
-    columns = 2 if len(fit.parameters) < 9 else 3
-    rows = -(-len(fit.parameters) // columns)
-    figure = Figure(figsize=(4.6 * columns, 2.4 * rows + 0.4), layout="constrained")
-    every = figure.subplots(rows, columns, squeeze=False, sharex=True)
-    for axes, each in zip(every.flat, fit.parameters.values(), strict=False):
-        _draw_parameter(axes, each, fit, campaign)
-    for axes in list(every.flat)[len(fit.parameters) :]:
-        axes.set_visible(False)
-    for axes in every[-1]:
-        axes.set_xlabel("unit temperature, °C")
-    title = f"{campaign.title}, sensor {number}, {fit.layout.form.name}: runs ± standard error, and the fitted curve"
-    figure.suptitle(_title(title, simulated=campaign.simulated), x=0.01, ha="left", fontsize=10, parse_math=False)
-    return figure
-
-
-def _draw_parameter(axes: Axes, each: ParameterFit, fit: SensorFit, campaign: Campaign) -> None:
-    conditions = campaign.sensors[fit.number].conditions
-    points = []
-    for solution in solve_campaign(Campaign("", "", {fit.number: campaign.sensors[fit.number]}), fit.layout.form.name):
-        found = solution.parameters[each.name]
-        if found.value is not None and solution.run is not None:
-            at = fit.layout.temperature_degC[conditions.run == solution.run].mean()
-            points.append((float(at), found.value, found.se if found.se is not None else np.nan))
-    if points:
-        at_degC, values, errors = np.array(points).T
-        axes.errorbar(
-            at_degC, values, yerr=np.nan_to_num(errors), fmt="o", color=_COLORS[0], markersize=3.5, capsize=2, lw=1.0
-        )
-    low, high = fit.range_degC
-    grid = np.linspace(low, high, 200)
-    axes.plot(grid, each.curve.at(grid), linestyle="--", color=_COLORS[1], linewidth=1.4, label=each.form)
-    axes.set_ylabel(f"{each.name}, {each.unit}")
-    axes.grid(visible=True, color="0.92")
-    axes.legend(frameon=False, fontsize=8)
+    one = replace(campaign, sensors={number: campaign.sensors[number]})
+    return draw_fit(fit_thermal(one).sensors[number], one)
 
 
 def _title(text: str, *, simulated: bool) -> str:

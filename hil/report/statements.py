@@ -9,8 +9,9 @@ import numpy as np
 from hil.report.content import ReportContent, SensorContent
 from hil.report.grid import degrees
 from hil.report.night import NightContent
+from hil.solve.site import smallest_seen_deg
 from procedures.verdict import Verdict
-from procedures.words import counted, numbered
+from procedures.words import counted, listed, numbered
 
 _WANDER = (
     "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
@@ -25,15 +26,19 @@ _THREE_COLLECTS = (
     ),
     "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
     (
-        "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, fit "
-        "these equations as well as what is right, and a fourth collect's too. What shows it: the rate during a known "
-        "rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report --against)."
-    ),
-    (
         "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
         "even g² term does not."
     ),
 )
+
+_CHANNELS = (
+    "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, also those "
+    "of two sensors, fit these equations as well as what is right, and a fourth collect's too. What shows it: the rate "
+    "during a known rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report "
+    "--against)."
+)
+
+_UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
 
 def headline(content: ReportContent) -> str:
@@ -146,6 +151,8 @@ def cannot_tell(content: ReportContent) -> list[str]:
     told = [f"sensor {sensor}, {numbered('run', runs)}: {text}" for (sensor, text), runs in open_things.items()]
     if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
         told = [*_THREE_COLLECTS, *told]
+    if solutions and content.comparison is None:
+        told += [_CHANNELS, *_site(content)]
     if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):
         told.append(
             "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
@@ -155,6 +162,21 @@ def cannot_tell(content: ReportContent) -> list[str]:
         "nothing that the model asks for is left open by these collects" if solutions else "no collect was solved"
     )
     return told or [open_end]
+
+
+def _site(content: ReportContent) -> Iterator[str]:
+    """Say how wrong the site may be without showing in these collects."""
+    unseen = {name: least for name, least in smallest_seen_deg(content.campaign).items() if least > _UNSEEN_DEG}
+    if unseen:
+        below = [
+            f"of {name}, {f'below {least:.0f} deg' if least < 90.0 else 'of any size'}"
+            for name, least in unseen.items()
+        ]
+        yield (
+            f"An error of the site ({listed(below)}) shows in no residual of these collects: it looks like bias and "
+            "acceleration sensitivity. What shows it: the same collects at a second heading of the bench (turned about "
+            "the vertical, gravity stays and the earth rate turns), or the last campaign (hil report --against)."
+        )
 
 
 def _visited_once(sensor: SensorContent) -> bool:

@@ -1,18 +1,24 @@
 """What the other runs of a campaign say of each collect: the quick form of the question what is wrong with rows.
 
-    contradicted_by_neighbours(collects)   # {5: Judgement(FAIL, "collects 13 and 14 look exchanged: …")}
+    found = compared_with_neighbours(collects)
+    found.judged         # {5: Judgement(FAIL, "collects 13 and 14 look exchanged: …")}
+    found.not_compared   # {7}: it stands alone at its temperature
 
 A rate should be what the same position showed in the other runs at its temperature (their median), or what runs at the
 next colder and warmer temperature lead one to expect. How far it is from that is measured by how far all the others
 are: collects further off than `FAR` of that scatter are named, with the cause under which they would not be, where
-there is one. A unit that scatters more is judged more mildly; a single run has no neighbours and is not judged.
+there is one. A unit that scatters more is judged more mildly. What is nearer is MARGINAL where, by Student's t on as
+many degrees of freedom as the runs of one temperature have, scatter alone hardly ever shows as much anywhere in a
+campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtr
 
 from hil.campaign import BoolArray, Collects, FloatArray, IntArray
 from hil.solve.temperatures import level_degC, same_temperature
@@ -22,6 +28,9 @@ from procedures.words import numbered
 FAR = 10.0
 """Times the usual scatter: beyond what a unit's own turn-ons and reseats do from time to time."""
 
+FALSE_ALARM = 1e-3
+"""How probable it may be that a campaign with nothing wrong has one collect of a sensor called MARGINAL."""
+
 _NEAR = 4.0  # what a cause must bring a collect back to
 _REPEATED = 3  # collects at one position and temperature tell of each other
 _ENOUGH = 6  # departures of a kind that tell how large they usually are
@@ -30,14 +39,25 @@ _SIGMA = 1.4826  # a normal distribution's sigma by its median departure
 _WHOLE_RUN = 0.8  # of its collects, off by the same
 
 
-def contradicted_by_neighbours(collects: Collects) -> Mapping[int, Judgement]:
-    """Return what is wrong with the runs whose collects their neighbours contradict, by run."""
-    departures = _Departures(collects)
+@dataclass(frozen=True)
+class Neighbours:
+    """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with."""
+
+    judged: Mapping[int, Judgement]
+    not_compared: Set[int]
+
+
+def compared_with_neighbours(collects: Collects) -> Neighbours:
+    """Compare each collect of one sensor with those of the other runs."""
+    departures, runs = _Departures(collects), collects.conditions.run
+    every = set(runs.tolist())
     apart = departures.settled()
-    if apart is None or not apart.any():
-        return {}
-    runs = collects.conditions.run
-    return {run: departures.judge(np.flatnonzero(apart & (runs == run))) for run in np.unique(runs[apart]).tolist()}
+    if apart is None:
+        return Neighbours({}, every)
+    judged = {run: departures.judge(np.flatnonzero(apart & (runs == run))) for run in np.unique(runs[apart]).tolist()}
+    for run, found in departures.doubtful(apart):
+        judged.setdefault(run, found)
+    return Neighbours(judged, every - set(runs[departures.known].tolist()))
 
 
 class _Departures:
@@ -124,6 +144,48 @@ class _Departures:
                 low, high = below[-1], above[0]
                 share = (temperature_degC[i] - at[low]) / (at[high] - at[low])
                 self._expected[i] = means[low] + share * (means[high] - means[low])
+
+    @property
+    def known(self) -> BoolArray:
+        """Of which collects, (n,), it is known what to expect and how far collects usually are from that."""
+        return np.asarray(np.isfinite(self._expected + self._scale).all(axis=1))
+
+    def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, Judgement]]:
+        """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst."""
+        places = [place[~left_out[place]] for place in self._places()]
+        places = [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
+        if not places:
+            return
+        rows = np.concatenate(places)
+        groups = np.repeat(np.arange(len(places)), [len(place) for place in places])
+        levels = np.unique(self._level[rows], return_inverse=True)[1]
+        share = np.concatenate([np.full(len(p), len(p) / (len(p) - 1.0)) for p in places])[:, None]
+        off = self._rates[rows] - np.array([self._rates[place].mean(axis=0) for place in places])[groups]
+        # Runs are independent and the positions of one are not: degrees of freedom are those of a single position.
+        degrees = (len(rows) - len(places)) / len(np.unique(self._label[rows])) - 1.0
+        # A temperature may scatter more than the others.
+        variances = [np.full(off.shape, np.finfo(np.float64).tiny), self._collects.rates_se_deg_per_hr[rows] ** 2]
+        for kind in (np.zeros_like(levels), levels):
+            of_kind = np.eye(len(places))[kind]
+            squares, freedom = (of_kind @ (of_kind.T @ each) for each in (off**2, 1.0 / share))
+            variances.append((squares - share * off**2) / np.maximum(freedom - 1.0, 1.0))
+        times = np.abs(off) * np.sqrt(share / np.nanmax(variances, axis=0))
+        chance = np.nan_to_num(2.0 * stdtr(degrees, -times) * off.size, nan=1.0)
+        for at in np.argsort(chance, axis=None, kind="stable").tolist():
+            i, channel = np.unravel_index(at, chance.shape)
+            if chance[i, channel] >= FALSE_ALARM:
+                return
+            collect = self._collects.conditions.rows(rows[[i]])
+            yield (
+                int(collect.run[0]),
+                Judgement(
+                    Verdict.MARGINAL,
+                    f"collect {collect.collect[0]}: {list(collect.sensor.channels)[channel]} is "
+                    f"{float((off * share)[i, channel]):+.1f} deg/hr from what the other runs show at position "
+                    f"{collect.position[0]}, {times[i, channel]:.1f} times their scatter: chance alone shows as much "
+                    f"anywhere in one of {1.0 / chance[i, channel]:.0g} such campaigns",
+                ),
+            )
 
     def judge(self, rows: IntArray) -> Judgement:
         """Say what is wrong with the collects `rows`, (k,), of one run."""

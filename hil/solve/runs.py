@@ -7,7 +7,8 @@
 A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
 missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
 exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %). The verdict is the worst of that,
-of how the run was measured (`Campaign.verdicts`) and of what the other runs say of its collects.
+of how the run was measured (`Campaign.verdicts`), of what the other runs say of its collects, and of whether the
+standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
-from hil.solve.neighbours import contradicted_by_neighbours
+from hil.solve.neighbours import Neighbours, compared_with_neighbours
+from hil.solve.precision import measured_well_enough
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import counted, plural, spelled
+from procedures.words import counted, numbered, plural, spelled
 
 SCHEMA = "hil.solution/1"
 
@@ -94,14 +96,26 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
-    beside = {number: contradicted_by_neighbours(collects) for number, collects in campaign.sensors.items()}
-    judged = [_judged(each, campaign.verdicts, beside[each.sensor]) for each in found]
+    beside = {number: compared_with_neighbours(collects) for number, collects in campaign.sensors.items()}
+    judged = [_judged(each, campaign, beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
 
 
-def _judged(solution: RunSolution, *measured: Mapping[int, Judgement]) -> RunSolution:
-    """Return the solution with the worst of verdicts: how it was solved, and how its run was `measured`."""
-    found = [] if solution.run is None else [each[solution.run] for each in measured if solution.run in each]
+def _judged(solution: RunSolution, campaign: Campaign, beside: Neighbours) -> RunSolution:
+    """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`.
+
+    Where there is nothing to compare it with, that stands among what was assumed.
+    """
+    run = solution.run
+    if run in beside.not_compared:
+        alone = (
+            f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
+            "or a colder and a warmer one, and six such collects): that each collect is what it says"
+        )
+        solution = replace(solution, assumed=(*solution.assumed, alone))
+    found = [each[run] for each in (campaign.verdicts, beside.judged) if run is not None and run in each]
+    errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
+    found.append(measured_well_enough(errors, campaign.sensors[solution.sensor].conditions.sensor, campaign.largest_se))
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution

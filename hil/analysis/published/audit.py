@@ -9,8 +9,9 @@ from typing import Any
 
 from hil.analysis.published.identities import Identity, identities_of_1, identities_of_a1, tilt_of_a1
 from hil.analysis.published.lattice import run_resolution, runs_told
-from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, find_table, read_printed
+from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, read_printed
 from hil.analysis.published.readings import Demand, Reading, demands, readings
+from hil.files.strict import find_config
 
 SCHEMA = "hil.audit/1"
 
@@ -125,7 +126,7 @@ class Audit:
 
 def audit_table(name: str | Path) -> Audit:
     """Audit a table, by path or by the name of one that ships; raise `InputError` where it cannot be read."""
-    table = read_printed(find_table(name))
+    table = read_printed(find_config("tables", name))
     if table.layout == TABLE_A1:
         findings = [each for row in table.rows for each in _judge_row(row, list(identities_of_a1(row)))]
         return Audit(table, findings)

@@ -17,7 +17,6 @@ import numpy as np
 from hil.campaign import FloatArray
 from hil.campaign.table import Table
 from hil.errors import InputError
-from hil.files.strict import config_folders
 from procedures.words import listed
 
 TABLE_1, TABLE_A1 = "table-1", "table-a1"
@@ -84,19 +83,6 @@ class PrintedTable:
     layout: str
     rows: Sequence[PrintedRow]
     notes: Sequence[str]
-
-
-def find_table(name: str | Path) -> Path:
-    """Return the file of a table: a path, or the name of one that ships; raise `InputError` where there is none."""
-    path = Path(name)
-    if path.is_file():
-        return path
-    folders = config_folders("tables")
-    for candidate in (folder / f"{path}{ending}" for folder in folders for ending in ("", ".csv")):
-        if candidate.is_file():
-            return candidate
-    shipped = sorted({each.stem for folder in folders for each in folder.glob("*.csv")})
-    raise InputError(f"{name}: there is no such table; with hil ship {', '.join(shipped)}")
 
 
 def read_printed(path: Path) -> PrintedTable:

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.analysis.published.printed import check_sizes, check_units, find_table
+from hil.analysis.published.printed import check_sizes, check_units
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
+from hil.files.strict import find_config
 
 _COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")
 _BIASES = {"RA": ("BA2_matrix", "BA2_collins"), "RB": ("BB2_matrix", "BB2_collins")}
@@ -50,7 +51,7 @@ def read_published_table(table: Path) -> Campaign:
     One run per temperature, three collects each; standard errors are the printed sigmas over root n. Raises
     `InputError` naming file, row and column.
     """
-    path = find_table(table)
+    path = find_config("tables", table)
     cells = _read(path)
     temperatures = sorted({temperature for temperature, _ in cells})
     rates, errors, warnings = [], [], []

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,11 +11,11 @@ from matplotlib.figure import Figure
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.exports import ARDUPILOT_LEAST_RANGE_DEGC, ardupilot_parameters, px4_parameters
 from hil.analysis.thermal.fit import SensorFit, ThermalFit
+from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
+from hil.files.figure import drawn
 from hil.model import save_model
-
-_SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
 
 
 def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
@@ -30,7 +28,7 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
         "thermal.json": json.dumps(thermal_document(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     }
     for fit in result.sensors.values():
-        contents[f"sensor-{fit.number}.svg"] = _figure(fit, result.campaign.simulated)
+        contents[f"sensor-{fit.number}.svg"] = drawn(draw_fit(fit, result.campaign)).decode()
         if fit.layout.collects.conditions.sensor.is_triad:
             contents[f"sensor-{fit.number}-px4.params"] = px4_parameters(fit)
             low, high = fit.range_degC
@@ -46,26 +44,22 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
     return ["model.yaml", *contents]
 
 
-def _figure(fit: SensorFit, simulated: bool) -> str:
-    """Draw every parameter's values with its curve."""
-    import matplotlib as mpl
-
-    count = len(fit.parameters)
-    figure = Figure(figsize=(9.0, 2.6 * ((count + 1) // 2)), layout="constrained")
-    low, high = fit.range_degC
-    temperatures = np.linspace(low, high, 200)
+def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
+    """Draw every parameter's values at each temperature, with their 95 % intervals, and the curve that was chosen."""
+    columns = 2 if len(fit.parameters) < 9 else 3
+    rows = -(-len(fit.parameters) // columns)
+    figure = Figure(figsize=(4.6 * columns, 2.4 * rows + 0.4), layout="constrained")
+    grid = np.linspace(*fit.range_degC, 200)
     centre = fit.layout.stations.centre_degC
-    for place, each in enumerate(fit.parameters.values()):
-        axes = figure.add_subplot((count + 1) // 2, 2, place + 1)
+    for place, each in enumerate(fit.parameters.values(), 1):
+        axes = figure.add_subplot(rows, columns, place)
         axes.errorbar(centre, each.values.values, yerr=each.values.half_width, fmt="o", color="#0072B2", capsize=2)
-        axes.plot(temperatures, each.curve.at(temperatures), color="#D55E00", linewidth=1.2)
-        axes.set_title(f"{each.name}: {each.form}", loc="left", fontsize=9)
-        axes.set_ylabel(each.unit)
-        axes.set_xlabel("temperature, °C")
+        axes.plot(grid, each.curve.at(grid), color="#D55E00", linestyle="--", linewidth=1.4, label=each.form)
+        axes.set_ylabel(f"{each.name}, {each.unit}")
+        axes.set_xlabel("unit temperature, °C")
         axes.grid(visible=True, color="0.92")
-    mark = "SIMULATED: " if simulated else ""
-    figure.suptitle(f"{mark}sensor {fit.number}: free values (95 %) and chosen curves", fontsize=10)
-    stream = io.StringIO()
-    with mpl.rc_context(_SETTINGS):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    return stream.getvalue()
+        axes.legend(frameon=False, fontsize=8)
+    mark = "SIMULATED  " if campaign.simulated else ""
+    title = f"{mark}{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=10, parse_math=False)
+    return figure

@@ -21,6 +21,8 @@ export function results(rows, working) {
       if (each.verdict !== "PASS") list.append(reason(row, `sensor ${each.sensor}`, each));
     }
   }
+  const assumed = new Set(rows.flatMap((row) => row.solutions.flatMap((each) => each.assumed)));
+  for (const each of assumed) list.append(cell("li", "", `Assumed: ${sentence(each)}`));
   return [table(rows, working), list];
 }
 

@@ -93,13 +93,15 @@ class ShapeParameter:
     """A parameter that enters non-linearly (time constant, hysteresis width, lag) with the grid that is searched.
 
     A grid of one value is a reference that must be stored with a fitted term (nominal supply voltage), not searched.
-    A continuous one is searched on the grid first, then between its points.
+    A continuous one is searched on the grid first, then between its points. `default` is what a term means that has
+    no value for it, as files that are older; without one a term must have a value.
     """
 
     name: str
     unit: str
     grid: tuple[float, ...]
     continuous: bool = False
+    default: float | None = None
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,15 @@ class Described(ABC):
             for parameter in declared
             for label in channel_labels(sensor)
         )
+
+    def known_amplitudes(
+        self, conditions: Conditions, site: Mapping[str, float]
+    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+        """Return what physics fixes of the amplitudes: probability, values (p,) and their deviations (p,) each.
+
+        `site` holds what the campaign says of where it was measured (`latitude_deg`); empty where nothing is fixed.
+        """
+        return ()
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the shape parameters with their grids for these rows (a changepoint's grid is the runs)."""

@@ -19,6 +19,7 @@ class Frost(VarianceEffect):
 
     id = "frost"
     family = "environment"
+    follows = "temperature"
     title = "Condensation or ice around 0 °C"
     equation = "B of run k += N(0, s_f) exp(-(T - 0 degC)^2 / (2 (5 degC)^2))"
     parameters = (Parameter("s_f", "deg/hr", (1.0, 15.0)),)
@@ -39,6 +40,7 @@ class BaseMotion(VarianceEffect):
 
     id = "base"
     family = "environment"
+    follows = "time"
     title = "Base motion"
     equation = "R += w_base(t) . channel axis"
     parameters = (Parameter("w_base", "deg/hr", (0.1, 2.0)),)

@@ -150,6 +150,7 @@ class AxialDriftScatter(VarianceEffect):
 
     id = "MU_rr"
     family = "g-linear"
+    follows = "run"
     title = "Run-to-run MU change"
     equation = "MU of run k = MU(T) + N(0, s_mu)"
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)

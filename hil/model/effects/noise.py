@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -83,7 +83,10 @@ class Ageing(Effect):
 
 
 class Jump(Effect):
-    """Bias that steps and stays, or comes back after one run: a bearing or retainer that seats itself elsewhere."""
+    """Bias that steps and stays, or comes back after one run: a bearing or retainer that seats itself elsewhere.
+
+    A step within a run lies between two of its collects, wherever between them it really was.
+    """
 
     id = "jump"
     family = "noise"
@@ -101,19 +104,49 @@ class Jump(Effect):
         """Return its kin; after the first run, with what only the first run may show much of."""
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
         kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
-        return {**kin, **of_a_first_run} if shape.get("from_run") == np.unique(conditions.run)[1] else kin
+        second = np.unique(conditions.run)[1:2]
+        return {**kin, **of_a_first_run} if shape.get("from_run") in second else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run from which the step holds (not the first), and for how many runs: to the end (0), or one."""
-        runs = tuple(float(run) for run in np.unique(conditions.run)[1:])
-        held = (0.0, 1.0) if len(runs) > _FEW_RUNS else (0.0,)
-        return (ShapeParameter("from_run", "", runs), ShapeParameter("runs_held", "runs", held))
+        """Return the run from which the step holds, for how many runs (0: to the end), after how many of its collects."""
+        runs = tuple(float(run) for run in np.unique(conditions.run))
+        held = (0.0, 1.0) if len(runs) > _FEW_RUNS + 1 else (0.0,)
+        places = int(_place_among_collects(conditions).max(initial=0)) + 1
+        return (
+            ShapeParameter("from_run", "", runs),
+            ShapeParameter("runs_held", "runs", held),
+            ShapeParameter("from_collect", "collects", tuple(float(k) for k in range(places)), default=0.0),
+        )
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return every place of a step but the beginning; what comes back after a run began with it."""
+        first = float(conditions.run.min(initial=0))
+        return [
+            shape
+            for shape in super().shape_grid(conditions)
+            if (shape["from_collect"] or shape["from_run"] != first)
+            and not (shape["from_collect"] and shape["runs_held"])
+        ]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return 1 from the run of the step on, or in that run alone, for each channel."""
-        later = conditions.run >= shape["from_run"]
-        holds = conditions.run == shape["from_run"] if shape.get("runs_held") else later
+        """Return 1 from the step on, or in its run alone, for each channel."""
+        within = conditions.run == shape["from_run"]
+        if shape.get("runs_held"):
+            return per_channel(within.astype(np.float64), conditions.sensor)
+        began = within & (_place_among_collects(conditions) >= shape.get("from_collect", 0.0))
+        holds = began | (conditions.run > shape["from_run"])
         return per_channel(holds.astype(np.float64), conditions.sensor)
+
+
+def _place_among_collects(conditions: Conditions) -> FloatArray:
+    """How many collects of its own run came before each row, (n,)."""
+    place = np.zeros(len(conditions))
+    for run in np.unique(conditions.run):
+        rows = conditions.run == run
+        _, first = np.unique(conditions.collect[rows], return_index=True)
+        order = conditions.collect[rows][np.sort(first)]
+        place[rows] = np.searchsorted(np.sort(order), conditions.collect[rows])
+    return place
 
 
 def _white(sigma: FloatArray, conditions: Conditions, *, of_angle: bool = False) -> tuple[Scatter, ...]:
@@ -129,6 +162,7 @@ class AngleRandomWalk(VarianceEffect):
 
     id = "arw"
     family = "noise"
+    follows = "duration_s"
     title = "Angle random walk"
     equation = "sigma = N / sqrt(duration)"
     parameters = (
@@ -153,6 +187,7 @@ class Quantisation(VarianceEffect):
 
     id = "quant"
     family = "noise"
+    follows = "duration_s"
     title = "Quantisation"
     equation = "sigma = Q / duration"
     parameters = (Parameter("Q", "arcsec", (0.1, 1.0), {"RLG": (0.1, 2.0), "MEMS": (0.1, 50.0)}),)
@@ -170,6 +205,7 @@ class BiasInstability(VarianceEffect):
 
     id = "flicker"
     family = "noise"
+    follows = "time"
     title = "Bias instability"
     equation = "Allan deviation floor 0.664 B_f"
     parameters = (
@@ -196,6 +232,7 @@ class RateRandomWalk(VarianceEffect):
 
     id = "rrw"
     family = "noise"
+    follows = "time"
     title = "Rate random walk"
     equation = "variance of B(t2) - B(t1) = K^2 (t2 - t1)"
     parameters = (Parameter("K", "deg/hr/sqrt(hr)", (0.5, 5.0), {"FOG": (0.01, 0.1), "MEMS": (0.5, 10.0)}),)
@@ -217,6 +254,7 @@ class GaussMarkovBias(VarianceEffect):
 
     id = "markov"
     family = "noise"
+    follows = "time"
     title = "Bias that wanders, correlated over a time"
     equation = "cov(B(t1), B(t2)) = sigma_m^2 exp(-|t2 - t1| / tau)"
     parameters = (
@@ -243,6 +281,7 @@ class TurnOnBias(VarianceEffect):
 
     id = "turnon"
     family = "noise"
+    follows = "run"
     follows = "run"
     title = "Turn-on bias"
     equation = "B of power cycle k = B + N(0, s_b)"
@@ -315,6 +354,7 @@ class RetainerNoise(VarianceEffect):
 
     id = "hash"
     family = "noise"
+    follows = "temperature"
     title = "Ball-retainer noise"
     equation = "sigma = N_c max(0, 5 degC - T)/30 degC / sqrt(duration)"
     parameters = (Parameter("N_c", "deg/sqrt(hr)", (0.1, 0.5)),)

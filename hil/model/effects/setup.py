@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
 from hil.model.effects.geometry import local_frame, turned_about_index_axis
 from hil.model.equation import pickoff_rates
 
 MILLI = 1e-3
+LEFT_OUT = 0.9
+"""Probability that, where a record has no earth rate and one is missing, it is the earth's whole."""
 
 
 def _tilt_columns(conditions: Conditions, base: Base) -> FloatArray:
@@ -122,6 +125,18 @@ class EarthRateError(Effect):
     confusable_with = ("frame", "scale", "misalign", "g_sensitivity", "GS")
     odds = OUTSIDE
     experiment = "A second heading: gravity stays, earth rate turns. MUB shifts and MUA does not."
+
+    def known_amplitudes(
+        self, conditions: Conditions, site: Mapping[str, float]
+    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+        """Return the whole earth rate, where none was subtracted: its vertical part by latitude, or up to 15 deg/hr."""
+        if np.any(np.nan_to_num(conditions.w_deg_per_hr)):
+            return ()
+        level = np.full(2, EARTH_RATE_DEG_PER_HR / np.sqrt(2.0))
+        if "latitude_deg" in site:
+            up = -EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(site["latitude_deg"]))
+            return ((LEFT_OUT, np.array([up, 0.0, 0.0]), np.array([0.01 * EARTH_RATE_DEG_PER_HR, *level])),)
+        return ((LEFT_OUT, np.zeros(3), np.array([EARTH_RATE_DEG_PER_HR / 2.0, *level])),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the negative direction cosines of each channel's axis, shape (n, c, 3); north 0 where w is unknown."""

@@ -213,7 +213,9 @@ def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Di
                 if term.name == "run" and np.any(rows):
                     size = float(np.sqrt(np.mean(before[rows] ** 2)))
                     where = {"sensor": n, "channel": channels[c], "runs": [int(term.candidate.shape["number"])]}
-                    out.append(Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance))
+                    out.append(
+                        Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance)
+                    )
                     continue
                 for i in np.flatnonzero(rows):
                     label, run = str(conditions.position[own.rows[i]]), int(conditions.run[own.rows[i]])
@@ -231,18 +233,20 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
             if term.name != "row":
                 continue
             conditions = campaign.sensors[n].conditions
-            row, (value, error) = int(term.candidate.shape["collect"]), fit.value((n, j, 0))
-            out.append(
-                {
-                    "sensor": n,
-                    "channel": list(conditions.sensor.channels)[int(term.candidate.shape["channel"])],
-                    "collect": int(conditions.collect[row]),
-                    "run": int(conditions.run[row]),
-                    "position": str(conditions.position[row]),
-                    "size_deg_per_hr": value,
-                    "score": abs(value) / max(error, 1e-9),
-                }
-            )
+            row, channels = int(term.candidate.shape["row"]), list(conditions.sensor.channels)
+            single = term.candidate.shape.get("channel")
+            for column, (value, error) in values_of(fit, n, j).items():
+                out.append(
+                    {
+                        "sensor": n,
+                        "channel": channels[column if single is None else int(single)],
+                        "collect": int(conditions.collect[row]),
+                        "run": int(conditions.run[row]),
+                        "position": str(conditions.position[row]),
+                        "size_deg_per_hr": value,
+                        "score": abs(value) / max(error, 1e-9),
+                    }
+                )
     return out
 
 

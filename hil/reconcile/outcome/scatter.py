@@ -75,7 +75,9 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
         first = own[0]
         size = float(np.sqrt(np.mean([f.deg_per_hr**2 for f in own])))
         out.append(
-            FoundScatter(first.effect, sensor, "", first.shape, first.parameter, value, float(weight.sum() ** -0.5), size)
+            FoundScatter(
+                first.effect, sensor, "", first.shape, first.parameter, value, float(weight.sum() ** -0.5), size
+            )
         )
     return out
 

@@ -68,7 +68,9 @@ class HeldOut:
         return float((1 + np.sum(flipped >= gains.sum())) / (1 + draws))
 
 
-def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[FittedBlock], IntArray]) -> HeldOut | None:
+def held_out(
+    posterior: Posterior, before: Found, lead: Found, folds: Callable[[FittedBlock], IntArray]
+) -> HeldOut | None:
     """Predict every fold from the others, before and after; None where no row can be predicted.
 
     `folds` numbers the rows of a block. Rows that the lead calls wrong are predicted by nobody.
@@ -76,7 +78,9 @@ def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: dict[tuple[object, ...], dict[int, Predicted]] = {}
     numbers: set[int] = set()
-    for number, b, found in ((n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets):
+    for number, b, found in (
+        (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
+    ):
         key = (number, b, found.terms[number], found.kind)
         if key not in known:
             block = fitted_block(number, posterior.searches[number], found.terms[number], found.kind, b)
@@ -100,9 +104,7 @@ def held_out(posterior: Posterior, before: Found, lead: Found, folds: Callable[[
     return HeldOut(table[:, :, 0].T, table[:, :, 1].T, table[:, 0, 3].astype(np.int64), table[:, :, 2].T)
 
 
-def _sums(
-    blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], usable: Sequence[bool]
-) -> list[float]:
+def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], usable: Sequence[bool]) -> list[float]:
     """Squared errors, the same in units of what the lead expects, log density, and rows."""
     pairs = [(p, q) for p, q, u in zip(blocks, lead, usable, strict=True) if u and p is not None and q is not None]
     return [

@@ -158,7 +158,9 @@ def log_factors(beside: Beside, groups: Sequence[tuple[Group, FloatArray]], coun
         gram, score = _within(beside, white, len(group.places))
         terms = _weighed(beside, gram[:, group.owner], score[:, group.owner], group)
         if len(group.owner) > len(group.places):
-            terms = np.stack([np.logaddexp.reduce(terms[:, group.owner == j], axis=1) for j in range(len(group.places))], 1)
+            terms = np.stack(
+                [np.logaddexp.reduce(terms[:, group.owner == j], axis=1) for j in range(len(group.places))], 1
+            )
         out[:, group.places] = terms
     return out
 

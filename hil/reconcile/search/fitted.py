@@ -114,7 +114,13 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
     _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
     left, scale = weighed.left_at(t)
-    point = (own.points.kind[t], own.points.amount[t], own.points.offset[t], own.points.calibration[t], own.points.level[t])
+    point = (
+        own.points.kind[t],
+        own.points.amount[t],
+        own.points.offset[t],
+        own.points.calibration[t],
+        own.points.level[t],
+    )
     covariance = own.noise.covariance(int(point[0]), *map(float, point[1:])) * own.noise.unit * scale
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])

@@ -14,6 +14,7 @@ from hil.reconcile.search.sets import BlockSearch, SensorSearch
 from hil.reconcile.search.terms import terms, wrong_rows
 from hil.solve.rows import Block
 
+
 def searches(
     problem: Problem, mislabelled: Sequence[Effect], scatter: Sequence[VarianceEffect]
 ) -> Mapping[int, SensorSearch]:
@@ -35,14 +36,18 @@ def _search(
 ) -> SensorSearch:
     conditions = sensor.collects.conditions
     free = problem.model.form in TEMPERATURE_FREE and sensor.given is None
-    laid = [
-        BlockSearch.of(block, Noise(block, conditions, scatter, calibrated=free)) for block in blocks
-    ]
-    shape = sensor.collects.rates_deg_per_hr.shape
+    stated = problem.model.stated_covariance(conditions)
+    laid = []
+    for block in blocks:
+        place = block.rows * len(conditions.sensor.channels) + block.channel
+        own = None if stated is None else stated[np.ix_(place, place)]
+        laid.append(BlockSearch.of(block, Noise(block, conditions, scatter, calibrated=free, stated=own)))
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
-    candidates += [*wrong_rows(sensor.number, blocks, (shape[0], shape[1]), conditions.run), *_exchanges(sensor, mislabelled)]
+    candidates += [*wrong_rows(sensor.number, blocks, conditions), *_exchanges(sensor, mislabelled)]
+    site = problem.campaign.site
+    known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
-    search = SensorSearch(laid, terms(candidates, blocks, noise, {}))
+    search = SensorSearch(laid, terms(candidates, blocks, noise, known))
     search.refine()
     return search
 
@@ -58,5 +63,14 @@ def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator
             columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
             if np.any(columns):
                 parameters = effect.parameters_for(conditions)
-                yield Candidate(effect.id, 0, sensor.number, columns, parameters, shape=shape, effect=effect,
-                                title=effect.title, equation=effect.equation)
+                yield Candidate(
+                    effect.id,
+                    0,
+                    sensor.number,
+                    columns,
+                    parameters,
+                    shape=shape,
+                    effect=effect,
+                    title=effect.title,
+                    equation=effect.equation,
+                )

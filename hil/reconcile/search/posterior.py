@@ -1,8 +1,8 @@
 """The posterior over sets of terms in all sensors: grown from the likeliest, weighed by one evidence.
 
-    posterior = weigh(searches, kinds)
-    posterior.sets[0]                   # the most probable: terms by sensor, and its probability
-    posterior.of_name("supply")         # how probable it is that the name is among the terms
+posterior = weigh(searches, kinds)
+posterior.sets[0]                   # the most probable: terms by sensor, and its probability
+posterior.of_name("supply")         # how probable it is that the name is among the terms
 """
 
 from __future__ import annotations
@@ -78,9 +78,10 @@ def likely_sets(search: SensorSearch) -> list[Set]:
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
+            least = max(known.values()) - known[given] - 2.0 * WORTH if given else -np.inf
             for j in _best(search, scores, given):
                 further = tuple(sorted((*given, j)))
-                if further not in known:
+                if further not in known and scores[j] > least:
                     grown.add(further)
         for further in grown:
             known[further] = _alone(search, further)
@@ -104,12 +105,13 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
     """Yield the places of the terms that do most, a few shapes of each name, and more names than that."""
     present = {search.terms[j].name for j in given if not search.terms[j].is_mistake} - REPEATABLE
     count: dict[str, int] = {}
+    first: dict[str, float] = {}
     for j in np.argsort(-scores).tolist():
         name = search.terms[j].name
         if name in present or j in given or not np.isfinite(scores[j]):
             continue
         count[name] = count.get(name, 0) + 1
-        if count[name] > PER_NAME:
+        if count[name] > PER_NAME or scores[j] < first.setdefault(name, scores[j]) - WORTH:
             continue
         yield j
         if len(count) >= GROWTH:

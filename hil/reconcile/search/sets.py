@@ -1,8 +1,8 @@
 """The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes.
 
-    search = SensorSearch(blocks, noises, terms)
-    search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by kind of scatter and block
-    search.likely_sets()           # the sets that are worth anything
+search = SensorSearch(blocks, noises, terms)
+search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by kind of scatter and block
+search.likely_sets()           # the sets that are worth anything
 """
 
 from __future__ import annotations
@@ -228,7 +228,9 @@ class SetInBlock:
             if self.best == before:
                 break
         base = self._at([self.best])[0]
-        self.slack = [log_sum(self._at([self._with(e, o) for o in self._near(e)])) - base for e in range(len(self.best))]
+        self.slack = [
+            log_sum(self._at([self._with(e, o) for o in self._near(e)])) - base for e in range(len(self.best))
+        ]
         self.terms_log = base + np.sum(self.slack, axis=0)
 
     def _near(self, e: int) -> range:
@@ -297,7 +299,9 @@ class SetInBlock:
         inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
         left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
         scales = range(len(self.beside.scales))
-        best = max(scales, key=lambda k: float(self.beside.student(np.full(len(self.beside.rss), left), np.zeros(1), k)[t]))
+        best = max(
+            scales, key=lambda k: float(self.beside.student(np.full(len(self.beside.rss), left), np.zeros(1), k)[t])
+        )
         return left, float(self.beside.scale_left(np.array(left), best))
 
     def at_best(self) -> AtBest:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter
 from hil.model.effects.followed import driver_of
 from hil.reconcile.search.candidates import POWERS, Candidate
@@ -118,7 +118,8 @@ def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Ter
     def known(term: Term) -> bool:
         parts = [(described.get((term.follows, b)), b, part) for b, part in enumerate(term.parts) if part is not None]
         return all(
-            own is not None and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
+            own is not None
+            and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
             for own, b, part in parts
         )
 
@@ -219,23 +220,24 @@ def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:
     return replace(amplitude, deviation=amplitude.deviation[part.parameters], mean=amplitude.mean[part.parameters])
 
 
-def wrong_rows(number: int, blocks: Sequence[Block], shape: tuple[int, int], runs: IntArray) -> Iterator[Candidate]:
-    """Yield one candidate per row, and one per run and block: its rows say nothing.
-
-    `shape` is (n, c) of the sensor, `runs` (n,) the campaign's numbers.
-    """
+def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> Iterator[Candidate]:
+    """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing."""
+    shape = (len(conditions), len(conditions.sensor.channels))
+    for row in np.unique(np.concatenate([block.rows for block in blocks])):
+        several = np.zeros((*shape, shape[1]))
+        several[row] = np.eye(shape[1])
+        yield _wrong("row", number, several, {"row": float(row)})
+        for channel in range(shape[1]):
+            yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
     for block in blocks:
-        for row, channel in zip(block.rows, block.channel, strict=True):
-            columns = np.zeros((*shape, 1))
-            columns[row, channel] = 1.0
-            yield _wrong("row", number, columns, {"collect": float(row), "channel": float(channel)})
         for run in np.unique(block.run):
             here = np.flatnonzero(block.run == run)
             if not 1 < len(here) < 0.5 * len(block.y):
                 continue
             columns = np.zeros((*shape, len(here)))
             columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
-            yield _wrong("run", number, columns, {"number": float(runs[block.rows[here[0]]]), "channel": float(block.channel[0])})
+            of_run = {"number": float(conditions.run[block.rows[here[0]]]), "channel": float(block.channel[0])}
+            yield _wrong("run", number, columns, of_run)
 
 
 def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:

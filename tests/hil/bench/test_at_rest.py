@@ -99,3 +99,6 @@ def test_an_orientation_that_no_unit_can_be_turned_to_is_refused() -> None:
     wrong = shipped.text.replace('"3": {A: +3, B: +2, S: +1}', '"3": {A: +3, B: +2, S: -1}')
     with pytest.raises(InputError, match=r"orientations\.3: the mirror image of position 1"):
         parse_bench(wrong, shipped.source)
+    other = shipped.text.replace('"3": {A: +1, B: +2, S: -3}', '"3": {A: +2, B: -1, S: -3}')
+    with pytest.raises(InputError, match=r"sensors\.1\.orientations\.3: sensor 1 stands otherwise to sensor 2 than at"):
+        parse_bench(other, shipped.source)

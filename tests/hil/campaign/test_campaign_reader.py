@@ -260,7 +260,7 @@ def test_bad_headers_are_refused_by_file_and_key(folder: Path, case: str) -> Non
 
 def test_files_that_are_not_there_or_not_text_are_refused(folder: Path) -> None:
     """No folder, no header, no table, UTF-16 and Latin-1."""
-    with pytest.raises(InputError, match="no such campaign folder"):
+    with pytest.raises(InputError, match="there is no such folder"):
         read_campaign(folder / "nowhere")
     (folder / "collects.csv").write_bytes(table(*ROWS).encode("utf-16"))
     with pytest.raises(InputError, match="UTF-8"):

@@ -48,7 +48,7 @@ def test_a_table_without_sigmas_is_refused_in_a_sentence(tmp_path: Path, hil: An
         published_signatures(table)
     ended = hil("scatter", "no-such-table")
     assert ended.returncode == 2
-    assert "no such table" in ended.stderr
+    assert "no table of this name" in ended.stderr
 
 
 def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) -> None:

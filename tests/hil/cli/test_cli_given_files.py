@@ -56,6 +56,7 @@ WITH_A_FILE: dict[str, tuple[object, ...]] = {
     "model": ("solve", "CAMPAIGN", "--model", "BAD"),
     "recording": ("allan", "BAD", "--rate", "100", "--unit", "deg/s"),
     "published table": ("audit", "BAD"),
+    "table to import": ("import", "BAD", "OUT"),
     "token": ("dashboard", "CAMPAIGN", "--token-file", "BAD"),
     "capture": ("decode", "BAD", "--frames", "mfs"),
 }
@@ -71,10 +72,22 @@ def test_what_is_no_file_is_not_read(
         return
     bad = tmp_path / "bad.yaml"
     made(bad)
-    there = {"BAD": bad, "CAMPAIGN": campaign}
+    there = {"BAD": bad, "CAMPAIGN": campaign, "OUT": tmp_path / "out"}
     before = sorted(tmp_path.rglob("*"))
-    refused(hil(*(there.get(str(each), each) for each in WITH_A_FILE[what])), "bad.yaml")
+    ended = hil(*(there.get(str(each), each) for each in WITH_A_FILE[what]))
+    refused(ended, "bad.yaml", {pipe: "a pipe", endless: "a device", sparse: "10,000,000.0 MB"}.get(made, "folder"))
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("made", "kind"), [(pipe, "a pipe"), (endless, "a device"), (sparse, "a file")])
+def test_what_is_no_folder_is_said(
+    hil: Any, campaign: Path, tmp_path: Path, made: Callable[[Path], None], kind: str
+) -> None:
+    """Nobody is told that it is not there."""
+    bad = tmp_path / "bad"
+    made(bad)
+    for command in (("solve", bad), ("thermal", bad), ("report", campaign, "--against", bad), ("dashboard", bad)):
+        refused(hil(*command), "bad", f"is {kind}, not a folder")
 
 
 @pytest.mark.parametrize("made", [pipe, endless, sparse, Path.mkdir])

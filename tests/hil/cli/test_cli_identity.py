@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,14 @@ from hil.campaign.reader import read_campaign
 from hil.config import find_config, load_bench, load_sweep
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
-from hil.night import resume_night, start_night
+from hil.night import NightOutcome, Remarks, resume_night, start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
 from hil.records.requests import request
 from hil.records.status import night_status
 from procedures.requests import RequestKind
+from procedures.stop import StopRequest
+from tests.hil.cli.test_cli_bad_input import refused
 
 
 def bench_file(folder: Path, *, tells: bool, serial: str = "ask") -> Path:
@@ -30,6 +33,7 @@ def bench_file(folder: Path, *, tells: bool, serial: str = "ask") -> Path:
     (folder / "my-imu.yaml").write_text(yaml.safe_dump(frames, sort_keys=False))
     document = yaml.safe_load(load_bench("simulated").text)
     document["unit"]["serial"] = serial
+    document["largest_standard_error"] = "4 deg/hr"
     document["imu"]["description"] = str(folder / "my-imu.yaml")
     path = folder / "my-bench.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False))
@@ -72,6 +76,7 @@ def test_what_is_typed_stands_in_every_record(hil: Any, one_run: Path, tmp_path:
     assert hil("export", night, campaign).returncode == 0
     assert yaml.safe_load((campaign / "campaign.yaml").read_text())["identity"] == said
     assert read_campaign(campaign).identity == said
+    assert read_campaign(campaign).largest_se == 4.0
     assert hil("report", campaign, "--out", page).returncode == 0
     assert all(f"<strong>{text}</strong>" in page.read_text() for text in said.values())
 
@@ -82,6 +87,64 @@ def test_where_nobody_can_be_asked_nothing_begins(hil: Any, one_run: Path, tmp_p
     assert ended.returncode == 2
     assert "give --serial" in ended.stderr
     assert not (tmp_path / "night").exists()
+
+
+class Terminal(io.StringIO):
+    """Somebody sits there."""
+
+    def isatty(self) -> bool:
+        """Yes."""
+        return True
+
+
+@pytest.mark.parametrize(("serial", "typed"), [("ask", "014\n"), ("", "014\n"), ("", "\n")])
+def test_a_folder_that_is_called_by_the_serial_number_has_it_asked_for(
+    hil: Any, one_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serial: str, typed: str
+) -> None:
+    """Nothing else takes its place: where nobody can be asked, or answers, no folder is made."""
+    bench = bench_file(tmp_path, tells=False, serial=serial)
+    command = ("run", one_run, "--bench", bench, "--out", tmp_path / "n-{serial}")
+    refused(hil(*command), "give --serial")
+    monkeypatch.setattr("hil.cli.night._start", lambda _, bench, out, **__: NightOutcome(out, bench.unit.serial, "", 0))
+    monkeypatch.setattr("sys.stdin", Terminal(typed))
+    ended = hil(*command)
+    if typed.strip():
+        assert f"{tmp_path / 'n-014'}: 014" in ended.stderr
+    else:
+        assert (ended.returncode, "nobody answered" in ended.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "words"),
+    [
+        ("--serial", "", "is no serial number"),
+        ("--serial", "  ", "is no serial number"),
+        ("--serial", "x" * 100_000, "is no serial number"),
+        ("--note", "x" * 100_000, "--note: one line of at most 500 characters"),
+        ("--operator", "x" * 100_000, "--operator: one line of at most 60 characters"),
+        ("--despite", "two\nlines", "--despite: one line of at most 500 characters"),
+    ],
+)
+def test_what_is_said_for_the_record_is_a_line(
+    hil: Any, one_run: Path, tmp_path: Path, option: str, text: str, words: str
+) -> None:
+    """Refused before anything begins, in a sentence that fits on a screen."""
+    bench, night = bench_file(tmp_path, tells=False, serial=""), tmp_path / "night"
+    ended = hil("run", one_run, "--bench", bench, "--out", night, option, text)
+    refused(ended, words)
+    assert len(ended.stderr) < 300
+    assert not night.exists()
+
+
+def test_a_resume_can_give_the_serial_number_that_is_missing(hil: Any, one_run: Path, tmp_path: Path) -> None:
+    """Once: another one is refused, and so is none at all."""
+    bench, night, stop = load_bench(bench_file(tmp_path, tells=False, serial="")), tmp_path / "night", StopRequest()
+    stop.request("at once")
+    start_night(night, load_sweep(one_run), bench, stop=stop)
+    refused(hil("resume", night, "--serial", ""), "is no serial number")
+    resume_night(night, who="rk", stop=stop, remarks=Remarks(serial="014"))
+    assert night_status(night)["identity"]["serial"] == "014"
+    refused(hil("resume", night, "--serial", "015"), "it is a night of unit 014, and 015 was typed")
 
 
 @pytest.mark.parametrize(("serial", "status"), [pytest.param("SIM-0001", 0, marks=pytest.mark.slow), ("SIM-0002", 3)])

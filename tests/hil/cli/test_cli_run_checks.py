@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,9 @@ import yaml
 
 from drivers.clock import VirtualClock
 from hil.bench import build_bench
-from hil.bench.preflight import _chamber, _disk, _guarded, _unit
+from hil.bench.preflight import _chamber, _disk, _guarded, _notified, _unit
 from hil.config import find_config, load_bench, load_sweep, parse_bench
+from hil.config.notify import NotifySection
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
@@ -148,3 +150,36 @@ def test_an_index_that_cannot_be_told_is_refused_before_the_night(tmp_path: Path
     (tmp_path / "mfs.yaml").write_text(yaml.safe_dump(frames, sort_keys=False))
     told = refused(description=str(tmp_path / "mfs.yaml"))
     assert told.endswith("imu.positioner: MFS has no index command; write positioner: operator")
+
+
+@pytest.mark.parametrize(
+    ("to", "words"),
+    [
+        ("env:NOT_SET_ANYWHERE", "env:NOT_SET_ANYWHERE: the variable is not set"),
+        ("file:/nowhere/notify", "there is no such file"),
+        ("file:empty", "it holds no address"),
+        ("file:wrong", "address"),
+        ("file:right", ""),
+    ],
+)
+def test_somebody_who_could_not_be_told_is_noticed_before_the_night(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, to: str, words: str
+) -> None:
+    """A variable that is not set, a file without an address, an address that nothing understands; none is printed."""
+    monkeypatch.setitem(sys.modules, "apprise", None)
+    for name, text in (("empty", "# nobody\n"), ("wrong", "secret://me\n"), ("right", "https://example.org/x")):
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    bench = load_bench("simulated").model_copy(update={"notify": NotifySection(to=(to,))})
+    (found,) = _notified(bench)
+    assert found.good is not bool(words)
+    assert words in found.message
+    assert "secret" not in found.message
+
+
+def test_the_demo_looks_first_too(hil: Any, huge: None, tmp_path: Path) -> None:
+    """It is refused as any night, and nothing is left."""
+    ended = hil("demo", "--out", tmp_path / "demo")
+    assert ended.returncode == 3
+    assert "NOT  disk" in ended.stderr
+    assert list(tmp_path.iterdir()) == []

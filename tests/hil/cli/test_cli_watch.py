@@ -151,3 +151,26 @@ def test_what_is_wrong_is_said_first_and_in_red_then_what_it_does(journal: Sqlit
     assert "°C: chamber 19.5 (setpoint 20.0)" in rest
     assert "operator: rk" in rest
     assert status["readings"]["chamber_degC"] == 19.5
+
+
+def test_a_chamber_that_is_not_safe_is_the_first_line_and_nothing_is_said_twice(journal: SqliteJournal) -> None:
+    """Before the state; what a later line repeats of an earlier one is left out of it."""
+    danger, why = "THE CHAMBER IS NOT SAFE: the air stays at 60.0 °C", "standby was acknowledged and is not carried out"
+    status = look_at(journal.folder)[0] | {"state": "failed", "reason": f"{why}; {danger}", "missing": [f"end ({why})"]}
+    status |= {"problems": [f"{danger}; go to the chamber"], "verdict": {"verdict": "ERROR", "reason": "records"}}
+    console = _console(terminal=False)
+    say(journal.folder, status, None, console)
+    said = console.file.getvalue().splitlines()
+    assert said[:2] == [f"{journal.folder}: {danger}; go to the chamber", f"{journal.folder}: failed, ERROR  SIMULATED"]
+    assert [line for line in said if "…" in line] == [f"failed: {why}; …", "missing: end (…)"]
+    assert "ERROR: records" in said
+    assert said[-1].startswith(f"hil verify {journal.folder} shows it all")
+
+
+def test_damaged_samples_leave_no_night_complete(tmp_path: Path) -> None:
+    """In words and in the document."""
+    assert run(["run", "quick", "--bench", "simulated", "--out", str(tmp_path / "n"), "--quiet"]) == 0
+    block = min((tmp_path / "n" / "blocks").glob("*.parquet"))
+    block.write_bytes(block.read_bytes()[:-1] + b"x")
+    status = look_at(tmp_path / "n")[0]
+    assert (status["state"], status["verdict"]["verdict"]) == ("incomplete", "ERROR")

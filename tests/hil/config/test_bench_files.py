@@ -99,7 +99,8 @@ def test_a_bench_is_simulated_when_it_has_a_simulation_section() -> None:
 
 def _orientation(entry: str) -> Bench:
     old = '"4": {A: -3, B: +2, S: -1}  # not in the report'
-    return parse_bench(_changed(_BENCH, old, f'"4": {entry}  # not in the report'), "b.yaml")
+    alone = _changed(_BENCH, '      "4": {A: -1, B: +2, S: +3}\n', "")  # sensor 1, which would have to turn with it
+    return parse_bench(_changed(alone, old, f'"4": {entry}  # not in the report'), "b.yaml")
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,9 @@ def test_the_stim300_description_gives_rates_in_deg_per_hr(reference: Path) -> N
     frames = json.loads((reference / "golden_frames.json").read_text())
     good = [f for f in frames if f["layout"] == "stim300_0x93_rate_acc_incl_crlf" and f["checksum_ok"]]
     assert good
+    assert description.roles is not None
+    # A saturated gyro shows exactly 480 deg/s (0x780000), in the reference's section on the STIM300.
+    assert description.roles.sensors[1].at_rest.full_scale_deg_per_hr == 480.0 * 3600.0 == 0x780000 / 2**14 * 3600.0
     for frame in good:
         decoded = StreamDecoder(description).feed(bytes.fromhex(frame["hex"]), 0.0)
         assert decoded.counts.ok == 1

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from hil.config import Bench, load_bench, parse_bench, parse_sweep
-from hil.config.notify import NotifySection
+from hil.config.notify import NotifySection, addresses_of
 from hil.errors import InputError
 from hil.night import start_night
-from hil.night.notify import Notifier, NotSent, addresses_of, send
+from hil.night.notify import Notifier, send
 from hil.records import open_readonly
 from tests.hil.short_sweeps import short_sweep
 
@@ -106,7 +106,7 @@ def test_apprise_sends_what_it_understands(receiver: Receiver) -> None:
     pytest.importorskip("apprise")
     send(f"json://{receiver.address}/", "a title", "a text")
     assert (receiver.received[0]["title"], receiver.received[0]["message"]) == ("a title", "a text")
-    with pytest.raises(NotSent, match="does not understand"):
+    with pytest.raises(InputError, match="does not understand"):
         send("no-such-service://x", "a title", "a text")
 
 
@@ -116,7 +116,7 @@ def test_without_apprise_a_webhook_still_works_and_the_rest_says_what_is_missing
     """The core needs no extra."""
     send(f"http://{receiver.address}/hook", "a title", "a text")
     assert receiver.received == [{"title": "a title", "text": "a text"}]
-    with pytest.raises(NotSent, match=r"pip install 'hil\[notify\]'"):
+    with pytest.raises(InputError, match=r"pip install 'hil\[notify\]'"):
         send("mailto://x", "a title", "a text")
 
 
@@ -139,7 +139,7 @@ def test_references_say_what_is_wrong_with_them(tmp_path: Path, monkeypatch: pyt
         (f"file:{tmp_path / 'none'}", "no such file"),
         (f"file:{tmp_path / 'empty'}", "holds no address"),
     ):
-        with pytest.raises(NotSent, match=words):
+        with pytest.raises(InputError, match=words):
             addresses_of(reference)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
+from hil.night.log import NightLog
 from hil.records import SqliteJournal
 from hil.records.blocks import FieldMeaning
 from hil.records.requests import request
@@ -26,6 +28,21 @@ MEANINGS = {
     "rotor_2_degC": FieldMeaning("degC", "temperature", 2),
     "supply_V": FieldMeaning("V"),
 }
+
+
+@pytest.fixture(autouse=True)
+def every_night_has_its_log(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As a controller's: what a night without one says is that it was lost."""
+    opened = SqliteJournal.open
+    with ExitStack() as logs:
+
+        def logged(folder: Path, *, clock: VirtualClock, **options: Any) -> SqliteJournal:
+            journal = opened(folder, clock=clock, **options)
+            journal.listen(logs.enter_context(closing(NightLog(folder, clock, "rk"))).say)
+            return journal
+
+        monkeypatch.setattr(SqliteJournal, "open", logged)
+        yield
 
 
 @pytest.fixture

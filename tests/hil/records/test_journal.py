@@ -224,19 +224,6 @@ def test_what_is_no_journal_is_refused_in_one_sentence(tmp_path: Path, clock: Vi
         SqliteJournal.open(tmp_path, clock=clock)
 
 
-def test_an_upgrade_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A schema upgrade is one transaction."""
-    broken = "CREATE TABLE half (x);\nINSERT INTO no_table VALUES (1);\n"
-    connection = sqlite3.connect(tmp_path / "x.sqlite", isolation_level=None)
-    monkeypatch.setattr(journal_schema, "UPGRADES", (*journal_schema.UPGRADES, broken))
-    monkeypatch.setattr(journal_schema, "VERSION", journal_schema.VERSION + 1)
-    with pytest.raises(sqlite3.OperationalError):
-        journal_schema.upgrade(connection)
-    assert connection.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)
-    assert connection.execute("PRAGMA user_version").fetchone() == (0,)
-    connection.close()
-
-
 def test_the_log_hears_of_every_commit(new_night: Path, plan: Plan, clock: VirtualClock) -> None:
     """A listener is told after the commit, with the facts."""
     heard: list[tuple[str, str]] = []

@@ -32,10 +32,12 @@ from pathlib import Path
 import numpy as np
 from drivers.clock import SystemClock
 from drivers.imu import SampleBlock
+from hil.night.log import NightLog
 from hil.records.journal import SqliteJournal
 from procedures.journal_protocol import Outcome, StepResult
 
 with SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock(), who="child") as journal:
+    journal.listen(NightLog(journal.folder, SystemClock(), "child").say)
     done = journal.completed()
     print("open", flush=True)
     for step in journal.plan.steps:

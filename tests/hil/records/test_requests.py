@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sqlite3
 from collections.abc import Callable
@@ -14,7 +15,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from hil.config import load_bench, parse_bench, parse_sweep
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
 from hil.night import NightOutcome, resume_night, start_night
 from hil.records import SqliteJournal, open_readonly
 from hil.records.journal import JOURNAL_NAME
@@ -242,51 +243,17 @@ def test_a_request_to_a_dead_controller_is_not_acted_upon_by_the_next(new_night:
         assert (heard.kind, heard.who) == (RequestKind.PAUSE, "ann")
 
 
-def test_a_journal_of_version_1_is_read_and_upgraded(full_night: Path, clock: VirtualClock) -> None:
-    """An earlier night is read as it is, and gets its table of requests when it is carried on."""
-    connection = sqlite3.connect(full_night / JOURNAL_NAME, isolation_level=None)
-    for statement in (
-        "DROP TRIGGER withdrawn_once",
-        "DROP TRIGGER an_ended_attempt_stays",
-        "DROP INDEX a_step_is_done_once",
-        "ALTER TABLE attempts DROP COLUMN withdrawn",
-        "DROP TABLE requests",
-        "DELETE FROM sqlite_sequence WHERE name = 'requests'",
-        "CREATE UNIQUE INDEX a_step_is_done_once ON attempts (step_key) WHERE outcome = 'DONE'",
-        "CREATE TRIGGER an_ended_attempt_stays BEFORE UPDATE ON attempts BEGIN SELECT RAISE(ABORT, 'no'); END",
-        "DROP TABLE ledger",
-        "PRAGMA user_version = 1",
-    ):
-        connection.execute(statement)
-    as_it_was_then(connection)
+def test_a_journal_without_its_chain_proves_nothing(full_night: Path, clock: VirtualClock) -> None:
+    """Nobody can take the chain out and call the rest an earlier version's."""
+    with contextlib.closing(sqlite3.connect(full_night / JOURNAL_NAME, isolation_level=None)) as connection:
+        connection.execute("DROP TABLE ledger")
+        connection.execute("PRAGMA user_version = 2")
     (full_night / HEAD_NAME).unlink()
-    connection.close()
-    with open_readonly(full_night) as journal:
-        assert journal.requests() == ()
-        done = dict(journal.done_attempts())
-    assert verify_night(full_night)["complete"]
-    with SqliteJournal.open(full_night, clock=clock) as journal:
-        assert dict(journal.done_attempts()) == done
-        request(full_night, RequestKind.PAUSE, "ann")
-        assert len(journal.asked()) == 1
-    assert verify_night(full_night)["complete"]
-
-
-def as_it_was_then(connection: sqlite3.Connection) -> None:
-    """Give attempts the digests that they had before there was a chain."""
-    from hil.records.blocks import Block
-    from hil.records.rows import result_digest
-
-    connection.execute("DROP TRIGGER an_ended_attempt_stays")
-    ended = connection.execute("SELECT id, step_key, outcome, reason, data, ended_s FROM attempts").fetchall()
-    for row, key, outcome, reason, data, ended_s in ended:
-        columns = "kind, path, sha256, size, rows, content_sha256"
-        blocks = connection.execute(f"SELECT {columns} FROM blocks WHERE step_key = ? ORDER BY id", (key,))  # noqa: S608
-        digest = result_digest(outcome, reason, data, ended_s, [Block(*each) for each in blocks])
-        connection.execute("UPDATE attempts SET digest = ? WHERE id = ?", (digest, row))
-    connection.execute(
-        "CREATE TRIGGER an_ended_attempt_stays BEFORE UPDATE ON attempts BEGIN SELECT RAISE(ABORT, 'no'); END"
-    )
+    with pytest.raises(Damaged, match="its rows are not chained"):
+        open_readonly(full_night)
+    with pytest.raises(Damaged, match="its rows are not chained"):
+        SqliteJournal.open(full_night, clock=clock)
+    assert not verify_night(full_night)["complete"]
 
 
 def test_a_withdrawn_result_is_kept_and_counts_no_more(full_night: Path, plan: Any, clock: VirtualClock) -> None:

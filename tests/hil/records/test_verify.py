@@ -50,6 +50,7 @@ def test_a_full_night_is_complete(full_night: Path, plan: Plan) -> None:
         "problems": [],
         "blocks_checked": 2 * collects,
         "notes": [],
+        "signature": "not signed",
     }
 
 
@@ -113,7 +114,7 @@ def test_a_deleted_journal_row_is_found(full_night: Path, table: str, which: str
             "INSERT INTO events (controller, at_s, kind, message, evidence) VALUES (1, 0, 'x', 'y', '{}')",
             "row 2 of the",
         ),
-        ("DELETE FROM night", "the row that describes the night is missing"),
+        ("DELETE FROM night", "row 1 of the table night was deleted"),
     ],
 )
 def test_a_changed_journal_row_is_found(full_night: Path, change: str, words: str) -> None:

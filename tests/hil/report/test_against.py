@@ -163,6 +163,19 @@ def test_what_six_equations_cannot_see_the_last_parameters_do(first: Campaign, c
     assert (words in " ".join(said)) if words else not said
 
 
+def test_channels_exchanged_between_sensors_are_seen(first: Campaign) -> None:
+    """The plugs of two sensors: RB of one stands where RB of the other was."""
+    rates = first.sensors[2].rates_deg_per_hr
+    two = {2: first.sensors[2], 3: replace(first.sensors[2], rates_deg_per_hr=2.0 * rates[:, ::-1] + 5.0)}
+    before = replace(first, sensors=two)
+    crossed = {n: np.stack([two[n].rates_deg_per_hr[:, 0], two[5 - n].rates_deg_per_hr[:, 1]], 1) for n in two}
+    now = replace(first, sensors={n: replace(two[n], rates_deg_per_hr=crossed[n]) for n in two})
+    assert [each for each in compare(now, before).doubts if "exchanged" in each] == [
+        "Sensors 2 and 3: RB and RB look exchanged: crosswise they agree with the earlier rates."
+    ]
+    assert not compare(before, before).doubts
+
+
 def test_a_site_that_moved_is_no_pass(first: Campaign) -> None:
     """A latitude that is ten degrees off fits six equations; the unit's last campaign says another."""
     here = replace(first, site={"latitude_deg": 44.6, "heading_deg": 30.0})

@@ -11,8 +11,9 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.plausibility import judged_by_its_records
 from hil.model.earth import Site
 from hil.solve import solve_campaign
-from hil.solve.neighbours import contradicted_by_neighbours
+from hil.solve.neighbours import compared_with_neighbours
 from procedures.verdict import Verdict
+from procedures.words import numbered
 
 _F = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _K = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
@@ -67,7 +68,7 @@ def test_sound_campaigns_are_left_alone(per_temperature: int) -> None:
     for seed in range(20):
         for runs in (1, 2, 3, 9):
             made = campaign(runs, per_temperature, seed)
-            assert not contradicted_by_neighbours(made.sensors[2])
+            assert not compared_with_neighbours(made.sensors[2]).judged
             assert judged_by_its_records(made).verdicts == {}
             assert {each.verdict for each in solve_campaign(made)} == {Verdict.PASS}
 
@@ -104,7 +105,7 @@ def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
     made = campaign(runs)
     rates = made.sensors[2].rates_deg_per_hr.copy()
     rates[12:15] += off
-    found = contradicted_by_neighbours(with_rates(made, rates).sensors[2])
+    found = compared_with_neighbours(with_rates(made, rates).sensors[2]).judged
     assert {run: each.verdict for run, each in found.items()} == {5: Verdict.MARGINAL}
     assert "its bias was another" in found[5].reason
 
@@ -155,3 +156,74 @@ def test_without_accelerations_the_pose_is_assumed_and_said_to_be() -> None:
     said = "the pose was not measured (no accelerations): that the unit lay as each position says"
     assert said in solve_campaign(bare)[0].assumed
     assert said not in solve_campaign(made)[0].assumed
+
+
+def test_a_contradiction_is_named_by_its_own_sensors_collects() -> None:
+    """Two sensors collected together have collects of their own numbers; what one of them shows is not the other's."""
+    made = campaign(runs=2)
+    first = made.sensors[2]
+    columns = {name: (1.2 if "accel" in name else 1.0) * values for name, values in first.conditions.columns.items()}
+    third = replace(first.conditions.sensor, number=3)
+    other = replace(first.conditions, sensor=third, collect=np.arange(101, 107), columns=columns)
+    both = replace(made, sensors={2: first, 3: replace(first, conditions=other)})
+    assert judged_by_its_records(both).warnings == (
+        "collects 101–106: sensor 3: its accelerometers show 1.20 times what gravity is: |f| is not 1 g",
+    )
+
+
+def test_orientation_tables_of_one_body_agree() -> None:
+    """One sensor's axes may stand anyhow to the other's, but as they do they stand in every position."""
+    made = campaign(runs=2)
+    first = made.sensors[2]
+    third = replace(first.conditions, sensor=replace(first.conditions.sensor, number=3), collect=np.arange(11, 17))
+    bare = {n: replace(c, columns={}, w_deg_per_hr=np.zeros((6, 3))) for n, c in ((2, first.conditions), (3, third))}
+
+    def said(f_g: FloatArray, **changes: bool) -> tuple[str, ...]:
+        rows = {2: replace(first, conditions=bare[2]), 3: replace(first, conditions=replace(bare[3], f_g=f_g))}
+        return tuple(judged_by_its_records(replace(made, sensors=rows, **changes)).warnings)
+
+    turned = first.conditions.f_g[:, [2, 0, 1]] * [1.0, -1.0, 1.0]
+    assert said(turned) == ()
+    turned[[2, 5]] = [0.0, -1.0, 0.0]
+    (told,) = said(turned)
+    assert told.startswith("collects 1, 3–4, 6, 11, 13–14, 16: between positions 1 and 3 f turns by different angles")
+    assert said(turned, centrifuge=True) == ()
+
+
+@pytest.mark.parametrize(
+    ("runs", "wrong", "accused"),
+    [(9, slice(12, 15), [5]), (3, slice(6, 9), [3]), (3, slice(9), [1, 2, 3]), (2, slice(6), [1, 2])],
+)
+def test_one_runs_wrong_thermometer_accuses_that_run(runs: int, wrong: slice, accused: list[int]) -> None:
+    """The others followed the air; only where none does, or nobody can tell which, all are doubtful."""
+    made = campaign(runs, per_temperature=1)
+    degrees = made.sensors[2].conditions.columns["temperature_degC"].copy()
+    degrees[wrong] = 0.0
+    assert sorted(with_column(made, temperature_degC=degrees).verdicts) == accused
+
+
+@pytest.mark.parametrize(
+    ("off", "verdict"), [(4.0, Verdict.PASS), (11.0, Verdict.MARGINAL), (40.0, Verdict.INCONCLUSIVE)]
+)
+def test_a_collect_that_scatter_hardly_explains_is_marginal(off: float, verdict: Verdict) -> None:
+    """Nearer than what is said of it with certainty, and beyond the false alarms that are allowed; with its row."""
+    made = campaign(16, 8, scatter=1.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[25, 1] -= off
+    solved = {each.run: each for each in solve_campaign(with_rates(made, rates))}
+    assert solved[9].verdict is verdict
+    assert ("collect 26: RB is -" in solved[9].reason) is (verdict is not Verdict.PASS)
+    assert ("chance alone shows as much" in solved[9].reason) is (verdict is Verdict.MARGINAL)
+    assert all(each.verdict is Verdict.PASS for run, each in solved.items() if run != 9)
+
+
+@pytest.mark.parametrize(
+    ("runs", "per_temperature", "alone"),
+    [(1, 1, [1]), (2, 2, [1, 2]), (9, 1, [1, 9]), (9, 3, []), (8, 3, [7, 8]), (3, 1, [1, 2, 3])],
+)
+def test_runs_that_cannot_be_compared_say_so(runs: int, per_temperature: int, alone: list[int]) -> None:
+    """Two at a temperature, one without neighbours, the coldest and the warmest: among what was assumed."""
+    told = {each.run: " ".join(each.assumed) for each in solve_campaign(campaign(runs, per_temperature))}
+    said = f"{numbered('run', alone)} cannot be compared with others"
+    assert [run for run, text in told.items() if said in text] == alone
+    assert sum("cannot be compared" in text for text in told.values()) == len(alone)

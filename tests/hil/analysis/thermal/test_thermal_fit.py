@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published.printed import find_table
 from hil.analysis.published.table import read_published_table
 from hil.analysis.thermal import ThermalFit, fit_thermal
 from hil.analysis.thermal.document import thermal_document
@@ -25,6 +24,7 @@ from hil.campaign import Campaign, Collects
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
+from hil.files.strict import find_config
 from hil.model import load_model, save_model
 from hil.model.curve import Constant, Polynomial, Table
 from hil.solve.beside_terms import solve_beside
@@ -55,7 +55,7 @@ def smooth() -> ThermalFit:
 
 def means_of_table_1(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return temperature °F, mean, sigma and n of one parameter."""
-    header, *rows = [line.split(",") for line in find_table(TABLE_1).read_text().splitlines()]
+    header, *rows = [line.split(",") for line in find_config("tables", TABLE_1).read_text().splitlines()]
     chosen = [dict(zip(header, row, strict=True)) for row in rows if row[header.index("parameter")] == name]
     columns = ("temperature_F", "mean_printed", "sigma_printed", "n_inferred")
     return tuple(np.array([float(row[c]) for row in chosen]) for c in columns)  # type: ignore[return-value]

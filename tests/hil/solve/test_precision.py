@@ -1,0 +1,67 @@
+"""A standard error as large as the parameter: not measured well enough to say, whatever the residuals do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hil.campaign import Campaign, Sensor
+from hil.campaign.reader import HEADER_FILE, read_campaign
+from hil.campaign.writer import write_campaign
+from hil.errors import InputError
+from hil.solve import solve_campaign
+from hil.solve.precision import usual_size
+from procedures.verdict import Verdict
+from tests.hil.solve.test_neighbours import campaign
+
+ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+TRIAD = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B", "RS": "S"})
+
+
+def noisy(se: float | None, accepted: float | None) -> Campaign:
+    """Return one run whose rates have this standard error."""
+    made = campaign(runs=1)
+    rows = made.sensors[2]
+    errors = np.full_like(rows.rates_deg_per_hr, np.nan if se is None else se)
+    return replace(made, sensors={2: replace(rows, rates_se_deg_per_hr=errors)}, largest_se=accepted)
+
+
+@pytest.mark.parametrize(
+    ("se", "accepted", "verdict", "words"),
+    [
+        (0.7, None, Verdict.PASS, ""),
+        (33.0, None, Verdict.INCONCLUSIVE, "more than such a parameter usually is (8.94)"),
+        (33.0, 100.0, Verdict.PASS, ""),
+        (0.7, 0.1, Verdict.INCONCLUSIVE, "more than is accepted (0.1)"),
+        (None, 0.1, Verdict.PASS, "the uncertainty is not known"),
+    ],
+)
+def test_a_parameter_lost_in_its_error_is_no_pass(
+    se: float | None, accepted: float | None, verdict: Verdict, words: str
+) -> None:
+    """What is accepted is as the campaign says, else as large as the parameter usually is; unstated is said as that."""
+    (solved,) = solve_campaign(noisy(se, accepted))
+    assert solved.verdict is verdict
+    assert words in solved.reason
+    assert ("not measured well enough to say" in solved.reason) is (verdict is not Verdict.PASS)
+
+
+def test_what_is_usual_depends_on_the_sensor() -> None:
+    """A rotor's typical range is known; of a triad nobody knows the technology, so the coarsest is allowed."""
+    assert [round(usual_size(name, ROTOR), 1) for name in ("BA", "GSA", "GSB", "MUB")] == [15.8, 63.2, 22.4, 8.9]
+    assert [round(usual_size(name, TRIAD), 1) for name in ("BA", "B_RS", "GSA")] == [500.0, 500.0, 70.7]
+
+
+def test_the_limit_travels_with_the_campaign(tmp_path: Path) -> None:
+    """Written and read; one that is none is refused with its key."""
+    path = tmp_path / "campaign"
+    write_campaign(noisy(0.7, 2.5), path)
+    assert read_campaign(path).largest_se == 2.5
+    keys = yaml.safe_load((path / HEADER_FILE).read_text())
+    (path / HEADER_FILE).write_text(yaml.safe_dump({**keys, "largest_standard_error_deg_per_hr": 0}))
+    with pytest.raises(InputError, match="key largest_standard_error_deg_per_hr: it must be more than 0"):
+        read_campaign(path)
