@@ -186,8 +186,8 @@ def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
     y, v = x @ [0.9, -1.0] + rng.normal(size=20), z[:, 0] * 0.9 + rng.normal(size=12)
     prior = [(log_weight, np.zeros(1), np.array([shared]))]
     own = [(0.0, np.zeros(1), np.array([alone]))]
-    first = AtBest(x.T @ x, x.T @ y, [(0, 0), (1, 0)], [0, 1], [prior, own], [0, 0], {0: 0.0, 1: 0.0})
-    second = AtBest(z.T @ z, z.T @ v, [(0, 0)], [0], [prior], [0], {0: 0.0})
+    first = AtBest(x.T @ x, x.T @ y, [(0, 0), (1, 0)], [0, 1], [prior, own], [0, 0], {0: 0.3, 1: 0.0})
+    second = AtBest(z.T @ z, z.T @ v, [(0, 0)], [0], [prior], [0], {0: 0.1})
 
     def density(rows: FloatArray, columns: FloatArray, deviation: list[float]) -> float:
         covariance = np.eye(len(rows)) + (columns * np.square(deviation)) @ columns.T
@@ -197,6 +197,7 @@ def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
     stacked[:20], stacked[20:, 0] = x, z[:, 0]
     together = density(np.concatenate([y, v]), stacked, [shared, alone]) + log_weight
     apart = density(y, x, [shared, alone]) + density(v, z, [shared]) + 2.0 * log_weight
+    apart += 0.1  # what other sizes add is in both blocks' evidence, and once in that of the one number
     assert tied_gain([first, second], [0]) == pytest.approx(together - apart, abs=1e-9)
 
 
