@@ -125,12 +125,16 @@ def _lead(posterior: Posterior, classes: Mapping[int, frozenset[str]], alpha: fl
         weights[classes[id(f)]] = weights.get(classes[id(f)], 0.0) + float(np.exp(f.log_weight))
     lead = max(weights, key=lambda names: weights[names])
     while lead:
-        without = {name: _mass(posterior, lambda f, n=name: classes[id(f)] <= lead - {n}) for name in lead}
+        without = {name: _within(posterior, classes, lead - {name}) for name in lead}
         weakest = max(without, key=lambda name: without[name])
         if without[weakest] <= alpha:
             break
         lead = lead - {weakest}
     return lead
+
+
+def _within(posterior: Posterior, classes: Mapping[int, frozenset[str]], names: frozenset[str]) -> float:
+    return _mass(posterior, lambda f: classes[id(f)] <= names)
 
 
 def _row(posterior: Posterior, number: int, place: int) -> bool:

@@ -11,13 +11,13 @@ and what should be measured next.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -54,7 +54,8 @@ def reconcile(
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
     `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the sign flips behind
-    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
+    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError`
+    where the model does not fit the campaign.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -97,7 +98,7 @@ def _result(
     reading: Reading,
     proof: tuple[HeldOut, HeldOut] | None,
     reverted: Sequence[Named],
-    inside: Sequence[Mapping[str, Any]],
+    inside: Sequence[dict[str, Any]],
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -115,14 +116,14 @@ def _result(
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
     gap = findings.gap_of(proof, fit, before, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
-    mistakes = findings.mistakes_found(reading, campaign, fit)
+    mistakes = findings.mistakes_found(reading, campaign)
     within = [
         effect
         for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
     verdict = findings.verdict_of(
-        reading, names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
+        names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
     standing = findings.as_it_stands(model, campaign)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
@@ -210,8 +211,3 @@ def _between(inside: Sequence[FoundEffect]) -> dict[str, Any] | None:
             rivals = " or ".join(rival.id for rival in effect.confusable_with) or "chance"
             return without_collects(f"separates {effect.id} from {rivals}: {effect.experiment}")
     return None
-
-
-def conditions_of(problem: Problem) -> Mapping[int, Conditions]:
-    """Return the conditions of every sensor."""
-    return {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}

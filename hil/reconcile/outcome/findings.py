@@ -21,7 +21,6 @@ from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Gap, Rival
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
-from hil.reconcile.search.terms import Term
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -58,7 +57,7 @@ def gap_of(
     )
 
 
-def verdict_of(reading: Reading, names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
+def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
     """Return the verdict of all that was found, in averages and inside collects: the least certain kind among them."""
     if unresolved:
         return "unresolved"
@@ -119,7 +118,7 @@ def _physics(effect: Described | None) -> str:
     return f"{text} {effect.signature}".strip()
 
 
-def mistakes_found(reading: Reading, campaign: Campaign, fit: Fitted) -> list[FoundEffect]:
+def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
     """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
     out = [
         FoundEffect(

@@ -58,7 +58,7 @@ class BlockSearch:
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
-        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary is not out of the question."""
+        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary may be."""
         unit = float(np.sqrt(noise.unit))
         y = block.y / unit
         scales = HOLDS if block.sigma_stated else UNKNOWN
@@ -67,7 +67,11 @@ class BlockSearch:
         log_null = ordinary.log_prior + beside.log_null()
         good = log_null > log_null.max() - 2.0 * DEPTH
         levels, wide = np.unique(ordinary.level[good]), np.unique(ordinary.calibration[good])
-        every = joined_points(ordinary, noise.scattering(levels, wide, ordinary)) if noise.kinds else ordinary
+        every = (
+            joined_points(ordinary, noise.scattering(levels.tolist(), wide.tolist(), ordinary))
+            if noise.kinds
+            else ordinary
+        )
         out = cls(block, noise, every, every, scales, y, unit, beside, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(y), 0))])
         return out
@@ -187,7 +191,9 @@ class SetInBlock:
     @classmethod
     def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
         """Weigh the members' parts in block `b` together."""
-        columns, owner, options, places, present = [], [], [], [], []
+        columns: list[FloatArray] = []
+        owner: list[tuple[int, int]] = []
+        options, places, present = [], [], []
         for j, term in members:
             part = term.parts[b]
             if part is None:

@@ -1,8 +1,8 @@
 """What may be beside the base in one sensor, as its blocks of rows show it: effects, terms without a name, mistakes.
 
 A term has columns in every block, a prior of its amplitudes, and odds before the data. An effect's are its class's; a
-term of the second tier shares what is left for what nobody has described; rows, runs and labels that are wrong are terms
-like any other, and compete with them.
+term of the second tier shares what is left for what nobody has described; rows, runs and labels that are wrong are
+terms like any other, and compete with them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Part:
 class Term:
     """Something that may be beside the base of one sensor. `parts` has one entry per block, None where it has none.
 
-    `log_odds` are those of this very shape and form against nothing. `ties` says that a parameter acts on several blocks.
+    `log_odds` are those of this very shape and form against nothing; `ties`: a parameter acts on several blocks.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Term:
 
     @property
     def follows(self) -> str:
-        """What it follows: its effect's driver, the condition of a term without a name; temperature where that moves it."""
+        """What it follows: its effect's driver, a nameless term's condition; temperature where that moves it."""
         if self.candidate.form != "constant":
             return "temperature"
         effect = self.candidate.effect
@@ -203,7 +203,9 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
     count = int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP)))
     values = 0.1 * low * STEP ** np.arange(count + 1)
     log_weights = np.array([typical.log_density(float(v)) for v in values])
-    return middle, values / start, log_weights - np.logaddexp.reduce(log_weights)
+    sizes = np.asarray(values / start, dtype=np.float64)
+    weights = np.asarray(log_weights - np.logaddexp.reduce(log_weights), dtype=np.float64)
+    return np.asarray(middle, dtype=np.float64), sizes, weights
 
 
 def _dilution(candidate: Candidate) -> float:
