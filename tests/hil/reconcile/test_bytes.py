@@ -18,7 +18,6 @@ from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
 from tests.hil.twin.quiet import changed_bench
 
-DRAWS = 100
 SWEEP: dict[str, Any] = {
     "title": "Four self-calibrations with Collect 4",
     "temperatures": ["23 degC"],

@@ -33,7 +33,12 @@ def reconciled(campaign: Campaign, model: str = "matrix-6") -> Reconciliation:
     return reconcile(campaign, load_model(model), prove=False)
 
 
-@pytest.mark.parametrize("name", sorted(INSIDE))
+QUICK = "settle"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n == QUICK else pytest.mark.slow) for n in sorted(INSIDE)]
+)
 def test_what_is_hidden_inside_collects_is_named(name: str, tmp_path: Path) -> None:
     """The series' own name comes first, with its size and where it was seen."""
     result = reconciled(campaign_with(name, tmp_path))
@@ -44,7 +49,7 @@ def test_what_is_hidden_inside_collects_is_named(name: str, tmp_path: Path) -> N
     assert result.document()["effects"][0]["inside_collects"] is True
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.5])
+@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
 def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     """White samples and correlated ones."""
     campaign = campaign_with("", tmp_path, rho=rho)

@@ -13,7 +13,6 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.search.problem import pose
 from tests.hil.reconcile.hidden_effects import Hidden, Rows, both, hidden_campaign
 
-DRAWS = 100
 HORIZONTAL = 15.041067 * np.cos(np.deg2rad(34.6))
 
 
@@ -41,6 +40,7 @@ def wrong_heading(rows: Rows) -> np.ndarray:
     return HORIZONTAL * np.stack([level_3 * np.cos(theta), level_2], 1)
 
 
+@pytest.mark.slow
 def test_two_effects_that_nearly_cancel_get_no_third_name() -> None:
     """Ageing up, and a step down in the middle that takes it back: whatever is named is one of the two."""
     result = found(lambda r: ageing(r, 16.0) - both(r.run > 8, 16.0, -16.0))
@@ -66,7 +66,8 @@ def test_what_one_position_does_in_the_cold_is_empirical() -> None:
     assert "position=3" in result.effects[0].id
 
 
-@pytest.mark.parametrize("run", [6, pytest.param(11, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("run", [6, 11])
 def test_what_one_run_does_is_no_law_of_the_unit(run: int) -> None:
     """One self-calibration off by 9 deg/hr in bias: run-to-run noise, a place, a state perhaps, but never a name."""
     result = found(lambda r: both(r.run == run, 9.0, -9.0))
@@ -76,6 +77,7 @@ def test_what_one_run_does_is_no_law_of_the_unit(run: int) -> None:
         assert effect.probability < 0.8
 
 
+@pytest.mark.slow
 def test_a_wrong_heading_at_one_heading_is_nobodys_to_find() -> None:
     """At a single heading an error of the earth rate is a constant bias and MU: the fitted base has it already."""
     assert found(wrong_heading).verdict == "none"

@@ -13,10 +13,9 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import load_model
-from hil.reconcile import Screen, reconcile, write_result
+from hil.reconcile import Reconciliation, Screen, reconcile, write_result
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 
-DRAWS = 100
 FEW = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "runs_each": 2}
 
 
@@ -45,24 +44,37 @@ def null_campaign(kind: str, seed: int) -> Campaign:
     return campaign_of(rows, base_rates(rows) + e, stated=None if kind == "cold" else 0.9)
 
 
+def on_the_mean(result: Reconciliation) -> list[str]:
+    """Names of what moves averages: that a scatter is found which the noise really has is no false alarm."""
+    return [effect.id for effect in result.effects if effect.acts_on == "mean" and effect.kind == "named"]
+
+
 KINDS = ("white", "runs correlated", "heavy tails", "random walk", "MU from run to run", "cold")
 
 
-@pytest.mark.parametrize("kind", ["white", "random walk", "MU from run to run"])
-def test_nothing_missing_is_never_named(kind: str) -> None:
-    """One campaign of noise of collects, of runs, and of runs in one position."""
-    campaign = null_campaign(kind, 0)
-    assert reconcile(campaign, "matrix-6-thermal", alpha=0.01, prove=False).verdict != "named"
+def test_nothing_missing_is_never_named() -> None:
+    """One campaign of noise of collects alone; the other kinds are slow, below."""
+    assert reconcile(null_campaign("white", 0), "matrix-6-thermal", alpha=0.01, prove=False).verdict == "none"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_nothing_missing_is_called_none_or_at_least_never_named(kind: str) -> None:
-    """Three campaigns of each kind of noise at a level of 1 %: none is named, at most one is thought suspicious."""
-    campaigns = [null_campaign(kind, seed) for seed in range(3)]
-    verdicts = [reconcile(c, "matrix-6-thermal", alpha=0.01, prove=False).verdict for c in campaigns]
-    assert verdicts.count("none") >= 2
-    assert "named" not in verdicts
+def test_nothing_missing_is_called_none_or_at_least_nothing_that_moves_averages(kind: str) -> None:
+    """Three campaigns of each kind of noise at a level of 1 %.
+
+    A random walk, MU that differs from run to run and noise that rises in the cold are effects on the scatter: they may
+    be found, and MU and the cold must be. No average moves.
+    """
+    results = [reconcile(null_campaign(kind, seed), "matrix-6-thermal", alpha=0.01, prove=False) for seed in range(3)]
+    assert [on_the_mean(result) for result in results] == [[], [], []]
+    if kind in SCATTERS:
+        assert all(SCATTERS[kind] in {effect.id for effect in result.effects} for result in results)
+    else:
+        assert [result.verdict for result in results].count("none") >= 2
+
+
+SCATTERS = {"MU from run to run": "MU_rr", "cold": "hash"}
+"""Noise that has a name: an effect on the scatter."""
 
 
 def test_eight_runs_are_enough_to_be_cautious() -> None:
@@ -112,6 +124,7 @@ def test_a_glitch_is_an_outlier_and_not_an_effect() -> None:
     assert result.outliers[0]["size_deg_per_hr"] == pytest.approx(40.0, abs=6.0)
 
 
+@pytest.mark.slow
 def test_a_wrong_stated_error_does_not_make_a_finding() -> None:
     """Standard errors in the file a fifth of the truth: still none."""
     rng = np.random.default_rng(8)
@@ -145,6 +158,7 @@ def test_applying_the_improved_model_finds_nothing_more(tmp_path: Path) -> None:
     assert again.as_it_stands["rms_deg_per_hr"] < 2.5
 
 
+@pytest.mark.slow
 def test_a_triad_with_g_sensitivity_is_named_and_one_without_is_not() -> None:
     """24 hand-placed poses of a MEMS triad, one run: a G that is not symmetric, against a constant bias."""
     for size, expected in ((60.0, "named"), (0.0, "none")):
@@ -170,14 +184,22 @@ def test_a_triad_with_g_sensitivity_is_named_and_one_without_is_not() -> None:
         assert [effect.id for effect in result.effects] == (["g_sensitivity"] if size else [])
 
 
-@pytest.mark.parametrize("unit", ["mpu9150-unit0", "mpu9150-unit1", "mpu9150-unit2", "mpu-24-poses"])
-def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str) -> None:
+REAL = ("mpu9150-unit0", "mpu9150-unit1", "mpu9150-unit2", "mpu-24-poses")
+
+
+@pytest.mark.parametrize(
+    ("unit", "model"),
+    [
+        pytest.param(unit, model, marks=() if (unit, model) == (REAL[0], "constant") else pytest.mark.slow)
+        for unit in REAL
+        for model in ("constant", "triad-12")
+    ],
+)
+def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str, model: str) -> None:
     """Weak or no acceleration sensitivity in real logs: no confident name, whichever model they are compared with."""
-    campaign = read_campaign(reference_data / "campaigns" / unit)
-    for model in ("constant", "triad-12"):
-        result = reconcile(campaign, model)
-        assert result.verdict in {"none", "ambiguous"}
-        assert all(effect.probability < 0.8 for effect in result.effects)
+    result = reconcile(read_campaign(reference_data / "campaigns" / unit), model, prove=False)
+    assert result.verdict in {"none", "ambiguous"}
+    assert all(effect.probability < 0.8 for effect in result.effects)
 
 
 def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaign]:
@@ -199,11 +221,12 @@ def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
 
 @pytest.mark.slow
 def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
-    """A fleet with nothing missing: p-values as they should be, nothing discovered, nothing shared."""
+    """A fleet with nothing missing: no more small p-values than stated (Ville's bound is a bound), none discovered."""
     units = fleet(150, 0.0, 1, seed=900)
     screen = Screen.of(units, "matrix-6-thermal")
     p_values = np.array([finding.p_value for finding in screen.units(units)])
-    assert 0.0 < np.mean(p_values < 0.2) < 0.32
+    assert np.mean(p_values < 0.2) < 0.26
+    assert np.mean(p_values < 0.05) < 0.09
     assert min(finding.q_value for finding in screen.units(units)) > 0.05
     assert screen.shared(units).p_value > 0.05
 

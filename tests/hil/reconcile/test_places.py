@@ -10,16 +10,10 @@ import pytest
 from scipy.stats import false_discovery_control
 
 from hil.campaign import Campaign
-from hil.model import load_model
-from hil.reconcile import Disagreement, reconcile
-from hil.reconcile.explanations import posed
+from hil.reconcile import Disagreement, Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, place_in_words
-from hil.reconcile.proof.cells import disagreements
-from hil.reconcile.search.fit import estimate_noise
-from hil.reconcile.search.scan import false_discovery
+from hil.reconcile.proof.places import false_discovery
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
-
-DRAWS = 150
 
 
 def with_hidden(hidden: Callable[[Rows], np.ndarray], seed: int = 5) -> tuple[Campaign, Rows]:
@@ -62,20 +56,34 @@ def one_position_cold(rows: Rows) -> np.ndarray:
     return both((rows.position == "3") & (rows.temperature < 10.0), 9.0, 0.0)
 
 
-@pytest.mark.parametrize("hidden", [ripple, one_position_cold])
-def test_places_are_the_collects_in_which_the_effect_acts(hidden: Callable[[Rows], np.ndarray]) -> None:
-    """An effect that is everywhere and one that is in a corner: the places are the collects where it is large."""
-    campaign, rows = with_hidden(hidden)
-    result = reconcile(campaign, "matrix-6-thermal", prove=False)
+@pytest.fixture(scope="module")
+def supplied() -> tuple[Reconciliation, Rows]:
+    """What is said of an effect that is everywhere."""
+    campaign, rows = with_hidden(ripple)
+    return reconcile(campaign, "matrix-6-thermal", prove=False), rows
+
+
+@pytest.fixture(scope="module")
+def cornered() -> tuple[Reconciliation, Rows]:
+    """What is said of one that is in a corner."""
+    campaign, rows = with_hidden(one_position_cold)
+    return reconcile(campaign, "matrix-6-thermal", prove=False), rows
+
+
+@pytest.mark.parametrize(("said", "hidden"), [("supplied", ripple), ("cornered", one_position_cold)])
+def test_places_are_the_collects_in_which_the_effect_acts(
+    said: str, hidden: Callable[[Rows], np.ndarray], request: pytest.FixtureRequest
+) -> None:
+    """Everywhere or in a corner: the places are the collects where it is large."""
+    result, rows = request.getfixturevalue(said)
     truth = np.abs(hidden(rows))
     found = covered(list(result.disagreements), rows)
     assert agreement(found, truth > 0.25 * truth.max()) > 0.8
 
 
-def test_a_corner_is_one_place_with_the_size_that_is_there() -> None:
+def test_a_corner_is_one_place_with_the_size_that_is_there(cornered: tuple[Reconciliation, Rows]) -> None:
     """One channel, one position, the cold half: one place, by its temperatures, and its size within the error."""
-    campaign, rows = with_hidden(one_position_cold)
-    result = reconcile(campaign, "matrix-6-thermal", prove=False)
+    result, rows = cornered
     assert [(d.where["channel"], d.where["position"]) for d in result.disagreements] == [("RA", "3")]
     place = result.disagreements[0]
     low, high = place.where["temperature_degC"]
@@ -86,10 +94,10 @@ def test_a_corner_is_one_place_with_the_size_that_is_there() -> None:
     assert result.p_value <= place.q_value < 0.01
 
 
-def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first() -> None:
+def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first(supplied: tuple[Reconciliation, Rows]) -> None:
     """The supply is above and below: runs with more on one side, runs with less on the other, for each channel."""
-    campaign, rows = with_hidden(ripple)
-    places = list(reconcile(campaign, "matrix-6-thermal", prove=False).disagreements)
+    result, rows = supplied
+    places = list(result.disagreements)
     sizes = [abs(place.size_deg_per_hr) for place in places]
     assert sizes == sorted(sizes, reverse=True)
     for place in places:
@@ -98,6 +106,7 @@ def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first() -> Non
         assert np.mean(above == (place.size_deg_per_hr * (1 if place.where["channel"] == "RA" else -1) > 0)) > 0.9
 
 
+@pytest.mark.slow
 def test_where_nothing_is_missing_there_are_no_places() -> None:
     """Noise alone."""
     campaign, _ = with_hidden(lambda rows: np.zeros((len(rows), 2)))
@@ -110,34 +119,16 @@ def test_runs_are_said_in_stretches() -> None:
     assert said == "sensor 2, channel RA, runs 1–3, 7"
 
 
-@pytest.mark.slow
-def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are() -> None:
+def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are(
+    cornered: tuple[Reconciliation, Rows],
+) -> None:
     """A page stays readable where an effect has thirty places; the file has them all."""
-    campaign, _ = with_hidden(one_position_cold)
-    result = reconcile(campaign, "matrix-6-thermal", prove=False)
+    result, _ = cornered
     place = result.disagreements[0]
     many = page(replace(result, disagreements=[place] * 30))
     assert many.count("sensor 2, channel RA, position 3") == 12
     assert "and 18 smaller ones, in reconciliation.json" in many
     assert "smaller ones" not in page(result)
-
-
-def scanned(campaign: Campaign) -> list[Disagreement]:
-    """The scan of cells, for a disagreement to which nothing could be added."""
-    problem, tables, _ = posed(campaign, load_model("matrix-6-thermal"), ())
-    known = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-    noises = [estimate_noise(block, table) for block, table in zip(problem.blocks, tables, strict=True)]
-    return disagreements(problem.blocks, noises, known, 0.05, np.random.default_rng(0))
-
-
-def test_a_scan_without_any_effect_finds_the_corner_and_nothing_in_noise() -> None:
-    """The cell of the fault stands out with its size; on noise alone no cell does."""
-    corner, _ = with_hidden(one_position_cold)
-    first = scanned(corner)[0]
-    assert (first.where["channel"], first.where["position"]) == ("RA", "3")
-    assert abs(first.size_deg_per_hr - 9.0) < 3.0 * first.se_deg_per_hr
-    assert first.q_value < 0.01
-    assert not scanned(with_hidden(lambda r: np.zeros((len(r), 2)))[0])
 
 
 def test_false_discovery_rates_are_scipys() -> None:

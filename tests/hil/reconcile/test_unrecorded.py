@@ -14,8 +14,6 @@ from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
 
-DRAWS = 100
-
 
 def with_columns(campaign: Campaign, **columns: FloatArray | None) -> Campaign:
     """The campaign with columns added, replaced, or (None) left out."""
@@ -37,11 +35,13 @@ def warm(rows: Rows) -> np.ndarray:
     return both(rows.temperature - 20.0, 0.12, -0.1)
 
 
+@pytest.mark.slow
 def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> None:
-    """Said in the notes; a bias that follows temperature gets its name, not that of ageing."""
+    """Said in the notes. The setpoint is not the temperature: drift fits about as well, but no name is certain."""
     campaign = with_columns(hidden_campaign(7, warm, thermal=False), temperature_degC=None, dTdt_degC_per_min=None)
-    result = reconcile(campaign, "matrix-6")
-    assert result.effects[0].id == "bias_T"
+    result = reconcile(campaign, "matrix-6", prove=False)
+    assert "bias_T" in names(result)
+    assert result.verdict == "ambiguous"
     assert any("setpoint_degC stands in for it" in note for note in result.notes)
 
 
@@ -76,15 +76,17 @@ def test_two_candidates_for_one_condition_are_not_guessed_between() -> None:
     assert "supply_V" not in with_stand_ins(two).sensors[2].conditions.columns
 
 
+@pytest.mark.slow
 def test_one_run_that_stands_alone_may_be_a_state_or_scatter() -> None:
-    """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and the run is to be repeated."""
+    """A bearing's other state and a turn-on bias are the same in one run: ambiguous, and it is said what parts them."""
     result = reconcile(hidden_campaign(7, lambda r: both(r.run == 6, 9.0, -9.0)), "matrix-6-thermal")
     assert result.verdict == "ambiguous"
     assert {"jump", "turnon"} <= names(result)
     assert result.next_experiment is not None
-    assert "repeat the run" in result.next_experiment["why"]
+    assert "separates jump from turnon" in result.next_experiment["why"]
 
 
+@pytest.mark.slow
 def test_a_rotor_beside_a_constant_has_an_acceleration_sensitivity() -> None:
     """GS and MU together are the restricted g-sensitivity, not a magnet of eighteen times the usual size."""
     result = reconcile(hidden_campaign(7, thermal=False), "constant", prove=False)
@@ -102,6 +104,7 @@ def wrong_signs(rows: Rows) -> np.ndarray:
     return -2.0 * level * np.stack([np.sin(h) * np.cos(theta), np.cos(h)], 1)
 
 
+@pytest.mark.slow
 def test_two_wrong_signs_of_the_earth_rate_lead_over_an_error_of_fifty_times_the_usual_size() -> None:
     """The vertical component, which no collect shows, does not speak against it."""
     campaign = hidden_campaign(7, wrong_signs, thermal=False, headings=(30.0, 120.0, 210.0))
@@ -148,11 +151,10 @@ def test_bursts_are_neither_settling_nor_a_step(effect: SettlingInCollect | Jump
     assert np.mean(np.array(p_values) < 0.001) < 0.004
 
 
+@pytest.mark.slow
 def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
     """In one rising sweep `from run 9 on` and `above 14.8 degC` are one column: another order of temperatures tells."""
-    result = reconcile(
-        hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6"
-    )
+    result = reconcile(hidden_campaign(7, lambda r: both(r.run > 8, 12.0, -11.0), thermal=False), "matrix-6")
     assert result.effects[0].id == "jump"
     assert result.verdict == "ambiguous"
     assert any(rival.id.startswith("empirical: B × temperature_degC>") for rival in result.effects[0].confusable_with)
@@ -163,9 +165,7 @@ def test_a_step_that_is_a_step_of_temperature_too_is_ambiguous() -> None:
 @pytest.mark.slow
 def test_a_step_in_the_middle_of_a_plateau_is_no_step_of_temperature() -> None:
     """From run 8 on, the second of its temperature's two."""
-    result = reconcile(
-        hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6"
-    )
+    result = reconcile(hidden_campaign(7, lambda r: both(r.run > 7, 12.0, -11.0), thermal=False), "matrix-6")
     assert [effect.id for effect in result.effects] == ["jump"]
     assert result.verdict == "named"
     assert result.effects[0].shape_in_words == "from run 8 on"
@@ -192,6 +192,7 @@ def power_cycled(temperatures_per_cycle: int) -> Campaign:
     return with_columns(campaign, time_since_power_on_s=known.start_s - np.array(first))
 
 
+@pytest.mark.slow
 def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
     """Two temperatures in each cycle: what changes is the cycle, not the temperature."""
     result = reconcile(power_cycled(2), "matrix-6", prove=False)
@@ -199,6 +200,7 @@ def test_a_bias_that_changes_with_the_power_cycle_is_a_turn_on_bias() -> None:
     assert result.verdict == "named"
 
 
+@pytest.mark.slow
 def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> None:
     """One cycle at each: ambiguous with bias_T, and several cycles at one temperature are to be measured."""
     result = reconcile(power_cycled(1), "matrix-6", prove=False)

@@ -1,0 +1,227 @@
+"""The evidence is a marginal likelihood: closed forms beside what scipy's densities and a plain refit say."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, multivariate_t
+
+from hil.campaign import Conditions, FloatArray
+from hil.model import load_model
+from hil.model.effects.base import Base, Effect, Parameter, per_channel
+from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
+from hil.reconcile.proof.held_out import _predicted, by_run
+from hil.reconcile.search.fitted import fitted_block
+from hil.reconcile.search.layout import searches
+from hil.reconcile.search.posterior import scatter_odds
+from hil.reconcile.search.problem import pose
+from hil.reconcile.search.sets import AtBest, BlockSearch, SensorSearch, SetInBlock, tied_gain
+from hil.reconcile.search.terms import SECOND_TIER
+from tests.hil.reconcile.hidden_effects import both, hidden_campaign
+
+SMALL = {"temperatures": (-20.0, 20.0, 60.0), "runs_each": 2}
+
+
+class Usual(Effect):
+    """Any bias that follows the supply, three times as usual as another."""
+
+    id = "usual"
+    family = "test"
+    title = "Usual"
+    equation = "B += u (V - 28)"
+    per_channel = True
+    parameters = (Parameter("u", "deg/hr/V", (1.0, 10.0)),)
+    needs = frozenset({"supply_V"})
+    follows = "supply"
+    odds = 3.0
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return volts above 28."""
+        return per_channel(conditions.columns["supply_V"] - 28.0, conditions.sensor)
+
+
+class Unusual(Usual):
+    """Another one, which follows the cube."""
+
+    id = "unusual"
+    odds = 1.0
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the cube of the volts above 28."""
+        return per_channel((conditions.columns["supply_V"] - 28.0) ** 3, conditions.sensor)
+
+
+@pytest.fixture(scope="module")
+def search() -> SensorSearch:
+    """One sensor of six runs, a supply effect hidden, and little else to choose from."""
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 40.0, -36.0), **SMALL)
+    catalogue = (Usual(), Unusual(), effect_by_id("k2"))
+    problem = pose(campaign, load_model("matrix-6-thermal"), catalogue)
+    return searches(problem, (), (variance_effect_by_id("MU_rr"), variance_effect_by_id("rrw")))[2]
+
+
+def term(search: SensorSearch, name: str) -> int:
+    """The place of the first term of a name."""
+    return next(j for j, one in enumerate(search.terms) if one.name == name)
+
+
+def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: bool = True) -> FloatArray:
+    """Log evidence by kind of scatter: Student t densities of the rows beside the base, summed over all that is open.
+
+    `near`: over the sizes about the best of each term alone, as the search does it.
+    """
+    own: BlockSearch = search.blocks[b]
+    points, base = own.points, own.block.base
+    beside = null_space(base.T)
+    y, freedom = beside.T @ own.y, beside.shape[1]
+    # Densities with a flat prior of the base are those of the rows beside it, up to the volume of its columns.
+    volume = 0.5 * freedom * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(base.T @ base)[1]
+    columns, options, best = [], [], search.in_block(chosen, b).best
+    for e, j in enumerate(chosen):
+        part = search.terms[j].parts[b]
+        assert part is not None
+        columns.append(part.columns / own.unit)
+        tried = [
+            (float(w), a.mean, a.deviation * s)
+            for a in search.terms[j].amplitudes[b]
+            for s, w in zip(a.sizes, a.log_weights, strict=True)
+        ]
+        options.append(tried[max(0, best[e] - 2) : best[e] + 3] if near else tried)
+    stacked = beside.T @ np.hstack([np.zeros((len(own.y), 0)), *columns])
+    out = np.full(len(own.noise.kinds) + 1, -np.inf)
+    for t in range(len(points)):
+        noise = own.noise.covariance(
+            int(points.kind[t]), points.amount[t], points.offset[t], points.calibration[t], points.level[t]
+        )
+        noise = beside.T @ noise @ beside
+        white = np.linalg.inv(np.linalg.cholesky(noise))
+        left = white @ y
+        if stacked.shape[1]:
+            left = left - white @ stacked @ np.linalg.lstsq(white @ stacked, left, rcond=None)[0]
+        for (a, strength, weight), picked in itertools.product(own.scales, itertools.product(*options)):
+            scale = (strength + 0.5 * float(left @ left)) / (a + 0.5 * freedom)
+            deviation = np.concatenate([np.zeros(0), *(p[2] for p in picked)])
+            mean = np.concatenate([np.zeros(0), *(p[1] for p in picked)])
+            covariance = noise + (stacked * deviation**2 / scale) @ stacked.T
+            density = multivariate_t.logpdf(y, stacked @ mean, strength / a * covariance, df=2.0 * a)
+            known = np.log(weight) + points.log_prior[t] + sum(p[0] for p in picked)
+            at = int(points.kind[t]) + 1
+            out[at] = np.logaddexp(out[at], density + known + volume)
+    return out
+
+
+@pytest.mark.parametrize("names", [(), ("usual",), ("k2",)])
+def test_the_evidence_is_the_marginal_likelihood(search: SensorSearch, names: tuple[str, ...]) -> None:
+    """Of every kind of scatter, with sums over noise, sizes and scales; sizes far off the best add next to nothing."""
+    chosen = tuple(term(search, name) for name in names)
+    for b, evidence in enumerate(search.evidence(chosen)):
+        expected = brute_force(search, chosen, b)
+        np.testing.assert_array_equal(np.isfinite(evidence), np.isfinite(expected))
+        seen = np.isfinite(expected)
+        assert np.any(seen)
+        np.testing.assert_allclose(evidence[seen], expected[seen], atol=1e-6)
+        np.testing.assert_allclose(evidence[seen], brute_force(search, chosen, b, near=False)[seen], atol=0.3)
+
+
+def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> None:
+    """Sizes of one and of the other are nearly independent given the data: a tenth of a log at most."""
+    chosen = tuple(sorted(term(search, name) for name in ("usual", "k2")))
+    total = logsumexp(search.evidence(chosen)[0])
+    assert total == pytest.approx(logsumexp(brute_force(search, chosen, 0)), abs=0.1)
+
+
+def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
+    """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
+    chosen = (term(search, "usual"), term(search, "k2"))
+    tiny = search.terms[chosen[1]]
+    parts = tuple(None if p is None else replace(p, columns=1e9 * p.columns) for p in tiny.parts)
+    sizes = tuple(tuple(replace(a, deviation=1e-9 * a.deviation) for a in own) for own in tiny.amplitudes)
+    other = replace(tiny, parts=parts, amplitudes=sizes)
+    same = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], tiny)], 0)
+    scaled = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], other)], 0)
+    np.testing.assert_allclose(scaled.terms_log, same.terms_log, atol=1e-6)
+    assert scaled.best == same.best
+    for t in range(len(same.points)):
+        assert scaled.left_at(t) == pytest.approx(same.left_at(t), rel=1e-6)
+
+
+def test_a_scan_says_what_the_evidence_says(search: SensorSearch) -> None:
+    """The quick look at all terms, at fewer points of the noise, puts the hidden one where the evidence does."""
+    usual, noise = term(search, "usual"), term(search, "k2")
+    gain = [sum(logsumexp(e) for e in search.evidence(s)) for s in ((), (usual,), (noise,))]
+    scanned = search.scan(())
+    assert scanned[usual] == pytest.approx(gain[1] - gain[0], abs=1.0)
+    assert scanned[noise] == pytest.approx(gain[2] - gain[0], abs=1.0)
+    assert scanned[usual] > scanned[noise] + 1.0
+
+
+def test_the_odds_before_the_data_are_the_classes(search: SensorSearch) -> None:
+    """Three to one to one, over all shapes and forms of a name, and what nobody has described shares a fifth."""
+    odds = {
+        name: sum(np.exp(t.log_odds) for t in search.terms if t.name == name) for name in ("usual", "unusual", "k2")
+    }
+    k2 = effect_by_id("k2").odds
+    assert odds["usual"] == pytest.approx(3.0 * odds["unusual"])
+    assert odds["k2"] == pytest.approx(k2 * odds["unusual"])
+    assert sum(odds.values()) == pytest.approx(1.0 - SECOND_TIER)
+    names, shares = scatter_odds([search])
+    expected = {e: variance_effect_by_id(e).odds for e in names}
+    assert dict(zip(names, shares, strict=True)) == pytest.approx(
+        {e: o / sum(expected.values()) for e, o in expected.items()}
+    )
+
+
+def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
+    """An amplitude that both blocks share, one that only the first has: normal densities of all rows together."""
+    rng = np.random.default_rng(3)
+    x, z = rng.normal(size=(20, 1)), rng.normal(size=(12, 1))
+    x = np.hstack([x, rng.normal(size=(20, 1))])
+    shared, alone, log_weight = 0.8, 1.7, -1.3
+    y, v = x @ [0.9, -1.0] + rng.normal(size=20), z[:, 0] * 0.9 + rng.normal(size=12)
+    prior = [(log_weight, np.zeros(1), np.array([shared]))]
+    own = [(0.0, np.zeros(1), np.array([alone]))]
+    first = AtBest(x.T @ x, x.T @ y, [(0, 0), (1, 0)], [0, 1], [prior, own], [0, 0], {0: 0.3, 1: 0.0})
+    second = AtBest(z.T @ z, z.T @ v, [(0, 0)], [0], [prior], [0], {0: 0.1})
+
+    def density(rows: FloatArray, columns: FloatArray, deviation: list[float]) -> float:
+        covariance = np.eye(len(rows)) + (columns * np.square(deviation)) @ columns.T
+        return float(multivariate_normal.logpdf(rows, np.zeros(len(rows)), covariance))
+
+    stacked = np.zeros((32, 2))
+    stacked[:20], stacked[20:, 0] = x, z[:, 0]
+    together = density(np.concatenate([y, v]), stacked, [shared, alone]) + log_weight
+    apart = density(y, x, [shared, alone]) + density(v, z, [shared]) + 2.0 * log_weight
+    apart += 0.1  # what other sizes add is in both blocks' evidence, and once in that of the one number
+    assert tied_gain([first, second], [0]) == pytest.approx(together - apart, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["", "MU_rr"])
+def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSearch, kind: str) -> None:
+    """Run by run: base and effect refitted to the other runs by generalised least squares, each error and density."""
+    block = fitted_block(2, search, (term(search, "usual"),), kind, 0)
+    own, folds, noise = block.search.block, by_run(block), block.covariance
+    design = np.hstack([own.base, block.columns])
+    weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
+    seen = 0
+    for fold, predicted in _predicted(block, folds, set()):
+        out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
+        if len(predicted.error) != len(out):
+            continue  # what the others say nothing about is left out of the fold
+        carried = noise[np.ix_(out, rest)] @ np.linalg.inv(noise[np.ix_(rest, rest)])
+        inverse = np.linalg.inv(noise[np.ix_(rest, rest)])
+        spread = np.linalg.inv(design[rest].T @ inverse @ design[rest] + np.diag(weight))
+        values = spread @ design[rest].T @ inverse @ own.y[rest]
+        error = own.y[out] - design[out] @ values - carried @ (own.y[rest] - design[rest] @ values)
+        new = design[out] - carried @ design[rest]
+        covariance = noise[np.ix_(out, out)] - carried @ noise[np.ix_(rest, out)] + new @ spread @ new.T
+        np.testing.assert_allclose(predicted.error, error, rtol=1e-3, atol=1e-3)
+        density = multivariate_normal.logpdf(error, np.zeros(len(out)), covariance)
+        assert predicted.log_density == pytest.approx(density, abs=0.01)
+        seen += 1
+    assert seen >= 4
