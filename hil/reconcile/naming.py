@@ -66,10 +66,14 @@ class Named:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the posterior comes to: the leading set, its names, the chance of a false alarm, what the data follow."""
+    """What the posterior comes to: the leading set, its names, the chance of a false alarm, what the data follow.
+
+    `nothing` is the most probable set of nothing but wrong rows, `mended` that with all mistakes in the data.
+    """
 
     found: Found
     nothing: Found
+    mended: Found
     names: Sequence[Named]
     chance: float
     follows: Sequence[tuple[str, float]]
@@ -100,7 +104,15 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
     names = sorted(names, key=lambda named: -named.probability)
-    return Reading(found, as_filed, names, chance, _follows(posterior) if lead else (), mistakes)
+    return Reading(
+        found,
+        as_filed,
+        unnamed[0] if unnamed else as_filed,
+        names,
+        chance,
+        _follows(posterior) if lead else (),
+        mistakes,
+    )
 
 
 def classes_of(posterior: Posterior, found: Found) -> frozenset[str]:
@@ -166,7 +178,8 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= (LEAST if r.incidental else THINKABLE)]
+    least = {r.name: LEAST if r.incidental or r.name.startswith(NO_NAME) else THINKABLE for r in listed}
+    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= least[r.name]]
     kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:

@@ -125,15 +125,17 @@ def _result(
     verdict = findings.verdict_of(
         names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
-    standing = findings.as_it_stands(model, campaign)
+    standing = findings.as_it_stands(model, campaign, reading)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
     after = model
     if names:
-        record = {named.name: findings.origin(campaign, named, gap) for named in names}
+        of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
+        own = findings.gap_of(of_names, fit, before, chances, reading.chance)
+        record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
-            (posterior.term(n, j).candidate, findings.values_of(fit, n, j))
+            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j))
             for named in names
             for n, js in named.terms.items()
             for j in js
@@ -143,6 +145,8 @@ def _result(
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *findings.mistake_notes(reading, campaign)]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
+    if not any(search.terms for search in posterior.searches.values()):
+        notes.append("nothing could be tested, so that none means nothing: take more runs")
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     return Reconciliation(
@@ -182,7 +186,7 @@ def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Pr
         number, places = next(iter(named.terms.items()))
         candidate = posterior.term(number, places[0]).candidate
         values = np.zeros(candidate.size)
-        for column, (value, _) in findings.values_of(fit, number, places[0]).items():
+        for column, (value, _) in findings.values_of(posterior, fit, number, places[0]).items():
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(np.diag(b.noise_alone())) for b in fit.blocks])))
         rival = rivals[0] if rivals else None

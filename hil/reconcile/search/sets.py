@@ -110,9 +110,16 @@ class SensorSearch:
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[tuple[Group, FloatArray]]] = field(default_factory=list)
 
+    def leading(self) -> list[int]:
+        """Return the places of the terms that explain most, one of each name."""
+        first: dict[str, int] = {}
+        for j in np.argsort(-(self.scan(()) + self.log_odds)).tolist():
+            first.setdefault(self.terms[j].name, j)
+        return list(first.values())[:LEADING]
+
     def refine(self) -> None:
         """Choose the points of the noise anew, so that they serve the leading terms as well as the base alone."""
-        leading = np.argsort(-(self.scan(()) + self.log_odds))[:LEADING].tolist()
+        leading = self.leading()
         for b, block in enumerate(self.blocks):
             parts = [self.terms[j].parts[b] for j in leading]
             block.choose([np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)])
