@@ -14,7 +14,7 @@ what a screening finds is worth a full `reconcile`, nothing more.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile.proof.places import false_discovery
-from hil.reconcile.search.evidence import Beside, log_sum
+from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
@@ -39,7 +39,7 @@ SAME_G = 0.05
 
 @dataclass(frozen=True)
 class UnitFinding:
-    """One unit of a fleet: log odds that something is missing, p-value, q-value over the fleet, leading name and share."""
+    """One unit of a fleet: log odds that something is missing, p-value, q-value over the fleet, the leading name."""
 
     title: str
     statistic: float

@@ -66,10 +66,14 @@ class Named:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the posterior comes to: the leading set, its names, the chance of a false alarm, what the data follow."""
+    """What the posterior comes to: the leading set, its names, the chance of a false alarm, what the data follow.
+
+    `nothing` is the most probable set of nothing but wrong rows, `mended` that with all mistakes in the data.
+    """
 
     found: Found
     nothing: Found
+    mended: Found
     names: Sequence[Named]
     chance: float
     follows: Sequence[tuple[str, float]]
@@ -100,7 +104,15 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
     names = sorted(names, key=lambda named: -named.probability)
-    return Reading(found, as_filed, names, chance, _follows(posterior) if lead else (), mistakes)
+    return Reading(
+        found,
+        as_filed,
+        unnamed[0] if unnamed else as_filed,
+        names,
+        chance,
+        _follows(posterior) if lead else (),
+        mistakes,
+    )
 
 
 def classes_of(posterior: Posterior, found: Found) -> frozenset[str]:
@@ -125,12 +137,16 @@ def _lead(posterior: Posterior, classes: Mapping[int, frozenset[str]], alpha: fl
         weights[classes[id(f)]] = weights.get(classes[id(f)], 0.0) + float(np.exp(f.log_weight))
     lead = max(weights, key=lambda names: weights[names])
     while lead:
-        without = {name: _mass(posterior, lambda f, n=name: classes[id(f)] <= lead - {n}) for name in lead}
+        without = {name: _within(posterior, classes, lead - {name}) for name in lead}
         weakest = max(without, key=lambda name: without[name])
         if without[weakest] <= alpha:
             break
         lead = lead - {weakest}
     return lead
+
+
+def _within(posterior: Posterior, classes: Mapping[int, frozenset[str]], names: frozenset[str]) -> float:
+    return _mass(posterior, lambda f: classes[id(f)] <= names)
 
 
 def _row(posterior: Posterior, number: int, place: int) -> bool:
@@ -162,7 +178,8 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= (LEAST if r.incidental else THINKABLE)]
+    least = {r.name: LEAST if r.incidental or r.name.startswith(NO_NAME) else THINKABLE for r in listed}
+    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= least[r.name]]
     kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:

@@ -70,13 +70,13 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
     number, places = next(iter(named.terms.items()))
     here = conditions[number]
     kin = named.effect.kin_for(here, posterior.term(number, places[0]).candidate.shape)
-    unasked = []
+    unasked: list[tuple[Effect, float, str]] = []
     for name, weight in kin.items():
         effect = effect_by_id(name)
         needs = effect.missing(here)
         if needs or not effect.shape_grid(here):
             record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
-            unasked.append((effect, weight, *(record or [effect.experiment])))
+            unasked.append((effect, weight, record[0] if record else effect.experiment))
     if not unasked:
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))

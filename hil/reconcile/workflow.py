@@ -11,13 +11,13 @@ and what should be measured next.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -54,7 +54,8 @@ def reconcile(
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
     `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the sign flips behind
-    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
+    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError`
+    where the model does not fit the campaign.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -97,7 +98,7 @@ def _result(
     reading: Reading,
     proof: tuple[HeldOut, HeldOut] | None,
     reverted: Sequence[Named],
-    inside: Sequence[Mapping[str, Any]],
+    inside: Sequence[dict[str, Any]],
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -115,24 +116,26 @@ def _result(
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
     gap = findings.gap_of(proof, fit, before, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
-    mistakes = findings.mistakes_found(reading, campaign, fit)
+    mistakes = findings.mistakes_found(reading, campaign)
     within = [
         effect
         for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
     verdict = findings.verdict_of(
-        reading, names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
+        names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
-    standing = findings.as_it_stands(model, campaign)
+    standing = findings.as_it_stands(model, campaign, reading)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
     after = model
     if names:
-        record = {named.name: findings.origin(campaign, named, gap) for named in names}
+        of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
+        own = findings.gap_of(of_names, fit, before, chances, reading.chance)
+        record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
-            (posterior.term(n, j).candidate, findings.values_of(fit, n, j))
+            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j))
             for named in names
             for n, js in named.terms.items()
             for j in js
@@ -142,6 +145,8 @@ def _result(
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *findings.mistake_notes(reading, campaign)]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
+    if not any(search.terms for search in posterior.searches.values()):
+        notes.append("nothing could be tested, so that none means nothing: take more runs")
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     return Reconciliation(
@@ -181,7 +186,7 @@ def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Pr
         number, places = next(iter(named.terms.items()))
         candidate = posterior.term(number, places[0]).candidate
         values = np.zeros(candidate.size)
-        for column, (value, _) in findings.values_of(fit, number, places[0]).items():
+        for column, (value, _) in findings.values_of(posterior, fit, number, places[0]).items():
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(np.diag(b.noise_alone())) for b in fit.blocks])))
         rival = rivals[0] if rivals else None
@@ -210,8 +215,3 @@ def _between(inside: Sequence[FoundEffect]) -> dict[str, Any] | None:
             rivals = " or ".join(rival.id for rival in effect.confusable_with) or "chance"
             return without_collects(f"separates {effect.id} from {rivals}: {effect.experiment}")
     return None
-
-
-def conditions_of(problem: Problem) -> Mapping[int, Conditions]:
-    """Return the conditions of every sensor."""
-    return {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}

@@ -110,8 +110,10 @@ def read_head(folder: Path) -> tuple[int, str] | None:
         while (text := _head_bytes(path)) != _head_bytes(path):
             pass  # it was just being written
         kind, number, link, *signature = words = text.decode().split()
-        whole = kind == "hil.head/1" and [*map(len, signature)] in ([], [64]) and len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE)
-        whole = whole and " ".join(words).ljust(len(text)).encode() == text
+        whole = kind == "hil.head/1" and [*map(len, signature)] in ([], [64])
+        whole = (
+            whole and len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE) and " ".join(words).ljust(len(text)).encode() == text
+        )
         return (int(number), link) if whole else (0, "damaged")
     except (OSError, ValueError, InputError):
         return 0, "damaged"

@@ -61,18 +61,24 @@ class Block:
         return replace(self, base=independent_columns(np.hstack([self.base, extra])))
 
 
-def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:
+def sensor_blocks(
+    number: int, collects: Collects, known: FloatArray, base: FloatArray, *, as_stated: bool = False
+) -> list[Block]:
     """Split one sensor's collects into blocks.
 
     `known` (n, c) is what the model takes as given (earth rate, valued terms), `base` (n, c, p) its fitted columns.
-    Rows without a rate are left out; a sensor whose channels share an excited base column is one block.
+    Rows without a rate are left out; a sensor whose channels share an excited base column is one block. The white noise
+    is weighed by each temperature's own scatter, unless it is to be `as_stated`.
     """
     conditions = collects.conditions
     rates = collects.rates_deg_per_hr - known
     channels = list(range(rates.shape[1]))
     groups = _coupled_channels(base, np.isfinite(rates)) if base.shape[2] else [[channel] for channel in channels]
     rates = rates - _small_couplings(base, rates, groups)
-    return [_block(number, collects, conditions, rates, base, group) for group in groups]
+    blocks = [_block(number, collects, conditions, rates, base, group) for group in groups]
+    if as_stated:
+        return blocks
+    return [replace(b, sigma=b.sigma * _station_scatter(b, conditions.f_g[b.rows])) for b in blocks]
 
 
 def _coupled_channels(base: FloatArray, measured: FloatArray) -> list[list[int]]:
@@ -147,7 +153,7 @@ def _block(
     station = same_temperature(conditions)
     sigma, stated = _stated_sigma(collects.rates_se_deg_per_hr[row, chan])
     random_axes = [2] if conditions.sensor.is_rotor else [0, 1, 2]
-    block = Block(
+    return Block(
         sensor=number,
         rows=row,
         channel=chan,
@@ -160,7 +166,6 @@ def _block(
         station=station[row],
         f_random=conditions.f_g[row][:, random_axes],
     )
-    return block
 
 
 def _stated_sigma(stated: FloatArray) -> tuple[FloatArray, bool]:

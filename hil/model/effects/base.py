@@ -133,7 +133,7 @@ class Described(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
     follows: ClassVar[str] = "pose"
-    """What it follows: time, run, temperature, temperature_rate, temperature_history, pose, supply, heading, or a column."""
+    """What it follows: time, run, temperature, temperature_rate, temperature_history, pose, supply … or a column."""
     signature: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""

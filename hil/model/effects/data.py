@@ -70,9 +70,10 @@ class Mislabelled(Effect):
     experiment = "Look at the accelerometers of that run: G shows which way it stood."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run (−1: all) and which exchange: position pairs in sorted order, then the channels."""
+        """Return the run (−1: all) and which exchange: pairs of its collects (of positions) in order, then the channels."""
         runs = [ALL_RUNS, *(float(run) for run in np.unique(conditions.run))]
-        exchanges = len(_pairs(conditions)) + (len(conditions.sensor.channels) == 2)
+        most = max((len(_collect_pairs(conditions, run)) for run in np.unique(conditions.run)), default=0)
+        exchanges = max(most, len(_pairs(conditions))) + (len(conditions.sensor.channels) == 2)
         return (
             ShapeParameter("run", "", tuple(runs)),
             ShapeParameter("exchange", "", tuple(float(index) for index in range(exchanges))),
@@ -81,21 +82,32 @@ class Mislabelled(Effect):
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return by how much the exchange changes each rate, shape (n, c, 1)."""
         base = required_base(self, base)
-        rows = np.ones(len(conditions), dtype=bool) if shape["run"] == ALL_RUNS else conditions.run == shape["run"]
-        pairs = _pairs(conditions)
-        exchange = int(shape["exchange"])
-        change = np.zeros_like(base.rates)
+        everywhere = shape["run"] == ALL_RUNS
+        rows = np.ones(len(conditions), dtype=bool) if everywhere else conditions.run == shape["run"]
+        exchange, change = int(shape["exchange"]), np.zeros_like(base.rates)
+        pairs = _pairs(conditions) if everywhere else _collect_pairs(conditions, shape["run"])
         if exchange >= len(pairs):
-            change[rows] = base.rates[rows][:, ::-1] - base.rates[rows]
+            last = [s for s in self.shapes_for(conditions) if s.name == "exchange"][0].grid[-1]
+            if base.rates.shape[1] == 2 and exchange == last:
+                change[rows] = base.rates[rows][:, ::-1] - base.rates[rows]
             return change[..., None]
-        axes = conditions.sensor.channel_axes
+        axes, w = conditions.sensor.channel_axes, np.nan_to_num(conditions.w_deg_per_hr)
+        labels = conditions.position if everywhere else conditions.collect
         for label, other in (pairs[exchange], pairs[exchange][::-1]):
-            here = rows & (conditions.position == label)
-            there = conditions.position == other
+            here, there = rows & (labels == label), (labels == other) & (rows | everywhere)
             f = conditions.f_g[there].mean(axis=0) - conditions.f_g[here]
-            w = np.nan_to_num(conditions.w_deg_per_hr)
             change[here] = pickoff_rates(0.0, base.k[here], f, (w[there].mean(axis=0) - w[here])[:, axes])
         return change[..., None]
+
+
+def _collect_pairs(conditions: Conditions, run: float) -> list[tuple[int, int]]:
+    """Pairs of collects of one run that stand in different positions, by number."""
+    rows = np.flatnonzero(conditions.run == run)
+    return [
+        (int(conditions.collect[i]), int(conditions.collect[j]))
+        for i, j in itertools.combinations(rows.tolist(), 2)
+        if conditions.position[i] != conditions.position[j]
+    ]
 
 
 def _pairs(conditions: Conditions) -> list[tuple[str, str]]:

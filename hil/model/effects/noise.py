@@ -108,7 +108,7 @@ class Jump(Effect):
         return {**kin, **of_a_first_run} if shape.get("from_run") in second else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run from which the step holds, for how many runs (0: to the end), after how many of its collects."""
+        """Return the run from which the step holds, for how many runs (0: to the end), after how many collects."""
         runs = tuple(float(run) for run in np.unique(conditions.run))
         held = (0.0, 1.0) if len(runs) > _FEW_RUNS + 1 else (0.0,)
         places = int(_place_among_collects(conditions).max(initial=0)) + 1
@@ -281,7 +281,6 @@ class TurnOnBias(VarianceEffect):
 
     id = "turnon"
     family = "noise"
-    follows = "run"
     follows = "run"
     title = "Turn-on bias"
     equation = "B of power cycle k = B + N(0, s_b)"

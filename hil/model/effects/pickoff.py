@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,8 @@ from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, above_refer
 
 MILLI = 1e-3
 PPM = 1e-6
+TURNED = 0.02
+"""Probability that a channel whose scale is off has its sign turned."""
 
 
 def turned_pair(rates: FloatArray) -> FloatArray:
@@ -75,6 +77,15 @@ class ScaleFactor(Effect):
             return declared
         labels = channel_labels(conditions.sensor)
         return tuple(replace(item, name=f"{item.name}_{label}") for item in declared for label in labels)
+
+    def known_amplitudes(
+        self, conditions: Conditions, site: Mapping[str, float]
+    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+        """Return a sign that is turned, of each channel that has a scale of its own: minus two million ppm."""
+        own = len(self.parameters_for(conditions)) // 2
+        usual = np.repeat([parameter.typical[1] for parameter in self.parameters], own)
+        turned = [-2.0 / PPM * (np.arange(2 * own) == channel) for channel in range(own if own > 1 else 0)]
+        return tuple((TURNED, mean, usual) for mean in turned)
 
     def accepts(self, parameter: str) -> bool:
         """Whether it is e or de_dT, with or without a channel."""

@@ -21,7 +21,6 @@ from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Gap, Rival
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
-from hil.reconcile.search.terms import Term
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -58,7 +57,7 @@ def gap_of(
     )
 
 
-def verdict_of(reading: Reading, names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
+def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:
     """Return the verdict of all that was found, in averages and inside collects: the least certain kind among them."""
     if unresolved:
         return "unresolved"
@@ -78,7 +77,7 @@ def described(
     parameters = [
         p
         for n, j in pairs
-        for p in described_parameters(posterior.term(n, j).candidate, values_of(fit, n, j), conditions[n])
+        for p in described_parameters(posterior.term(n, j).candidate, values_of(posterior, fit, n, j), conditions[n])
     ]
     parameters += [
         {"name": f.parameter.name, "value": f.value, "se": f.se, "unit": f.parameter.unit, "at": "", "sensor": f.sensor}
@@ -107,9 +106,11 @@ def described(
     )
 
 
-def values_of(fit: Fitted, number: int, place: int) -> Values:
-    """Return the values and errors of a term's columns."""
-    return {key[2]: fit.value(key) for key in fit.keys if key[:2] == (number, place)}
+def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:
+    """Return the values and errors of a term's columns, in their own units."""
+    scale = posterior.term(number, place).scale
+    own = {key[2]: fit.value(key) for key in fit.keys if key[:2] == (number, place)}
+    return {k: (value / float(scale[k]), error / float(scale[k])) for k, (value, error) in own.items()}
 
 
 def _physics(effect: Described | None) -> str:
@@ -119,7 +120,7 @@ def _physics(effect: Described | None) -> str:
     return f"{text} {effect.signature}".strip()
 
 
-def mistakes_found(reading: Reading, campaign: Campaign, fit: Fitted) -> list[FoundEffect]:
+def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
     """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
     out = [
         FoundEffect(
@@ -235,7 +236,7 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
             conditions = campaign.sensors[n].conditions
             row, channels = int(term.candidate.shape["row"]), list(conditions.sensor.channels)
             single = term.candidate.shape.get("channel")
-            for column, (value, error) in values_of(fit, n, j).items():
+            for column, (value, error) in values_of(posterior, fit, n, j).items():
                 out.append(
                     {
                         "sensor": n,
@@ -333,13 +334,16 @@ def picture(fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions]) -
     return {"rows": rows}
 
 
-def as_it_stands(model: Model, campaign: Campaign) -> dict[str, Any] | None:
-    """How far the rates are from a model with values, before anything is fitted; None for a built-in."""
+def as_it_stands(model: Model, campaign: Campaign, reading: Reading) -> dict[str, Any] | None:
+    """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in."""
     squares, rows, worst = 0.0, 0, 0.0
-    for collects in campaign.sensors.values():
+    for number, collects in campaign.sensors.items():
         if not model.has_values(collects.conditions.sensor):
             return None
         error = collects.rates_deg_per_hr - model.rates(collects.conditions)
+        for n, term in reading.mistakes:
+            if n == number and term.candidate.effect is not None:
+                error = error - term.candidate.columns[:, :, 0]
         error = error[np.isfinite(error)]
         squares, rows = squares + float(error @ error), rows + len(error)
         worst = max(worst, float(np.abs(error).max(initial=0.0)))

@@ -16,7 +16,6 @@ from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import POWERS, Candidate
-from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.identifiability import smallest_fit
 from hil.solve.temperatures import same_temperature

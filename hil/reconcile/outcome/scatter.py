@@ -124,8 +124,9 @@ def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[D
 def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say where the averages scatter by more than their standard errors, one sentence per channel."""
     return [
-        f"sensor {n['sensor']}, {n['channel']}: the averages scatter {n['observed_deg_per_hr'] / n['stated_deg_per_hr']:.2g} "
-        f"times as much as their standard errors say, by {n['observed_deg_per_hr']:.3g} deg/hr"
+        f"sensor {n['sensor']}, {n['channel']}: the averages scatter "
+        f"{n['observed_deg_per_hr'] / n['stated_deg_per_hr']:.2g} times as much as their standard errors say, "
+        f"by {n['observed_deg_per_hr']:.3g} deg/hr"
         for n in noise
         if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["stated_deg_per_hr"]
     ]

@@ -123,7 +123,7 @@ def separation(
 
 
 def _signal(leader: Fitting, conditions: Conditions, base: Base) -> FloatArray:
-    """The leader's fitted effect on the rows of an enlarged design, (n, c): by name, as that may have more parameters."""
+    """The leader's fitted effect on the rows of an enlarged design, (n, c), which may have more parameters: by name."""
     columns = leader.candidate.rebuilt(conditions, base)
     if leader.candidate.form != "constant" or leader.candidate.effect is None:
         return np.asarray(columns @ leader.values)

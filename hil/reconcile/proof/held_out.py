@@ -35,7 +35,7 @@ class Predicted:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Squared errors by fold, (f,): raw and standardised, before and after; rows, and log densities before and after."""
+    """By fold: squared errors, raw and standardised, and log densities, each before and after, (2, f); rows (f,)."""
 
     raw: FloatArray
     scaled: FloatArray
@@ -142,7 +142,7 @@ def _predicted(block: FittedBlock, folds: IntArray, wrong: set[int]) -> Iterator
         factor = np.linalg.cholesky(0.5 * (covariance + covariance.T))
         white = np.linalg.solve(factor, error)
         density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor)))) - 0.919 * len(rows)
-        yield int(fold), Predicted(density, error, factor)
+        yield int(fold), Predicted(density, error, np.asarray(factor, dtype=np.float64))
 
 
 def by_run(block: FittedBlock) -> IntArray:

@@ -45,8 +45,8 @@ class Amplitude:
 class Beside:
     """Rows whitened at every point, (t, N), with a base projected out, and what is left of the data there.
 
-    `basis` (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_base` (t,) the log
-    determinants.
+    `basis` (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_base` (t,) the
+    log determinants.
     """
 
     points: Points
@@ -167,7 +167,7 @@ def log_factors(beside: Beside, groups: Sequence[tuple[Group, FloatArray]], coun
 
 def _within(beside: Beside, white: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Inner products within each of `count` candidates (t, j, q, q) beside the base, and scores (t, j, q)."""
-    points, rows, wide = white.shape
+    points, _, wide = white.shape
     size = wide // count
     across = np.swapaxes(beside.basis, 1, 2) @ white
     score = np.einsum("tnk,tn->tk", white, beside.residual).reshape(points, count, size)

@@ -1,4 +1,4 @@
-"""The most probable set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
+"""A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class FittedBlock:
     def noise_alone(self) -> FloatArray:
         """Return the covariance (N, N) without values per temperature, which are no noise."""
         own = self.search.noise
-        return self.covariance - self.point["calibration"] ** 2 * own.unit * self.scale * own.by_temperature
+        return np.asarray(self.covariance - self.point["calibration"] ** 2 * own.unit * self.scale * own.by_temperature)
 
     def predictive(self) -> FloatArray:
         """Return the covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes."""
@@ -113,7 +113,7 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
     _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
-    left, scale = weighed.left_at(t)
+    scale = weighed.left_at(t)[1]
     point = (
         own.points.kind[t],
         own.points.amount[t],

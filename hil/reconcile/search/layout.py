@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hil.model.effects.base import Effect, VarianceEffect
-from hil.reconcile.search.candidates import Candidate
-from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.problem import TEMPERATURE_FREE, Problem, SensorProblem
+from hil.reconcile.search.candidates import Candidate, effect_columns
+from hil.reconcile.search.noise import FEWEST_RUNS, Noise
+from hil.reconcile.search.problem import LEAST_FREEDOM, TEMPERATURE_FREE, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
 from hil.reconcile.search.terms import terms, wrong_rows
 from hil.solve.rows import Block
+
+BETWEEN = (0.25, 0.5, 0.75)
+"""Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
+BEYOND = 1.6
+"""By this factor a shape may lie outside its grid."""
 
 
 def searches(
@@ -37,11 +43,18 @@ def _search(
     conditions = sensor.collects.conditions
     free = problem.model.form in TEMPERATURE_FREE and sensor.given is None
     stated = problem.model.stated_covariance(conditions)
+    testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
     laid = []
     for block in blocks:
         place = block.rows * len(conditions.sensor.channels) + block.channel
         own = None if stated is None else stated[np.ix_(place, place)]
-        laid.append(BlockSearch.of(block, Noise(block, conditions, scatter, calibrated=free, stated=own)))
+        laid.append(
+            BlockSearch.of(
+                block, Noise(block, conditions, scatter if testable else (), calibrated=free and testable, stated=own)
+            )
+        )
+    if not testable:
+        return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
     candidates += [*wrong_rows(sensor.number, blocks, conditions), *_exchanges(sensor, mislabelled)]
     site = problem.campaign.site
@@ -49,12 +62,39 @@ def _search(
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     search = SensorSearch(laid, terms(candidates, blocks, noise, known))
     search.refine()
+    for place in search.leading():
+        parent = search.terms[place]
+        finer = list(_between(sensor, parent.candidate)) if parent.tier == 1 else []
+        share = float(np.log(len(finer) + 1.0))
+        search.terms += [replace(t, log_odds=parent.log_odds - share) for t in terms(finer, blocks, noise, known)]
+    search.forget()
     return search
+
+
+def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:
+    """Yield a candidate at values of its continuous shape between the point of the grid that fits best and the next."""
+    effect = candidate.effect
+    shape = None if effect is None else next((s for s in effect.shapes if s.continuous), None)
+    if effect is None or shape is None or candidate.form != "constant":
+        return
+    conditions, grid = sensor.collects.conditions, shape.grid
+    place = grid.index(candidate.shape[shape.name])
+    nearest = [grid[k] if 0 <= k < len(grid) else None for k in (place - 1, place + 1)]
+    for beyond, other in zip((1.0 / BEYOND, BEYOND), nearest, strict=True):
+        factor = beyond if other is None else other / grid[place]
+        for part in BETWEEN:
+            value = {**candidate.shape, shape.name: grid[place] * factor**part}
+            columns = effect_columns(
+                effect, conditions, sensor.base_beside(effect, value), value, candidate.before_degC
+            )
+            yield replace(candidate, shape=value, columns=columns)
 
 
 def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
     """Yield one candidate per exchange of labels in one run: its columns are what the exchange would change."""
     conditions = sensor.collects.conditions
+    if len(np.unique(conditions.run)) < FEWEST_RUNS:
+        return  # the other runs cannot say what a run should have shown
     for effect in (e for e in mislabelled if not e.in_models):
         if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue

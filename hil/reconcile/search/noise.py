@@ -164,7 +164,9 @@ class Noise:
         covariances = np.array([self.covariance(int(k), *row[1:5]) for k, row in zip(kind, rows, strict=True)])
         factor = np.linalg.cholesky(covariances)
         half = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-        return Points(kind, *columns[1:6], np.linalg.inv(factor), half)
+        amount, offset, calibration, level, log_prior = columns[1:6]
+        inverse = np.asarray(np.linalg.inv(factor), dtype=np.float64)
+        return Points(kind, amount, offset, calibration, level, log_prior, inverse, half)
 
 
 def joined_points(first: Points, second: Points) -> Points:

@@ -127,7 +127,7 @@ def _kinds(search: SensorSearch, chosen: Set) -> FloatArray:
     """Log weight of a set by kind of scatter, (names + 1,): ordinary first, each kind with its odds."""
     names, odds = scatter_odds([search])
     shares = shared_evidence(search, chosen, names)
-    return shares + np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)]))
+    return np.asarray(shares + np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)])))
 
 
 def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[float]]:
@@ -138,7 +138,7 @@ def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[floa
 
 
 def shared_evidence(search: SensorSearch, chosen: Set, names: Sequence[str]) -> FloatArray:
-    """Log evidence of a set, given ordinary noise or that a kind exists, (names + 1,): each block may have it or not."""
+    """Log evidence of a set by kind, ordinary noise first, (names + 1,): each block may have a kind or not."""
     out = np.zeros(len(names) + 1)
     for block, by_kind in zip(search.blocks, search.evidence(chosen), strict=True):
         ordinary = by_kind[0]
@@ -186,7 +186,8 @@ def _log_prior(
     chosen: Mapping[int, Set], searches: Mapping[int, SensorSearch], askable: Mapping[int, set[str]]
 ) -> float:
     """Log prior odds of a combination: one price for a name, and whether each sensor that may have it does."""
-    total, own = 0.0, {}
+    total = 0.0
+    own: dict[str, dict[int, list[Term]]] = {}
     for number, places in chosen.items():
         for j in places:
             term = searches[number].terms[j]

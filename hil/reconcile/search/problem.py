@@ -22,7 +22,7 @@ from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.reconcile.search.terms import UNSEEN
-from hil.solve.identifiability import independent_columns, kept_shares, orthonormal, smallest_fit
+from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
@@ -116,7 +116,7 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         sensor = _sensor(number, collects, model, form)
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns)
+        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns, as_stated=True)
     bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
     if any(bears):
         notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]

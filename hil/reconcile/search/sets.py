@@ -58,7 +58,7 @@ class BlockSearch:
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
-        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary is not out of the question."""
+        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary may be."""
         unit = float(np.sqrt(noise.unit))
         y = block.y / unit
         scales = HOLDS if block.sigma_stated else UNKNOWN
@@ -67,7 +67,11 @@ class BlockSearch:
         log_null = ordinary.log_prior + beside.log_null()
         good = log_null > log_null.max() - 2.0 * DEPTH
         levels, wide = np.unique(ordinary.level[good]), np.unique(ordinary.calibration[good])
-        every = joined_points(ordinary, noise.scattering(levels, wide, ordinary)) if noise.kinds else ordinary
+        every = (
+            joined_points(ordinary, noise.scattering(levels.tolist(), wide.tolist(), ordinary))
+            if noise.kinds
+            else ordinary
+        )
         out = cls(block, noise, every, every, scales, y, unit, beside, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(y), 0))])
         return out
@@ -106,9 +110,16 @@ class SensorSearch:
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[tuple[Group, FloatArray]]] = field(default_factory=list)
 
+    def leading(self) -> list[int]:
+        """Return the places of the terms that explain most, one of each name."""
+        first: dict[str, int] = {}
+        for j in np.argsort(-(self.scan(()) + self.log_odds)).tolist():
+            first.setdefault(self.terms[j].name, j)
+        return list(first.values())[:LEADING]
+
     def refine(self) -> None:
         """Choose the points of the noise anew, so that they serve the leading terms as well as the base alone."""
-        leading = np.argsort(-(self.scan(()) + self.log_odds))[:LEADING].tolist()
+        leading = self.leading()
         for b, block in enumerate(self.blocks):
             parts = [self.terms[j].parts[b] for j in leading]
             block.choose([np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)])
@@ -187,7 +198,9 @@ class SetInBlock:
     @classmethod
     def of(cls, search: BlockSearch, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
         """Weigh the members' parts in block `b` together."""
-        columns, owner, options, places, present = [], [], [], [], []
+        columns: list[FloatArray] = []
+        owner: list[tuple[int, int]] = []
+        options, places, present = [], [], []
         for j, term in members:
             part = term.parts[b]
             if part is None:

@@ -1,8 +1,8 @@
 """What may be beside the base in one sensor, as its blocks of rows show it: effects, terms without a name, mistakes.
 
 A term has columns in every block, a prior of its amplitudes, and odds before the data. An effect's are its class's; a
-term of the second tier shares what is left for what nobody has described; rows, runs and labels that are wrong are terms
-like any other, and compete with them.
+term of the second tier shares what is left for what nobody has described; rows, runs and labels that are wrong are
+terms like any other, and compete with them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class Part:
 class Term:
     """Something that may be beside the base of one sensor. `parts` has one entry per block, None where it has none.
 
-    `log_odds` are those of this very shape and form against nothing. `ties` says that a parameter acts on several blocks.
+    Columns are of unit size, so that no unit matters: `scale` (p,) is what those of the candidate were divided by.
+    `log_odds` are those of this very shape and form against nothing; `ties`: a parameter acts on several blocks.
     """
 
     name: str
@@ -61,12 +62,13 @@ class Term:
     candidate: Candidate
     parts: tuple[Part | None, ...]
     amplitudes: tuple[tuple[Amplitude, ...], ...]
+    scale: FloatArray
     log_odds: float
     ties: bool = False
 
     @property
     def follows(self) -> str:
-        """What it follows: its effect's driver, the condition of a term without a name; temperature where that moves it."""
+        """What it follows: its effect's driver, a nameless term's condition; temperature where that moves it."""
         if self.candidate.form != "constant":
             return "temperature"
         effect = self.candidate.effect
@@ -89,20 +91,26 @@ def terms(
     `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
     """
     bases = [orthonormal(block.base) for block in blocks]
-    laid = [(c, [_part(c, block, base) for block, base in zip(blocks, bases, strict=True)]) for c in candidates]
-    values = {id(c.effect): any(parts) for c, parts in laid if c.effect is not None and c.form == "constant"}
+    scales = [_root_mean_square(c.columns) for c in candidates]
+    laid = [
+        (c, scale, [_part(c, scale, block, base) for block, base in zip(blocks, bases, strict=True)])
+        for c, scale in zip(candidates, scales, strict=True)
+    ]
+    values = {id(c.effect): any(parts) for c, _, parts in laid if c.effect is not None and c.form == "constant"}
     seen = [
-        (c, parts)
-        for c, parts in laid
+        (c, scale, parts)
+        for c, scale, parts in laid
         if any(parts) and (c.form != "table" or values.get(id(c.effect), False))  # else it is no law of temperature
     ]
     out = []
-    for (candidate, parts), odds in zip(seen, _prior_odds([c for c, _ in seen]), strict=True):
-        amplitudes = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
+    for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen]), strict=True):
+        physical = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
+        amplitudes = [replace(a, mean=a.mean * scale, deviation=a.deviation * scale) for a in physical]
         own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
-        out.append(Term(candidate.name, candidate.tier, candidate, tuple(parts), own, float(np.log(odds)), ties))
+        log_odds = float(np.log(odds))
+        out.append(Term(candidate.name, candidate.tier, candidate, tuple(parts), own, scale, log_odds, ties))
     return _undescribed(out, bases)
 
 
@@ -149,9 +157,14 @@ def _form_weight(candidate: Candidate) -> float:
     return PLAIN if candidate.form == plain else 1.0
 
 
-def _part(candidate: Candidate, block: Block, base: FloatArray) -> Part | None:
-    columns = block.select(candidate.columns)
-    largest = np.sqrt(np.mean(candidate.columns**2, axis=0)).max(axis=0)
+def _root_mean_square(columns: FloatArray) -> FloatArray:
+    rms = np.sqrt(np.mean(columns**2, axis=(0, 1)))
+    return np.where(rms > 0.0, rms, 1.0)
+
+
+def _part(candidate: Candidate, scale: FloatArray, block: Block, base: FloatArray) -> Part | None:
+    columns = block.select(candidate.columns) / scale
+    largest = np.sqrt(np.mean(candidate.columns**2, axis=0)).max(axis=0) / scale
     here = np.sqrt(np.mean(columns**2, axis=0))
     acts = np.flatnonzero((here > TIES * largest) & (here > 0.0))
     if not len(acts):
@@ -185,8 +198,7 @@ def _amplitudes(
 
 def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The middle of each parameter's typical range, and how many times that it may be, with log weights."""
-    rms = np.sqrt(np.mean(candidate.columns**2, axis=(0, 1)))
-    rms = np.where(rms > 0.0, rms, 1.0)
+    rms = _root_mean_square(candidate.columns)
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = Parameter("", "", (0.5 * noise, 50.0 * noise))
@@ -203,7 +215,9 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
     count = int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP)))
     values = 0.1 * low * STEP ** np.arange(count + 1)
     log_weights = np.array([typical.log_density(float(v)) for v in values])
-    return middle, values / start, log_weights - np.logaddexp.reduce(log_weights)
+    sizes = np.asarray(values / start, dtype=np.float64)
+    weights = np.asarray(log_weights - np.logaddexp.reduce(log_weights), dtype=np.float64)
+    return np.asarray(middle, dtype=np.float64), sizes, weights
 
 
 def _dilution(candidate: Candidate) -> float:
