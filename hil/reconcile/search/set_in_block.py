@@ -19,7 +19,7 @@ ROUNDS = 4
 
 @dataclass
 class SetInBlock:
-    """A set of terms in one block: inner products (t, k, k) and (t, k), log evidence (t,), and the sizes that are best."""
+    """A set of terms in one block: inner products (t, k, k) and (t, k), log evidence (t,), the sizes that are best."""
 
     beside: Beside
     points: Points

@@ -40,7 +40,7 @@ Set = tuple[int, ...]
 
 @dataclass
 class BlockSearch:
-    """One block: its rows `y` (N,) in units of its noise, the points at which it is weighed, and those scanned, (t,)."""
+    """One block: its rows `y` (N,) in units of its noise, the points at which it is weighed, those scanned (t,)."""
 
     block: Block
     noise: Noise
