@@ -20,13 +20,14 @@ from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import read_series
 from hil.model.effects.base import SeriesEffect, SeriesFinding
 from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.series import Ramp
 from hil.reconcile.result import FoundEffect, Rival
 
 _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
 _CERTAIN = 0.8
-RAMP = "drift"
+RAMP = Ramp.id
 """A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
 

@@ -102,6 +102,7 @@ class FoundEffect:
     experiment: str = ""
     inside_collects: bool = False
     acts_on: str = "mean"
+    mends_labels: bool = False
 
     @property
     def shape_in_words(self) -> str:

@@ -24,7 +24,7 @@ from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
-from hil.reconcile.outcome import findings, scatter
+from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
@@ -116,14 +116,14 @@ def _result(
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
     gap = findings.gap_of(proof, fit, before, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
-    mistakes = findings.mistakes_found(reading, campaign)
+    wrong = mistakes.mistakes_found(reading, campaign)
     within = [
         effect
         for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
     verdict = findings.verdict_of(
-        names, [*mistakes, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
+        names, [*wrong, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
     standing = findings.as_it_stands(model, campaign, reading)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
@@ -143,7 +143,7 @@ def _result(
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.point["calibration"])
         after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
-    notes = [*campaign.warnings, *problem.notes, *findings.mistake_notes(reading, campaign)]
+    notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     if not any(search.terms for search in posterior.searches.values()):
         notes.append("nothing could be tested, so that none means nothing: take more runs")
@@ -154,18 +154,18 @@ def _result(
         model_before=model.title,
         verdict=verdict,
         disagreements=[
-            *findings.mistake_places(reading, campaign, fit),
+            *mistakes.mistake_places(reading, campaign, fit),
             *where,
             *scatter.places(of_scatter, reading.chance),
         ],
-        effects=[*mistakes, *results, *within],
+        effects=[*wrong, *results, *within],
         gap=gap,
         false_alarm_rate=alpha,
         p_value=reading.chance,
-        next_experiment=_next(names, posterior, fit, problem) or _between(within) or findings.look_up(reading),
+        next_experiment=_next(names, posterior, fit, problem) or _between(within) or mistakes.look_up(reading),
         model_after=after,
         input_model=model,
-        outliers=findings.outliers_found(reading, campaign, fit, posterior),
+        outliers=mistakes.outliers_found(reading, campaign, fit, posterior),
         within_collects=inside,
         as_it_stands=standing,
         notes=notes,

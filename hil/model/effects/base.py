@@ -217,6 +217,12 @@ class Effect(Described):
     plain_form: ClassVar[str] = "constant"
     """What its values most probably are over temperature: "line" where its name means that a term follows it."""
 
+    series_in_temperature: ClassVar[bool] = False
+    """Whether it follows temperature as a series in its powers, the third included."""
+
+    recurring: ClassVar[bool] = False
+    """Whether it may be there more than once, each time in a shape of its own."""
+
     came_from_degC: ClassVar[tuple[float, ...]] = ()
     """Of what remembers temperature: where the unit may have come from before its first collect."""
 
@@ -242,6 +248,14 @@ class Effect(Described):
         `base` is needed by effects that act on the existing terms (scale factor, phase, tilt); `shape` gives a value
         for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
+
+    def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
+        """Whether it can be missing from a model whose form has these parameters."""
+        return True
+
+    def kept_over_temperature(self, parameters: Sequence[Parameter], sensor: Sensor) -> tuple[int, ...]:
+        """Return the places of the parameters that, following temperature, are not another effect's."""
+        return tuple(range(len(parameters)))
 
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
         """Return what of `kin`, and what else, has the history in time that it has at this shape."""

@@ -70,7 +70,7 @@ class Mislabelled(Effect):
     experiment = "Look at the accelerometers of that run: G shows which way it stood."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run (−1: all) and which exchange: pairs of its collects (of positions) in order, then the channels."""
+        """Return the run (−1: all) and which exchange: pairs of collects (or positions), then the channels."""
         runs = [ALL_RUNS, *(float(run) for run in np.unique(conditions.run))]
         most = max((len(_collect_pairs(conditions, run)) for run in np.unique(conditions.run)), default=0)
         exchanges = max(most, len(_pairs(conditions))) + (len(conditions.sensor.channels) == 2)
@@ -87,7 +87,7 @@ class Mislabelled(Effect):
         exchange, change = int(shape["exchange"]), np.zeros_like(base.rates)
         pairs = _pairs(conditions) if everywhere else _collect_pairs(conditions, shape["run"])
         if exchange >= len(pairs):
-            last = [s for s in self.shapes_for(conditions) if s.name == "exchange"][0].grid[-1]
+            last = self.shapes_for(conditions)[1].grid[-1]
             if base.rates.shape[1] == 2 and exchange == last:
                 change[rows] = base.rates[rows][:, ::-1] - base.rates[rows]
             return change[..., None]

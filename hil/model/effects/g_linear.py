@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class Bias(Effect):
     confusable_with = ("bias_T", "turnon", "k2")
     known_as = "bias_T"
     followed_title = "Bias that follows temperature"
+    series_in_temperature = True
     may_follow_temperature = True
     experiment = "None needed: every set of collects gives it, unless all stand the same way up."
 
@@ -206,6 +207,10 @@ class LinearSensitivity(Effect):
         """Return GXX, GXY, …: row by channel, column by axis."""
         unit = self.parameters[0].for_sensor(conditions.sensor, technology)
         return tuple(Parameter(name, unit.unit, unit.typical) for name in sensitivity_names(conditions.sensor))
+
+    def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
+        """Not beside a rotor's GS: its isotropy says what else there is."""
+        return not (sensor.is_rotor and any(name.startswith("GS") for name in parameters))
 
     def accepts(self, parameter: str) -> bool:
         """Whether it looks like an element of G."""

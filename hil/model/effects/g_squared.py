@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -39,6 +39,11 @@ class SquaredAcceleration(Effect):
     def accepts(self, parameter: str) -> bool:
         """Whether it looks like k, two axes, and a channel."""
         return parameter.startswith("k") and "_" in parameter
+
+    def kept_over_temperature(self, parameters: Sequence[Parameter], sensor: Sensor) -> tuple[int, ...]:
+        """Return the square along the last axis: all squares together, following temperature, are a bias."""
+        axis = sensor.axes[-1]
+        return tuple(k for k, p in enumerate(parameters) if p.name.startswith(f"k{axis}{axis}"))
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return each product of components for each channel."""

@@ -93,6 +93,7 @@ class Jump(Effect):
     follows = "time"
     title = "Bearing or retainer jump"
     equation = "B += J from run r on, or in run r alone"
+    recurring = True
     per_channel = True
     parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
     signature = "A step between two runs, at no particular temperature; two states if it comes back."

@@ -57,6 +57,7 @@ class BiasTemperature(Effect):
     )
     confusable_with = ("turnon", "ageing", "demod", "supply", "T_lag")
     plain_form = "line"
+    series_in_temperature = True
     odds = 3.0
     kin = MappingProxyType({"demod": _UNUSUAL, "warmup": _UNUSUAL})
     experiment = "Revisit every temperature from both directions and on another day."

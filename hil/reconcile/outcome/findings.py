@@ -17,8 +17,7 @@ from hil.reconcile.naming import NO_NAME, Named, Reading
 from hil.reconcile.outcome.improve import Values, described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.proof.held_out import HeldOut
-from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Gap, Rival, runs_in_words, without_collects
-from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.result import FoundEffect, Gap, Rival
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
 
@@ -100,7 +99,7 @@ def described(
         kind=named.kind,
         shape=shape,
         sensors=sorted(named.terms) or sorted({f.sensor for f in scatter}),
-        physics=_physics(named.effect if named.name != NO_NAME else None),
+        physics=physics(named.effect if named.name != NO_NAME else None),
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
     )
@@ -113,156 +112,12 @@ def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Val
     return {k: (value / float(scale[k]), error / float(scale[k])) for k, (value, error) in own.items()}
 
 
-def _physics(effect: Described | None) -> str:
+def physics(effect: Described | None) -> str:
+    """Return what the class of an effect says of it."""
     if effect is None:
         return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
     text = " ".join((type(effect).__doc__ or "").split())
     return f"{text} {effect.signature}".strip()
-
-
-def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
-    """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
-    out = [
-        FoundEffect(
-            id=term.name,
-            title=term.candidate.title,
-            equation=_exchange(term.candidate, campaign),
-            parameters=[],
-            probability=1.0,
-            confusable_with=[],
-            kind="named",
-            shape=term.candidate.shape,
-            sensors=(number,),
-            physics=_physics(term.candidate.effect),
-            experiment=getattr(term.candidate.effect, "experiment", ""),
-        )
-        for number, term in reading.mistakes
-        if term.name == "swap"
-    ]
-    runs = wrong_runs(reading)
-    if runs:
-        numbers = runs_in_words(sorted({run for _, _, run in runs}))
-        many = "runs" in numbers
-        out.append(
-            FoundEffect(
-                id=f"empirical: {numbers}",
-                title=f"{numbers.capitalize()} {'do' if many else 'does'} not agree with the others "
-                "in any way that an effect of the catalogue does",
-                equation="",
-                parameters=[],
-                probability=1.0 - reading.chance,
-                confusable_with=[],
-                kind="empirical",
-                shape={LEFT_OUT: float(len({(n, run) for n, _, run in runs}))},
-                sensors=tuple(sorted({n for n, _, _ in runs})),
-                physics="No effect of the catalogue behaves like this; what is certain is which runs differ, not why.",
-                experiment=f"Look at {numbers}; repeat {'them' if many else 'it'}.",
-            )
-        )
-    return out
-
-
-def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
-    """Return sensor, channel and the campaign's number of every run that is wrong."""
-    return [
-        (n, int(t.candidate.shape["channel"]), int(t.candidate.shape["number"]))
-        for n, t in reading.mistakes
-        if t.name == "run"
-    ]
-
-
-def _exchange(candidate: Candidate, campaign: Campaign) -> str:
-    """Say which labels of which run were exchanged."""
-    conditions = campaign.sensors[candidate.sensor].conditions
-    run = int(candidate.shape["run"])
-    rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-    positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
-    collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
-    return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
-
-
-def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:
-    """Say which rows of the file carry each other's labels, and which runs are left out."""
-    notes = [
-        f"sensor {n}, {_exchange(t.candidate, campaign)}: correct the labels in collects.csv; the model is not changed "
-        "by this"
-        for n, t in reading.mistakes
-        if t.name == "swap"
-    ]
-    for n, channel, run in wrong_runs(reading):
-        name = list(campaign.sensors[n].conditions.sensor.channels)[channel]
-        notes.append(f"sensor {n}, {name}, run {run}: left out of the search, and the gap is that of the others")
-    return notes
-
-
-def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:
-    """Return where mistakes show: channel, position and run of each, and by how much."""
-    out = []
-    for n, term in reading.mistakes:
-        if term.name == "row":
-            continue
-        conditions = campaign.sensors[n].conditions
-        channels = list(conditions.sensor.channels)
-        for block in fit.blocks:
-            own = block.search.block
-            if own.sensor != n or not np.any(part := own.select(term.candidate.columns)):
-                continue
-            noise = np.sqrt(np.diag(block.noise_alone()))
-            before = fit.residual(block) + (fit.design(block) @ fit.values if term.name == "run" else part[:, 0])
-            for c in np.unique(own.channel):
-                rows = np.any(part != 0.0, axis=1) & (own.channel == c)
-                if term.name == "run" and np.any(rows):
-                    size = float(np.sqrt(np.mean(before[rows] ** 2)))
-                    where = {"sensor": n, "channel": channels[c], "runs": [int(term.candidate.shape["number"])]}
-                    out.append(
-                        Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance)
-                    )
-                    continue
-                for i in np.flatnonzero(rows):
-                    label, run = str(conditions.position[own.rows[i]]), int(conditions.run[own.rows[i]])
-                    where = {"sensor": n, "channel": channels[c], "position": label, "runs": [run]}
-                    out.append(Disagreement(where, float(before[i]), float(noise[i]), reading.chance))
-    return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
-
-
-def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior: Posterior) -> list[dict[str, Any]]:
-    """Return single rows that are wrong, by the campaign's own names, each with its size and score."""
-    out = []
-    for n, places in reading.found.terms.items():
-        for j in places:
-            term = posterior.term(n, j)
-            if term.name != "row":
-                continue
-            conditions = campaign.sensors[n].conditions
-            row, channels = int(term.candidate.shape["row"]), list(conditions.sensor.channels)
-            single = term.candidate.shape.get("channel")
-            for column, (value, error) in values_of(posterior, fit, n, j).items():
-                out.append(
-                    {
-                        "sensor": n,
-                        "channel": channels[column if single is None else int(single)],
-                        "collect": int(conditions.collect[row]),
-                        "run": int(conditions.run[row]),
-                        "position": str(conditions.position[row]),
-                        "size_deg_per_hr": value,
-                        "score": abs(value) / max(error, 1e-9),
-                    }
-                )
-    return out
-
-
-def look_up(reading: Reading) -> dict[str, Any] | None:
-    """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
-    swaps = [int(t.candidate.shape["run"]) for _, t in reading.mistakes if t.name == "swap"]
-    if swaps:
-        which = runs_in_words(swaps)
-        why = f"confirms swap: look at the accelerometers and the log of {which}; no further collect is needed"
-        return without_collects(why)
-    runs = sorted({run for _, _, run in wrong_runs(reading)})
-    if not runs:
-        return None
-    numbers = runs_in_words(runs)
-    return without_collects(f"look at {numbers}; repeat {'them' if 'runs' in numbers else 'it'}")
 
 
 def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campaign: Campaign) -> Model:

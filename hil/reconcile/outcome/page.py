@@ -55,15 +55,15 @@ def page(result: Reconciliation) -> str:
 
 def _headline(result: Reconciliation) -> str:
     """Say the verdict in a sentence: labels that were exchanged are no lack of the model."""
-    only = result.verdict == "named" and all(effect.id == "swap" for effect in result.effects)
+    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
     return _LABELS_ONLY if only else VERDICTS[result.verdict]
 
 
 def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
-    added = [effect for effect in result.effects if effect.id != "swap" and LEFT_OUT not in effect.shape]
+    added = [effect for effect in result.effects if not effect.mends_labels and LEFT_OUT not in effect.shape]
     found = [effect for effect in added if not effect.inside_collects]
-    swapped = [effect for effect in result.effects if effect.id == "swap"]
+    swapped = [effect for effect in result.effects if effect.mends_labels]
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
         if result.verdict == "none":

@@ -73,7 +73,7 @@ def held_out(
 ) -> HeldOut | None:
     """Predict every fold from the others, before and after; None where no row can be predicted.
 
-    `folds` numbers the rows of a block. Rows that the lead calls wrong are predicted by nobody.
+    `folds` numbers the rows of a block, (N,). Rows that the lead calls wrong are predicted by nobody.
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: dict[tuple[object, ...], dict[int, Predicted]] = {}
@@ -118,7 +118,7 @@ def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], 
 def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[int]:
     search = posterior.searches[number]
     terms = [search.terms[j] for j in lead.terms[number] if search.terms[j].is_mistake]
-    parts = [t.parts[b] for t in terms if t.name != "swap"]
+    parts = [t.parts[b] for t in terms if t.candidate.effect is None]
     return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
@@ -146,12 +146,12 @@ def _predicted(block: FittedBlock, folds: IntArray, wrong: set[int]) -> Iterator
 
 
 def by_run(block: FittedBlock) -> IntArray:
-    """Number the rows by run; where there are few runs, by collect."""
+    """Number the rows (N,) by run; where there are few runs, by collect."""
     own = block.search.block
     return own.run if len(np.unique(own.run)) >= FEWEST_RUNS else own.rows
 
 
 def in_blocks(block: FittedBlock) -> IntArray:
-    """Number the rows by contiguous sixths of the campaign's runs."""
+    """Number the rows (N,) by contiguous sixths of the campaign's runs."""
     place = by_run(block)
     return np.asarray((6 * (place - place.min())) // (np.ptp(place) + 1))

@@ -220,7 +220,7 @@ def explained(values: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def log_sum(values: FloatArray) -> FloatArray:
-    """Log of the sum of exponentials along the first axis; several times as quick as logaddexp.reduce."""
+    """Log of the sum of exponentials along the first axis, (m,) of (k, m); quicker than logaddexp.reduce."""
     peak = values.max(axis=0)
     peak = np.where(np.isfinite(peak), peak, 0.0)
     with np.errstate(divide="ignore"):

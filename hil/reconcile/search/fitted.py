@@ -55,7 +55,7 @@ class FittedBlock:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A set over all sensors: its blocks, and the values of all parameters with their covariance."""
+    """A set over all sensors: its blocks, the values of all parameters (p,), and their covariance (p, p)."""
 
     blocks: Sequence[FittedBlock]
     keys: Sequence[Key]
@@ -68,7 +68,7 @@ class Fitted:
         return float(self.values[place]), float(np.sqrt(max(self.covariance[place, place], 0.0)))
 
     def design(self, block: FittedBlock, terms: set[tuple[int, int]] | None = None) -> FloatArray:
-        """Return columns (N, all keys) of some terms (sensor, term), or of all, in one block."""
+        """Return columns (N, p) of some terms (sensor, term), or of all, in one block."""
         out = np.zeros((len(block.search.block.y), len(self.keys)))
         for column, key in zip(block.columns.T, block.keys, strict=True):
             if terms is None or key[:2] in terms:

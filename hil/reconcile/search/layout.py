@@ -62,8 +62,8 @@ def _search(
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     search = SensorSearch(laid, terms(candidates, blocks, noise, known))
     search.refine()
-    for place in search.leading():
-        parent = search.terms[place]
+    for j in search.leading():
+        parent = search.terms[j]
         finer = list(_between(sensor, parent.candidate)) if parent.tier == 1 else []
         share = float(np.log(len(finer) + 1.0))
         search.terms += [replace(t, log_odds=parent.log_odds - share) for t in terms(finer, blocks, noise, known)]

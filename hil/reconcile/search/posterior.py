@@ -31,7 +31,6 @@ SHARED = 0.75
 """How probably an effect that one sensor (or channel) has is in another."""
 COMMON = 0.97
 """And one that is common to sensors."""
-REPEATABLE = frozenset({"jump"})
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def _different(search: SensorSearch, sets: Sequence[Set], width: int) -> list[Se
 
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:
     """Yield the places of the terms that do most, a few shapes of each name, and more names than that."""
-    present = {search.terms[j].name for j in given if not search.terms[j].is_mistake} - REPEATABLE
+    present = {t.name for j in given if not (t := search.terms[j]).is_mistake and not t.recurring}
     count: dict[str, int] = {}
     first: dict[str, float] = {}
     for j in np.argsort(-scores).tolist():
@@ -138,7 +137,7 @@ def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[floa
 
 
 def shared_evidence(search: SensorSearch, chosen: Set, names: Sequence[str]) -> FloatArray:
-    """Log evidence of a set by kind, ordinary noise first, (names + 1,): each block may have a kind or not."""
+    """Log evidence of a set by kind, ordinary noise first, (n,): each block may have a kind or not."""
     out = np.zeros(len(names) + 1)
     for block, by_kind in zip(search.blocks, search.evidence(chosen), strict=True):
         ordinary = by_kind[0]

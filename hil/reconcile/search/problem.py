@@ -20,7 +20,8 @@ from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
-from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
+from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns
+from hil.reconcile.search.second_tier import second_tier
 from hil.reconcile.search.terms import UNSEEN
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.rows import Block, sensor_blocks
@@ -123,7 +124,8 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         blocks = [block for block, bear in zip(blocks, bears, strict=True) if bear]
     for number in sorted({block.sensor for block in blocks}):
         collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form
-        asked = _asked(catalogue, form, collects.conditions)
+        own = collects.conditions.sensor
+        asked = [effect for effect in catalogue if effect.beside_form(form.names, own)]
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, asked))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
@@ -136,12 +138,6 @@ def _starved(block: Block, collects: Collects) -> str:
         f"sensor {block.sensor}, {names}: {len(block.y)} rates for {block.base.shape[1]} values of the model: "
         "too few to test anything by, so the search is about the others"
     )
-
-
-def _asked(catalogue: Sequence[Effect], form: LinearForm, conditions: Conditions) -> list[Effect]:
-    """Leave out the full sensitivity matrix where the model has a rotor's GS: its isotropy says what else there is."""
-    has_own = conditions.sensor.is_rotor and any(name.startswith("GS") for name in form.names)
-    return [effect for effect in catalogue if not (has_own and effect.id.startswith("g_sensitivity"))]
 
 
 def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:

@@ -23,8 +23,9 @@ from hil.solve.rows import Block
 
 SECOND_TIER = 0.2
 """Prior of what no effect of the catalogue describes, given that something is missing."""
-WRONG = {"row": 0.1, "run": 0.02, "swap": 0.02}
-"""Prior odds that a campaign has a wrong row, a wrong run, exchanged labels."""
+WRONG = {"row": 0.1, "run": 0.02}
+MISLABELLED = 0.02
+"""Prior odds that a campaign has a wrong row, a wrong run, labels that are exchanged."""
 PLAIN = 5.0
 """A value that is one number is this many times as probable as one that follows temperature in some form."""
 EXACT = 0.03
@@ -73,6 +74,11 @@ class Term:
             return "temperature"
         effect = self.candidate.effect
         return driver_of(self.candidate.driver) if effect is None or self.tier != 1 else effect.follows
+
+    @property
+    def recurring(self) -> bool:
+        """Whether a set may have it more than once."""
+        return self.candidate.effect is not None and self.candidate.effect.recurring
 
     @property
     def is_mistake(self) -> bool:
@@ -147,7 +153,7 @@ def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
     out = []
     for c in candidates:
         key = (c.tier, c.name)
-        of_name = WRONG[c.name] if c.tier == 0 else share[c.tier] * odds[key] / tiers[c.tier]
+        of_name = WRONG.get(c.name, MISLABELLED) if c.tier == 0 else share[c.tier] * odds[key] / tiers[c.tier]
         out.append(of_name * _form_weight(c) / within[key])
     return out
 
