@@ -113,7 +113,7 @@ def test_two_effects_at_once_are_both_found() -> None:
 @pytest.mark.parametrize(
     ("words", "hidden"),
     [
-        ("MU × supply_V", lambda r: both(r.f[:, 2] * (r.supply - 28.0), 14.0, -13.0)),
+        also("MU × supply_V", lambda r: both(r.f[:, 2] * (r.supply - 28.0), 14.0, -13.0)),
         also("MU × temperature_degC[", lambda r: both(r.f[:, 2] * (np.abs(r.temperature - 6.0) < 6.0), 5.0, -5.0)),
     ],
 )

@@ -118,6 +118,7 @@ def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation
     assert "is missing from matrix-6-thermal" not in text
 
 
+@pytest.mark.slow
 def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_beside_supply: Reconciliation) -> None:
     """The gap of the result counts the labels too; that of the term in the model is its own."""
     result = swap_beside_supply
