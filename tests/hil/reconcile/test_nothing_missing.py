@@ -212,7 +212,7 @@ def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaig
 
 @pytest.mark.slow
 def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
-    """Sixty units, six with a supply effect: most of those six, by name; the rate is bounded, so that some are missed."""
+    """Sixty units, six with a supply effect: most of those six, by name; a bound misses some."""
     units = fleet(60, 14.0, 10)
     findings = Screen.of(units, "matrix-6-thermal").units(units)
     found = {i for i, f in enumerate(findings) if f.q_value < 0.05}
