@@ -57,11 +57,11 @@ def main() -> None:
     campaigns = [unit(chosen.seed + i) for i in range(chosen.units)]
     start = time.perf_counter()
     screen = Screen.of(campaigns, "matrix-6-thermal")
-    tables = time.perf_counter() - start
+    layout = time.perf_counter() - start
     findings = screen.units(campaigns)
     whole = time.perf_counter() - start
-    each = 1e3 * (whole - tables) / chosen.units
-    print(f"tables {tables:.1f} s; {chosen.units} units {whole - tables:.1f} s, {each:.2f} ms each; all {whole:.1f} s")
+    each = 1e3 * (whole - layout) / chosen.units
+    print(f"layout {layout:.1f} s; {chosen.units} units {whole - layout:.1f} s, {each:.2f} ms each; all {whole:.1f} s")
     p_values = np.array([finding.p_value for finding in findings])
     shares = ", ".join(f"below {p:g}: {np.mean(p_values < p):.4f}" for p in (0.05, 0.01, 0.001))
     print(f"p-values of these units, from which nothing is missing: {shares}")

@@ -37,7 +37,7 @@ def test_two_sensors_with_three_effects_and_their_page(benchmark: BenchmarkFixtu
     assert time.process_time() - began < 20.0
 
 
-def test_screening_a_unit_once_the_tables_exist(benchmark: BenchmarkFixture) -> None:
+def test_screening_a_unit_of_a_known_layout(benchmark: BenchmarkFixture) -> None:
     """A hundred units of one layout: under 10 ms each."""
     rows = lay_out(np.random.default_rng(0), runs_each=3)
     units = [campaign_of(rows, base_rates(rows) + noise(rows, np.random.default_rng(seed))) for seed in range(100)]

@@ -21,8 +21,9 @@ from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.sets import AtBest, BlockSearch, SensorSearch, SetInBlock, tied_gain
-from hil.reconcile.search.terms import SECOND_TIER
+from hil.reconcile.search.sets import BlockSearch, SensorSearch
+from hil.reconcile.search.terms import SECOND_TIER, terms
+from hil.reconcile.search.tied import AtBest, tied_gain
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
 SMALL = {"temperatures": (-20.0, 20.0, 60.0), "runs_each": 2}
@@ -138,13 +139,14 @@ def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> N
 
 def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
     """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
-    chosen = (term(search, "usual"), term(search, "k2"))
-    tiny = search.terms[chosen[1]]
-    parts = tuple(None if p is None else replace(p, columns=1e9 * p.columns) for p in tiny.parts)
-    sizes = tuple(tuple(replace(a, deviation=1e-9 * a.deviation) for a in own) for own in tiny.amplitudes)
-    other = replace(tiny, parts=parts, amplitudes=sizes)
-    same = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], tiny)], 0)
-    scaled = SetInBlock.of(search.blocks[0], [(chosen[0], search.terms[chosen[0]]), (chosen[1], other)], 0)
+    candidates = [search.terms[term(search, name)].candidate for name in ("usual", "k2")]
+    sizes = [replace(p, typical=(1e-9 * p.typical[0], 1e-9 * p.typical[1])) for p in candidates[1].parameters]
+    other = replace(candidates[1], columns=1e9 * candidates[1].columns, parameters=tuple(sizes))
+    blocks = [own.block for own in search.blocks]
+    both_ways = [
+        SensorSearch(search.blocks, terms([candidates[0], one], blocks, 1.0, {})) for one in (candidates[1], other)
+    ]
+    same, scaled = (one.in_block((0, 1), 0) for one in both_ways)
     np.testing.assert_allclose(scaled.terms_log, same.terms_log, atol=1e-6)
     assert scaled.best == same.best
     for t in range(len(same.points)):

@@ -82,8 +82,13 @@ def test_places_are_the_collects_in_which_the_effect_acts(
 
 
 def test_a_corner_is_one_place_with_the_size_that_is_there(cornered: tuple[Reconciliation, Rows]) -> None:
-    """One channel, one position, the cold half: one place, by its temperatures, and its size within the error."""
+    """One channel, one position, the cold half: one place, by its temperatures, and its size within the error.
+
+    No effect of the catalogue does that: it is called empirical, by the position.
+    """
     result, rows = cornered
+    assert result.effects[0].kind == "empirical"
+    assert "position=3" in result.effects[0].id
     assert [(d.where["channel"], d.where["position"]) for d in result.disagreements] == [("RA", "3")]
     place = result.disagreements[0]
     low, high = place.where["temperature_degC"]
