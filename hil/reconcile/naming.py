@@ -178,7 +178,8 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    least = {r.name: LEAST if r.incidental or r.name.startswith(NO_NAME) else THINKABLE for r in listed}
+    merely = 1.0 - CERTAIN
+    least = {r.name: merely if r.incidental or r.name.startswith(NO_NAME) else THINKABLE for r in listed}
     withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= least[r.name]]
     kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)

@@ -31,7 +31,7 @@ from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.layout import searches
+from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
@@ -69,13 +69,26 @@ def reconcile(
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
 
     problem = pose(campaign, chosen, effects)
-    posterior = weigh(searches(problem, EFFECTS, scattering))
+    posterior = _weighed(problem, scattering)
     reading = read(posterior, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
     return _result(
         campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove
     )
+
+
+def _weighed(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterior:
+    """Weigh what may be missing beside one set of values of the base, or beside values that follow temperature.
+
+    The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
+    laws of temperature as one set needs.
+    """
+    plain = weigh(searches(problem, EFFECTS, scattering))
+    if not may_be_calibrated(problem):
+        return plain
+    calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
+    return max(plain, calibrated, key=lambda posterior: posterior.log_evidence)
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:

@@ -11,7 +11,7 @@ import numpy as np
 from hil.campaign import Conditions
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.result import Disagreement
-from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.sets import Set
 
@@ -90,7 +90,7 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
         channels = list(conditions[own.sensor].sensor.channels)
         for c in np.unique(own.channel):
             rows = own.channel == c
-            observed = float(np.sqrt(np.mean(np.diag(block.covariance)[rows]) - _calibration(block)))
+            observed = float(np.sqrt(np.mean(np.diag(block.noise_alone())[rows])))
             stated = float(np.sqrt(np.mean(own.sigma[rows] ** 2))) if own.sigma_stated else None
             offset = block.point["offset"] * block.search.unit * np.sqrt(block.scale)
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
@@ -105,11 +105,6 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
                 }
             )
     return out
-
-
-def _calibration(block: FittedBlock) -> float:
-    """The variance that values per temperature add on average: they are no scatter."""
-    return block.point["calibration"] ** 2 * block.search.noise.unit * block.scale
 
 
 def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:

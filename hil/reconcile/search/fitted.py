@@ -42,8 +42,9 @@ class FittedBlock:
 
     def noise_alone(self) -> FloatArray:
         """Return the covariance (N, N) without values per temperature, which are no noise."""
-        own = self.search.noise
-        return np.asarray(self.covariance - self.point["calibration"] ** 2 * own.unit * self.scale * own.by_temperature)
+        own, point = self.search.noise, self.point
+        values = own.by_temperature(point["calibration"], point["roughness"])
+        return np.asarray(self.covariance - own.unit * self.scale * values)
 
     def predictive(self) -> FloatArray:
         """Return the covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes."""
@@ -114,19 +115,14 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
     _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
     scale = weighed.left_at(t)[1]
-    point = (
-        own.points.kind[t],
-        own.points.amount[t],
-        own.points.offset[t],
-        own.points.calibration[t],
-        own.points.level[t],
-    )
-    covariance = own.noise.covariance(int(point[0]), *map(float, point[1:])) * own.noise.unit * scale
+    names_of = ("kind", "amount", "offset", "calibration", "roughness", "level")
+    point = {name: float(getattr(own.points, name)[t]) for name in names_of}
+    rest = [point[name] for name in names_of[1:]]
+    covariance = own.noise.covariance(int(point["kind"]), *rest) * own.noise.unit * scale
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
     keys = [(number, j, int(k)) for j, part in parts for k in part.parameters]
-    names_of = dict(zip(("kind", "amount", "offset", "calibration", "level"), map(float, point), strict=True))
-    return FittedBlock(own, covariance, scale, names_of, columns, keys, mean, deviation)
+    return FittedBlock(own, covariance, scale, point, columns, keys, mean, deviation)
 
 
 def term_of(posterior: Posterior, key: Key) -> Term:

@@ -22,14 +22,17 @@ BEYOND = 1.6
 
 
 def searches(
-    problem: Problem, mislabelled: Sequence[Effect], scatter: Sequence[VarianceEffect]
+    problem: Problem, mislabelled: Sequence[Effect], scatter: Sequence[VarianceEffect], *, calibrated: bool = False
 ) -> Mapping[int, SensorSearch]:
-    """Return the search of every sensor, with its points of the noise chosen."""
+    """Return the search of every sensor, with its points of the noise chosen.
+
+    `calibrated`: the base has values of its own at each temperature, where a sensor was at several.
+    """
     out = {}
     for number in sorted({block.sensor for block in problem.blocks}):
         sensor = problem.sensors[number]
         blocks = [block for block in problem.blocks if block.sensor == number]
-        out[number] = _search(problem, sensor, blocks, mislabelled, scatter)
+        out[number] = _search(problem, sensor, blocks, mislabelled, scatter, calibrated=calibrated)
     return out
 
 
@@ -39,9 +42,10 @@ def _search(
     blocks: Sequence[Block],
     mislabelled: Sequence[Effect],
     scatter: Sequence[VarianceEffect],
+    *,
+    calibrated: bool,
 ) -> SensorSearch:
     conditions = sensor.collects.conditions
-    free = problem.model.form in TEMPERATURE_FREE and sensor.given is None
     stated = problem.model.stated_covariance(conditions)
     testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
     laid = []
@@ -50,7 +54,8 @@ def _search(
         own = None if stated is None else stated[np.ix_(place, place)]
         laid.append(
             BlockSearch.of(
-                block, Noise(block, conditions, scatter if testable else (), calibrated=free and testable, stated=own)
+                block,
+                Noise(block, conditions, scatter if testable else (), calibrated=calibrated and testable, stated=own),
             )
         )
     if not testable:
@@ -60,15 +65,24 @@ def _search(
     site = problem.campaign.site
     known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
-    search = SensorSearch(laid, terms(candidates, blocks, noise, known))
+    own_values = all(b.noise.calibrated for b in laid)
+    search = SensorSearch(laid, terms(candidates, blocks, noise, known, calibrated=own_values))
     search.refine()
     for j in search.leading():
         parent = search.terms[j]
         finer = list(_between(sensor, parent.candidate)) if parent.tier == 1 else []
         share = float(np.log(len(finer) + 1.0))
-        search.terms += [replace(t, log_odds=parent.log_odds - share) for t in terms(finer, blocks, noise, known)]
+        found = terms(finer, blocks, noise, known, calibrated=own_values)
+        search.terms += [replace(t, log_odds=parent.log_odds - share) for t in found]
     search.forget()
     return search
+
+
+def may_be_calibrated(problem: Problem) -> bool:
+    """Whether the base may have values at each temperature: neither its form nor its model says anything of it."""
+    forms = problem.model.form in TEMPERATURE_FREE and not problem.model.terms
+    plain = all(sensor.given is None for sensor in problem.sensors.values())
+    return forms and plain and any(len(np.unique(block.station)) > 2 for block in problem.blocks)
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:

@@ -44,11 +44,12 @@ class Found:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Sets with their log weights (normalised), most probable first."""
+    """Sets with their log weights (normalised), most probable first, and the log evidence of all of them."""
 
     searches: Mapping[int, SensorSearch]
     sets: Sequence[Found]
     log_odds: float
+    log_evidence: float
 
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set that are no mistakes in the data, the scatter's included."""
@@ -170,7 +171,7 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     total = np.logaddexp.reduce(weights)
     order = [int(i) for i in np.argsort(-weights) if weights[i] > total - 3.0 * WORTH]
     sets = [Found(found[i].terms, found[i].kind, float(weights[i] - total)) for i in order]
-    return Posterior(searches, sets, log_odds)
+    return Posterior(searches, sets, log_odds, float(total))
 
 
 def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[Set]:

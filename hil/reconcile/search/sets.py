@@ -62,12 +62,8 @@ class BlockSearch:
         beside = Beside.of(ordinary, scales, y, block.base)
         log_null = ordinary.log_prior + beside.log_null()
         good = log_null > log_null.max() - 2.0 * DEPTH
-        levels, wide = np.unique(ordinary.level[good]), np.unique(ordinary.calibration[good])
-        every = (
-            joined_points(ordinary, noise.scattering(levels.tolist(), wide.tolist(), ordinary))
-            if noise.kinds
-            else ordinary
-        )
+        some = ordinary.take(np.flatnonzero(good))
+        every = joined_points(ordinary, noise.scattering(some)) if noise.kinds else ordinary
         out = cls(block, noise, every, every, scales, y, unit, beside, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(y), 0))])
         return out
