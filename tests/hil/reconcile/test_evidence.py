@@ -97,9 +97,7 @@ def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: 
     stacked = beside.T @ np.hstack([np.zeros((len(own.y), 0)), *columns])
     out = np.full(len(own.noise.kinds) + 1, -np.inf)
     for t in range(len(points)):
-        noise = own.noise.covariance(
-            int(points.kind[t]), points.amount[t], points.offset[t], points.calibration[t], points.level[t]
-        )
+        noise = np.linalg.inv(points.factor[t].T @ points.factor[t])
         noise = beside.T @ noise @ beside
         white = np.linalg.inv(np.linalg.cholesky(noise))
         left = white @ y

@@ -73,8 +73,8 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
 
 def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
     """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
-    campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, positions=("1", "2", "3"))
-    result = reconcile(campaign, "collins-4")
+    night = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "positions": ("1", "2", "3")}
+    result = reconcile(hidden_campaign(7, mass_unbalance, thermal=False, mu=False, **night), "collins-4")
     assert result.verdict == "ambiguous"
     assert ids(result)[0] == "MU_real"
     assert "k2" in {rival.id for rival in result.effects[0].confusable_with}
