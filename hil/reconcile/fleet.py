@@ -89,6 +89,7 @@ class Screen:
             search.terms = [term for term in search.terms if not term.is_mistake]
             for block in search.blocks:
                 block.choose_for([_rates(unit, block, conditions) for unit in some])
+                block.scanned = np.arange(len(block.points))  # what a screen calls is not weighed again
             search.forget()
         return cls(chosen, conditions, found)
 

@@ -28,8 +28,6 @@ IDENTICAL = 0.99
 """And from which nobody can tell them apart by these collects, whatever is known before."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same."""
-THINKABLE = 1e-4
-"""Of one that is identical: what physics makes ten thousand times less probable does not withhold a name."""
 NO_NAME = "empirical"
 
 
@@ -37,7 +35,8 @@ NO_NAME = "empirical"
 class Also:
     """Another name in the place of one: its probability, overlap, and the factors of data and of physics against it.
 
-    `bayes_factor` is what the data say of the rival against the leader, `prior_odds` what was known before.
+    `bayes_factor` is what the data say of the rival against the leader, `prior_odds` what was known before. A `likely`
+    cause is in the sensor itself and no accident of the order or the heading: identical, it withholds the name.
     """
 
     name: str
@@ -48,7 +47,7 @@ class Also:
     prior_odds: float
     terms: Mapping[int, int]
     remedy: str = ""
-    incidental: bool = False
+    likely: bool = True
 
 
 @dataclass(frozen=True)
@@ -178,9 +177,7 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    merely = 1.0 - CERTAIN
-    least = {r.name: merely if r.incidental or r.name.startswith(NO_NAME) else THINKABLE for r in listed}
-    withheld = [r for r in listed if r.overlap > IDENTICAL and r.probability >= least[r.name]]
+    withheld = [r for r in listed if r.overlap > IDENTICAL and (r.likely or r.probability > 1.0 - CERTAIN)]
     kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
@@ -228,7 +225,7 @@ def _rival(
         odds / max(factor, 1e-300),
         terms,
         remedy,
-        effect is not None and effect.incidental,
+        effect is not None and not effect.incidental and effect.odds >= 1.0,
     )
 
 

@@ -77,6 +77,8 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
         if needs or not effect.shape_grid(here):
             record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
             unasked.append((effect, weight, record[0] if record else effect.experiment))
+    aliases = named.effect.aliases_for(here).items()
+    unasked += [(effect_by_id(name), weight, named.effect.experiment) for name, weight in aliases]
     if not unasked:
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))

@@ -249,6 +249,10 @@ class Effect(Described):
         for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
 
+    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
+        """Return other names for the same columns in these rows, whatever is recorded, with weights against its 1."""
+        return {}
+
     def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
         """Whether it can be missing from a model whose form has these parameters."""
         return True

@@ -323,6 +323,13 @@ class PowerCycleBias(Effect):
     confusable_with = ("bias_T", "rrw", "jump")
     experiment = "Several power cycles at one temperature."
 
+    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
+        """Return a bias that follows temperature, where each cycle stood at one that no other visited."""
+        temperature = column(conditions, "setpoint_degC|temperature_degC")
+        pairs = set(zip(power_cycles(conditions).tolist(), np.round(temperature).tolist(), strict=True))
+        alone = len(pairs) == len({cycle for cycle, _ in pairs}) == len({level for _, level in pairs})
+        return {"bias_T": 1.0} if alone else {}
+
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return how many power cycles there are; none where they are few, or no more than a run or so long."""
         count = len(np.unique(power_cycles(conditions)))

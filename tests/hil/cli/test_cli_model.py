@@ -18,7 +18,7 @@ FOUR = Design(temperatures_degC=(23.0,), runs_per_temperature=8, positions=("1",
 @pytest.fixture
 def contractors(tmp_path: Path) -> Path:
     """A unit with a spin-axis drift, at one temperature, four collects in each of eight runs."""
-    case = make_case(4, ("MU_real",), 30.0, model="collins-4", design=FOUR)
+    case = make_case(1, ("MU_real",), 30.0, model="collins-4", design=FOUR)
     return write_case(case, tmp_path / "campaign")
 
 
