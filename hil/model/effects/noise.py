@@ -121,7 +121,7 @@ class Jump(Effect):
 
     def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
         """Return every place of a step but the beginning; what comes back after a run began with it."""
-        first = float(conditions.run.min(initial=0))
+        first = float(np.min(conditions.run)) if len(conditions) else 0.0
         return [
             shape
             for shape in super().shape_grid(conditions)

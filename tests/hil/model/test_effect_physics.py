@@ -296,11 +296,14 @@ def test_ageing_counts_days_at_the_middle_of_the_collect() -> None:
 
 
 def test_a_jump_holds_from_its_run_on() -> None:
-    """Nothing before, the whole step in its run and after; it cannot be at the first run."""
+    """Nothing before, the whole step in its run and after, or between two collects of it; not before the first."""
     conditions = campaign(temperatures=(0.0, 20.0), runs_each=2)
     effect = effect_by_id("jump")
     assert np.array_equal(effect.columns(conditions, None, {"from_run": 3.0})[:, 0, 0], np.repeat([0, 0, 1, 1], 3))
-    assert [shape["from_run"] for shape in effect.shape_grid(conditions)] == [2.0, 3.0, 4.0]
+    within = effect.columns(conditions, None, {"from_run": 1.0, "from_collect": 2.0})[:, 0, 0]
+    assert np.array_equal(within, [0, 0, 1, *np.ones(9)])
+    steps = [(shape["from_run"], shape["from_collect"]) for shape in effect.shape_grid(conditions)]
+    assert sorted(steps) == [(run, after) for run in (1.0, 2.0, 3.0, 4.0) for after in (0.0, 1.0, 2.0)][1:]
 
 
 def test_gas_convection_thins_out_with_heat() -> None:
