@@ -98,7 +98,7 @@ def head_before_commit() -> None:
     def enter_and_say(connection: sqlite3.Connection, written: Iterable[tuple[str, int]]) -> tuple[int, str]:
         entry = enter(connection, written)
         journal = Path(connection.execute("PRAGMA database_list").fetchone()[2])
-        journal.with_name(ledger.HEAD_NAME).write_bytes(ledger._head_text(*entry))
+        journal.with_name(ledger.HEAD_NAME).write_bytes(ledger._head_text(*entry, b""))
         return entry
 
     ledger.enter = enter_and_say

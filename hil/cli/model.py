@@ -58,6 +58,9 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
         floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
         yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
+    follows = [f"{each['driver'].replace('_', ' ')} {each['probability']:.2f}" for each in document["follows"][:3]]
+    if follows:
+        yield f"it follows: {', '.join(follows)}"
     for each in document["outliers"][:_SHOWN]:
         yield (
             f"left out: collect {each['collect']}, sensor {each['sensor']} {each['channel']}, off by "

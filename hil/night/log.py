@@ -6,6 +6,7 @@ who and when, before it is sent. Times are the campaign's wall time in UTC.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from io import TextIOWrapper
 from pathlib import Path
@@ -17,6 +18,7 @@ from drivers.chambers import Chamber, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
 from drivers.positioners.positioner import Positioner
+from hil.files.durable import RealDisk
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
 
 
@@ -70,6 +72,7 @@ class NightLog:
         # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
         self._file: TextIOWrapper = self._path.open("a", encoding="utf-8", buffering=1)
         self._logger = _lines_to(self._file, self._clock, self._who)
+        self._named = False  # as far as a power failure knows
 
     def say(self, what: str, facts: Mapping[str, Any]) -> None:
         """Write one line. A full disk must not end a night on account of its log: what cannot be written is lost."""
@@ -77,6 +80,11 @@ class NightLog:
             if self._file.tell() >= self._largest:
                 self._rotate()
             self._logger.info(what, **facts)
+            if "digest" in facts:  # the end of an attempt, which the journal says as durably
+                os.fsync(self._file.fileno())
+                if not self._named:
+                    RealDisk().synchronise_folder(self._path.parent)
+                    self._named = True
         except (OSError, ValueError):  # ValueError: the file could not be opened again
             return
 

@@ -196,13 +196,15 @@ def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Pr
         if named.kind != "ambiguous" or not named.terms:
             continue
         rivals = [r for r in named.rivals if r.terms or r.remedy]
-        number, places = next(iter(named.terms.items()))
+        rival = rivals[0] if rivals else None
+        shared = [n for n in named.terms if rival is not None and n in rival.terms]
+        number = shared[0] if shared else next(iter(named.terms))
+        places = named.terms[number]
         candidate = posterior.term(number, places[0]).candidate
         values = np.zeros(candidate.size)
         for column, (value, _) in findings.values_of(posterior, fit, number, places[0]).items():
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(np.diag(b.noise_alone())) for b in fit.blocks])))
-        rival = rivals[0] if rivals else None
         other = (
             None
             if rival is None or number not in rival.terms

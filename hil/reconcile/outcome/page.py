@@ -20,6 +20,7 @@ from procedures.words import listed, numbered, percent
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
+_FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MOST_PLACES = 12
 
 VERDICTS = {
@@ -74,11 +75,14 @@ def summary(result: Reconciliation) -> list[str]:
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}. They were left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
-        alike = [rival.id for rival in effect.confusable_with if rival.overlap > 0.95]
+        same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
+        alike = [rival.id for rival in same]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"
         if effect.kind == "ambiguous" and alike:
-            sentence += f", or {' or '.join(alike[:3])}: in these collects they look the same"
+            sentence += f", or {' or '.join(alike[:3])}: these collects cannot tell them apart"
+            if same[0].probability < effect.probability:
+                sentence += f", and that it is {effect.id} ({percent(effect.probability)}) is what physics expects"
         elif effect.kind == "ambiguous":
             sentence += f" – probably ({percent(effect.probability)}), not certainly"
         if effect.inside_collects:
@@ -88,10 +92,16 @@ def summary(result: Reconciliation) -> list[str]:
     if mended and np.isfinite(result.gap.before):
         proved = np.isfinite(result.gap.improved_p_value)
         how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
-        said.append(
-            f"With {listed(mended)} the gap {how} falls from {_number(result.gap.before)} to "
-            f"{_number(result.gap.after)} deg/hr; noise alone leaves {_number(result.gap.noise_floor)}."
-        )
+        gap, score = result.gap, result.gap.log_score
+        if gap.after < _FALLS * gap.before or score is None:
+            said.append(
+                f"With {listed(mended)} the gap {how} falls from {_number(gap.before)} to {_number(gap.after)} deg/hr; "
+                f"noise alone leaves {_number(gap.noise_floor)}."
+            )
+        else:  # what only scatters moves no average
+            better = float(np.exp(score["after"] - score["before"]))
+            said.append(f"With {listed(mended)} every rate {how} is {better:.2g} times as probable as before.")
+    said += [f"It follows {d.replace('_', ' ')} ({percent(share)})." for d, share in result.follows[:1] if added]
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if result.next_experiment and result.next_experiment.get("what"):
