@@ -18,8 +18,8 @@ import numpy as np
 
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.reader import read_series
-from hil.model.effects.base import SeriesEffect, SeriesFinding
 from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.inside import SeriesEffect, SeriesFinding
 from hil.model.effects.series import Ramp
 from hil.reconcile.result import FoundEffect, Rival
 

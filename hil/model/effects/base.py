@@ -25,7 +25,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray, Sensor, Series
+from hil.campaign import Conditions, FloatArray, IntArray, Sensor
 from hil.errors import InputError
 from hil.model.forms import bias_names
 
@@ -340,37 +340,6 @@ class VarianceEffect(Described):
     def draw(self, conditions: Conditions, shape: Mapping[str, float], rng: np.random.Generator) -> FloatArray:
         """Return one draw of the rates at unit size of the parameter, shape (n, c)."""
         return np.asarray(sum(part.draw(conditions, rng) for part in self.scatter(conditions, shape)))
-
-
-@dataclass(frozen=True)
-class SeriesFinding:
-    """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
-
-    effect: str
-    channel: str
-    p_value: float
-    estimates: Mapping[str, float]
-    sentence: str
-
-
-class SeriesEffect(Described):
-    """An effect that shows inside a collect: a test of the series with an exact or conservative null distribution."""
-
-    @abstractmethod
-    def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
-        """Test every channel of one collect's series."""
-
-    def summary(self, series: Series, channel: int) -> FloatArray:
-        """Return what `together` needs of one collect's channel, (k,): empty where it asks for nothing."""
-        return np.empty(0)
-
-    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
-        """Test all collects of a channel at once for what each shows a little of: p-value, estimates, a sentence.
-
-        `summaries` are those of its collects, (k,) each, as `summary` returns them. None where the effect has nothing
-        that is the same from collect to collect.
-        """
-        return None
 
 
 def channel_labels(sensor: Sensor) -> tuple[str, ...]:

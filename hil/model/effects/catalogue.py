@@ -26,8 +26,9 @@ from hil.model.effects import (
     thermal,
     vibration,
 )
-from hil.model.effects.base import Base, Described, Effect, SeriesEffect, VarianceEffect
+from hil.model.effects.base import Base, Described, Effect, VarianceEffect
 from hil.model.effects.empirical import PREFIX, empirical_from_id
+from hil.model.effects.inside import SeriesEffect
 
 BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
 """In every model, so never looked for."""

@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil.model.effects.base import Described, Effect, Parameter, SeriesEffect, VarianceEffect
+from hil.model.effects.base import Described, Effect, Parameter, VarianceEffect
 from hil.model.effects.catalogue import entries
+from hil.model.effects.inside import SeriesEffect
 
 _FAMILIES: Mapping[str, str] = {
     "thermal": "What temperature, its rate and its history do to the bias.",

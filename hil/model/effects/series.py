@@ -18,7 +18,8 @@ import numpy as np
 from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.campaign import FloatArray, Sensor, Series
-from hil.model.effects.base import Parameter, SeriesEffect, SeriesFinding
+from hil.model.effects.base import Parameter
+from hil.model.effects.inside import SeriesEffect, SeriesFinding
 
 _BLOCKS = 60
 _FEWEST_TOGETHER = 8  # collects below which nothing is asked of all of them together

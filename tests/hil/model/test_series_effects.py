@@ -8,8 +8,8 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from hil.campaign import FloatArray, Series
-from hil.model.effects.base import SeriesEffect
 from hil.model.effects.catalogue import SERIES_EFFECTS
+from hil.model.effects.inside import SeriesEffect
 from hil.model.effects.series import (
     Bursts,
     JumpInCollect,

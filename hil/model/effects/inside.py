@@ -1,0 +1,43 @@
+"""What shows inside a collect: an effect that tests the series of its samples, and what such a test says."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.campaign import FloatArray, Sensor, Series
+from hil.model.effects.base import Described
+
+
+@dataclass(frozen=True)
+class SeriesFinding:
+    """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
+
+    effect: str
+    channel: str
+    p_value: float
+    estimates: Mapping[str, float]
+    sentence: str
+
+
+class SeriesEffect(Described):
+    """An effect that shows inside a collect: a test of the series with an exact or conservative null distribution."""
+
+    @abstractmethod
+    def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
+        """Test every channel of one collect's series."""
+
+    def summary(self, series: Series, channel: int) -> FloatArray:
+        """Return what `together` needs of one collect's channel, (k,): empty where it asks for nothing."""
+        return np.empty(0)
+
+    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
+        """Test all collects of a channel at once for what each shows a little of: p-value, estimates, a sentence.
+
+        `summaries` are those of its collects, (k,) each, as `summary` returns them. None where the effect has nothing
+        that is the same from collect to collect.
+        """
+        return None
