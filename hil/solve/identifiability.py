@@ -78,15 +78,6 @@ def orthonormal(columns: FloatArray, tolerance: float = RANK_TOLERANCE, *, scale
     return np.asarray(left[:, singular > tolerance * scale])
 
 
-def orthonormal_of_independent(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (N, p) of columns (N, p) that are known to be independent.
-
-    There are always as many directions as columns, which is what a likelihood counts its freedom by. By QR, in half the
-    time of `orthonormal`, which decides on a rank; its last digits decide between hypotheses that fit equally well.
-    """
-    return np.asarray(np.linalg.qr(columns)[0])
-
-
 def project_out(base: FloatArray, columns: FloatArray) -> FloatArray:
     """Return columns (..., N, p) less their part in the orthonormal `base` (..., N, b)."""
     return np.asarray(columns - base @ (np.swapaxes(base, -1, -2) @ columns))
@@ -101,16 +92,6 @@ def share_within(basis: FloatArray, columns: FloatArray) -> float:
     """Return how much of the norm of columns, (N,) or (N, p), lies in an orthonormal `basis`: 0 nothing, 1 all."""
     whole = float(np.linalg.norm(columns))
     return min(float(np.linalg.norm(basis.T @ columns)) / whole, 1.0) if whole > 0.0 else 0.0
-
-
-def combinations_beside(base: FloatArray, columns: FloatArray, tolerance: float) -> FloatArray:
-    """Return the combinations (p, r) of columns of about unit norm that are orthonormal beside an orthonormal `base`.
-
-    Combinations of which no more than `tolerance` is left beside the base are none.
-    """
-    _, singular, directions = np.linalg.svd(project_out(base, columns), full_matrices=False)
-    seen = singular > tolerance
-    return np.asarray(directions[seen].T / singular[seen])
 
 
 def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:

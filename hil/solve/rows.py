@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
+from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.solve.identifiability import independent_columns, orthonormal, project_out
 from hil.solve.temperatures import same_temperature
 
@@ -44,21 +44,9 @@ class Block:
     f_random: FloatArray
     sigma_trusted: bool = False
 
-    def take(self, keep: BoolArray) -> Block:
-        """Return the block with only the rows where `keep` is true; base columns that vanish are dropped."""
-        changed = {
-            name: getattr(self, name)[keep]
-            for name in ("rows", "channel", "y", "sigma", "run", "order", "station", "f_random", "base")
-        }
-        return replace(self, **changed)
-
     def select(self, columns: FloatArray) -> FloatArray:
         """Return (n, c, p) columns of the sensor at this block's rows, shape (N, p)."""
         return np.asarray(columns[self.rows, self.channel])
-
-    def with_base(self, extra: FloatArray) -> Block:
-        """Return the block with further base columns, kept independent of those that are there."""
-        return replace(self, base=independent_columns(np.hstack([self.base, extra])))
 
 
 def sensor_blocks(

@@ -10,7 +10,6 @@ import numpy as np
 from hil.campaign import FloatArray
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
-from hil.reconcile.search.terms import Term
 from hil.solve.identifiability import orthonormal, project_out
 
 Key = tuple[int, int, int]
@@ -123,8 +122,3 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
     keys = [(number, j, int(k)) for j, part in parts for k in part.parameters]
     return FittedBlock(own, covariance, scale, point, columns, keys, mean, deviation)
-
-
-def term_of(posterior: Posterior, key: Key) -> Term:
-    """Return the term that a parameter belongs to."""
-    return posterior.term(key[0], key[1])

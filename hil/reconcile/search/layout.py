@@ -10,7 +10,7 @@ import numpy as np
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
-from hil.reconcile.search.problem import LEAST_FREEDOM, TEMPERATURE_FREE, Problem, SensorProblem
+from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
 from hil.reconcile.search.terms import terms, wrong_rows
 from hil.solve.rows import Block
@@ -80,9 +80,9 @@ def _search(
 
 def may_be_calibrated(problem: Problem) -> bool:
     """Whether the base may have values at each temperature: neither its form nor its model says anything of it."""
-    forms = problem.model.form in TEMPERATURE_FREE and not problem.model.terms
-    plain = all(sensor.given is None for sensor in problem.sensors.values())
-    return forms and plain and any(len(np.unique(block.station)) > 2 for block in problem.blocks)
+    says = any(sensor.given or sensor.form.reference_degC is not None for sensor in problem.sensors.values())
+    several = any(len(np.unique(block.station)) > 2 for block in problem.blocks)
+    return several and not says and not problem.model.terms
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:

@@ -30,8 +30,6 @@ from hil.solve.temperatures import same_temperature
 _ROUNDS = 5
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
 _BEYOND_DOUBT = 12.0  # log likelihood
-TEMPERATURE_FREE = frozenset({"constant", "collins-4", "matrix-6", "triad-12"})
-"""Forms that say nothing of temperature: a unit may have been calibrated at each."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:
     conditions = collects.conditions
-    given = _given(model, conditions)
+    given = _given(model, form, conditions)
     columns = form.columns(conditions)
     known = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
     rates = collects.rates_deg_per_hr - known
@@ -172,10 +170,10 @@ def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> 
     return SensorProblem(number, collects, form, values, base, terms, base.rates, given)
 
 
-def _given(model: Model, conditions: Conditions) -> Model | None:
+def _given(model: Model, form: LinearForm, conditions: Conditions) -> Model | None:
     """Return the model where its values for this sensor follow temperature in a way that its form does not refit."""
     number = conditions.sensor.number
-    if model.form not in TEMPERATURE_FREE or number not in model.sensors:
+    if form.reference_degC is not None or number not in model.sensors:
         return None
     temperature = conditions.columns.get("temperature_degC")
     follows = any(curve.depends_on_temperature for curve in model.sensors[number].values())

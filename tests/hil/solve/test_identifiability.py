@@ -14,7 +14,6 @@ from hil.model.effects.base import flattened
 from hil.model.forms import mu_columns
 from hil.solve.identifiability import (
     classes,
-    combinations_beside,
     explained,
     independent_columns,
     kept_shares,
@@ -93,17 +92,6 @@ def test_each_column_is_weighed_by_itself_and_a_vector_by_what_of_it_lies_in_a_s
     assert share_within(base, two[:, 0]) == pytest.approx(0.6)
     assert share_within(base, two[:, 1]) == 0.0
     assert share_within(EMPTY, two) == 0.0
-
-
-def test_combinations_beside_a_base_are_orthonormal_there_and_leave_out_what_it_holds() -> None:
-    """Columns hardly different from each other still give two directions, one inside the base none."""
-    rng = np.random.default_rng(1)
-    base = orthonormal(rng.standard_normal((20, 3)))
-    one = rng.standard_normal(20)
-    three = np.column_stack([one, one + 1e-3 * rng.standard_normal(20), base[:, 0]])
-    beside = project_out(base, three @ combinations_beside(base, three, 1e-6))
-    assert beside.shape == (20, 2)
-    assert np.allclose(beside.T @ beside, np.eye(2), atol=1e-9)
 
 
 def test_a_fit_takes_the_smallest_values_of_what_the_rows_leave_open_whatever_the_units() -> None:
