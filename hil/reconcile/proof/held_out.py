@@ -94,14 +94,22 @@ def held_out(
         if not any(usable):
             continue
         density = np.array([sum(p.log_density for p, u in zip(a, usable, strict=True) if u and p) for a in at])
-        weight = np.array([f.log_weight for f in sets]) - density
-        weight[[any(a[k] is None for k, u in enumerate(usable) if u) for a in at]] = -np.inf
-        chosen = int(np.argmax(np.where(np.arange(len(sets)) == 0, -np.inf, weight))) if len(sets) > 1 else 0
+        tried = [not any(u and p is None for p, u in zip(a, usable, strict=True)) for a in at]
+        weights = np.where(tried, [f.log_weight for f in sets], -np.inf)
+        chosen = 1 + likeliest_without(weights[1:], density[1:])
         rows.append([_sums(at[k], at[1], usable) for k in (0, chosen)])
     if not rows:
         return None
     table = np.array(rows)
     return HeldOut(table[:, :, 0].T, table[:, :, 1].T, table[:, 0, 3].astype(np.int64), table[:, :, 2].T)
+
+
+def likeliest_without(log_weights: FloatArray, log_densities: FloatArray) -> int:
+    """Return which set, of weights (s,) with all rows, the rows make most probable that are not held out.
+
+    `log_densities` (s,) are those of the held-out rows given the others: what these rows said for a set is taken back.
+    """
+    return int(np.argmax(log_weights - log_densities))
 
 
 def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], usable: Sequence[bool]) -> list[float]:

@@ -1,0 +1,96 @@
+"""What is chosen between: sets in a fold, laws of temperature or values at each, what is kept or taken back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.model import load_model
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.reconcile import reconcile
+from hil.reconcile.naming import Reading, read
+from hil.reconcile.proof.held_out import HeldOut, likeliest_without
+from hil.reconcile.search.layout import searches
+from hil.reconcile.search.posterior import Posterior, weigh
+from hil.reconcile.search.problem import pose
+from hil.reconcile.search.tied import tied_gain
+from hil.reconcile.workflow import _kept
+from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
+
+
+def turning() -> Campaign:
+    """Every value of the unit differs from setpoint to setpoint as no law does, and runs repeat it to the noise."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, EIGHT, 2)
+    place = np.unique(rows.setpoint, return_inverse=True)[1]
+    bias, gs, mu = (rng.normal(0.0, 12.0, (3, 8, 2))[k][place] for k in range(3))
+    rates = bias + gs * rows.f[:, :1] + mu * rows.f[:, 2:] + rows.w[:, :2]
+    return campaign_of(rows, rates + rng.normal(0.0, 0.9, rates.shape))
+
+
+def weighed(campaign: Campaign, model: str) -> Posterior:
+    """The posterior beside one set of values of the base."""
+    return weigh(searches(pose(campaign, load_model(model), (*BASE_EFFECTS, *EFFECTS)), EFFECTS, VARIANCE_EFFECTS))
+
+
+@pytest.fixture(scope="module")
+def supplied() -> tuple[Posterior, Reading]:
+    """A supply effect, read."""
+
+    def hidden(rows: Rows) -> np.ndarray:
+        return both(rows.supply - 28.0, 40.0, -36.0)
+
+    posterior = weighed(hidden_campaign(7, hidden), "matrix-6-thermal")
+    return posterior, read(posterior, 0.05)
+
+
+def test_a_fold_chooses_by_the_rows_that_it_does_not_hold_out() -> None:
+    """The first set is ahead only by what the held-out rows say for it: without them it is behind."""
+    assert likeliest_without(np.array([0.0, -1.0]), np.array([-2.0, -9.0])) == 1
+    assert likeliest_without(np.array([0.0, -1.0]), np.array([-9.0, -2.0])) == 0
+
+
+def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration() -> None:
+    """No name for what differs at each temperature; beside one set of values the same data would get several."""
+    result = reconcile(turning(), "matrix-6", prove=False)
+    assert result.calibration == "per temperature"
+    assert [effect.id for effect in result.effects if effect.acts_on == "mean"] == []
+
+
+def test_what_the_base_has_is_no_law_for_having_a_value_at_each_setpoint() -> None:
+    """A bias of its own at each setpoint is called nothing, where the model has a bias; a straight line is bias_T."""
+    problem = pose(hidden_campaign(7, thermal=False), load_model("matrix-6"), (*BASE_EFFECTS, *EFFECTS))
+    search = searches(problem, (), ())[2]
+    forms = {(term.name, term.candidate.form) for term in search.terms}
+    assert ("bias_T", "line") in forms
+    assert not {form for form in forms if form[1] == "table"}
+
+
+@pytest.mark.parametrize(("better", "kept"), [(1.0, True), (-1.0, False)])
+def test_what_predicts_held_out_rows_no_better_is_taken_back(
+    supplied: tuple[Posterior, Reading], better: float, kept: bool
+) -> None:
+    """By the log density of the rows, whatever the squares of the errors are."""
+    reading = supplied[1]
+    assert [named.name for named in reading.names] == ["supply"]
+    flat = np.ones((2, 4))
+    proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]))
+    left, reverted = _kept(reading, (proof, proof))
+    assert bool(left.names) is kept
+    assert bool(reverted) is not kept
+    assert (left.found == reading.found) is kept
+    assert _kept(replace(reading, names=()), (proof, proof))[1] == ()
+
+
+def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Posterior, Reading]) -> None:
+    """Both channels' evidence together is that of each, and what it is worth that one number serves both."""
+    search = supplied[0].searches[2]
+    place = next(j for j, term in enumerate(search.terms) if term.ties)
+    apart = [search.in_block((place,), b).by_kind(len(search.blocks[b].noise.kinds)) for b in (0, 1)]
+    gain = tied_gain([search.in_block((place,), b).at_best() for b in (0, 1)], [place])
+    assert abs(gain) > 1e-3
+    together = search.evidence((place,))
+    assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
