@@ -44,7 +44,7 @@ from hil.records.status import night_status
 from hil.records.verify import verify_night
 from hil.report.night import night_content
 from hil.solve import solve_campaign
-from hil.solve.runs import solution_document
+from hil.solve.document import solution_document
 
 _WITHOUT = {"breaks": hil.records.reader, "refuse_damaged_samples": hil.records.export}
 SAME, NAMED = "same", "named"

@@ -13,6 +13,7 @@ from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.campaign import Campaign
     from hil.solve import RunSolution
+    from hil.solve.repeats import SensorRepeats
 
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 
@@ -35,11 +36,10 @@ def solve(
     as_json: JsonFlag = False,
 ) -> None:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
-    from hil.analysis.scatter.both_sensors import common_and_differential
-    from hil.analysis.scatter.sources import campaign_signatures, overall
     from hil.model.forms import MODEL_NAMES
-    from hil.solve import solve_campaign
-    from hil.solve.runs import solution_document
+    from hil.solve import repeats, solve_campaign
+    from hil.solve.both_sensors import common_and_differential
+    from hil.solve.document import solution_document
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
@@ -52,9 +52,8 @@ def solve(
         from hil.solve.beside_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
-    scatter, both = campaign_signatures(campaign), common_and_differential(campaign)
+    shown, both = repeats(campaign, solutions), common_and_differential(campaign)
     document = solution_document(campaign, solutions)
-    document["scatter"] = [each.document() for each in scatter]
     document["both_sensors"] = None if both is None else both.document()
     if printed(document, as_json):
         return
@@ -63,39 +62,34 @@ def solve(
     console.print(f"{campaign.title}{mark}")
     for sensor in campaign.sensors:
         own = [each for each in solutions if each.sensor == sensor]
-        console.print(
-            f"\nsensor {sensor}, {', '.join(dict.fromkeys(each.model for each in own))}; value ± standard error"
-        )
-        console.print(_solution_table(own))
+        models = ", ".join(dict.fromkeys(each.model for each in own))
+        console.print(f"\nsensor {sensor}, {models}; value ± one standard deviation, what repeats show included")
+        console.print(_solution_table(own, shown[sensor]))
+        for sentence in shown[sensor].sentences():
+            console.print(sentence)
     for text in dict.fromkeys(
         f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
     ):
         console.print(text)
     for text in dict.fromkeys(text for each in solutions for text in each.assumed):
         console.print(f"assumed: {text}")
-    if scatter:
-        console.print("\nwhat scattered from run to run:")
-    for each in overall(scatter):
-        console.print(f"  sensor {each.sensor}, {each.axis}: {each.sentence}")
     for sentence in () if both is None else both.sentences():
-        console.print(f"  {sentence}")
+        console.print(sentence)
 
 
 def _odd(solution: RunSolution) -> bool:
     return solution.verdict != "PASS"
 
 
-def _solution_table(solutions: list[RunSolution]) -> Table:
+def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table:
     units = {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
     table = listing("run", *(f"{name}\n{unit}" for name, unit in units.items()), "verdict", left={"verdict"})
     for solution in solutions:
-        cells = []
+        cells, uncertain = [], shown.of_run(solution)
         for name in units:
-            found = solution.parameters.get(name)
-            if found is None or found.value is None:
-                cells.append("–")
-            else:
-                cells.append(f"{found.value:.2f}" + ("" if found.se is None else f" ±{found.se:.2f}"))
+            found = uncertain.get(name)
+            sd = "" if found is None or found.sd != found.sd else f" ±{found.sd:.2f}"
+            cells.append("–" if found is None else f"{found.value:.2f}{sd}")
         table.add_row("all" if solution.run is None else str(solution.run), *cells, str(solution.verdict))
     return table
 

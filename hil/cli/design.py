@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hil.cli.data import read_source
-from hil.cli.output import JsonFlag, listing, printed, results
+from hil.cli.data import Source, read_source
+from hil.cli.output import JsonFlag, listing, printed, results, warn
 from hil.errors import InputError
 
 _MANY = 12  # positions that are still written out
@@ -38,9 +38,11 @@ def budget(
 ) -> None:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
     from hil.config import load_bench, load_sweep
-    from hil.design.budget.document import Asked, budget_document, scatter_of
+    from hil.design.budget.document import Asked, budget_document
     from hil.design.budget.scenes import measured_scenes, planned_scenes
     from hil.model import load_model
+    from hil.solve import repeats as what_repeats_show
+    from hil.solve import solve_campaign
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
@@ -51,7 +53,7 @@ def budget(
             campaign.title,
             Asked(run, repeats or 3, draws, seed),
             simulated=campaign.simulated,
-            observed=scatter_of(campaign),
+            observed=what_repeats_show(campaign, solve_campaign(campaign)),
         )
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
@@ -246,71 +248,25 @@ def _design_table(document: Mapping[str, Any], number: str) -> Table:
     return table
 
 
-def scatter(
-    source: Annotated[
-        str,
-        typer.Argument(help="A campaign folder, a night, or a printed table (its name or CSV).", show_default=False),
-    ],
-    as_json: JsonFlag = False,
-) -> None:
-    """Tell what makes repeats scatter: noise, the bias, MU or Collect 3, a drift; or say that they cannot tell."""
-    from hil.analysis.published.scatter import published_signatures
-    from hil.analysis.scatter.signature import HYPOTHESES, NAMED
-    from hil.analysis.scatter.sources import campaign_signatures, overall
+def scatter(source: Source, as_json: JsonFlag = False) -> None:
+    """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
+    from hil.reconcile.scattering import what_scatters
 
-    if Path(source).is_dir():
-        campaign = read_source(Path(source))
-        title, simulated, found = campaign.title, campaign.simulated, campaign_signatures(campaign)
-    else:
-        title, simulated, found = source, False, published_signatures(source)
-    document = {
-        "schema": "hil.scatter/1",
-        "title": title,
-        "simulated": simulated,
-        "hypotheses": dict(HYPOTHESES),
-        "named_from": NAMED,
-        "signatures": [each.document() for each in found],
-    }
+    found = what_scatters(read_source(source))
+    document = found.document()
     if printed(document, as_json):
         return
+    warn(tuple(found.campaign.warnings))
     console = results()
-    console.print(title + ("  SIMULATED" if simulated else ""))
-    if not found:
-        console.print("nothing was repeated, so nothing scattered")
-        return
-    console.print(_scatter_table([each.document() for each in found]))
-    console.print(
-        "\nC: the contractor's bias (Collect 3), M: the matrix bias; 95 % interval. Probabilities of what changes:"
-    )
-    for name, title_of in HYPOTHESES.items():
-        console.print(f"  {_SHORT[name]}: {title_of}")
-    console.print(f"A cause is named from a probability of {NAMED:g}; of ten so named, nine or more are right.")
-    for each in overall(found):
-        console.print(f"{each.axis} of sensor {each.sensor}: {each.sentence}")
-
-
-_SHORT = {"white": "noise", "bias": "bias", "collect_3": "MU", "bias_and_collect_3": "bias, MU", "drift": "drift"}
-
-
-def _scatter_table(signatures: list[dict[str, Any]]) -> Table:
-    spreads = ("c", "m", "mu")
-    headings = ("sensor", "at °C", "runs", *(f"σ{of.upper()}\ndeg/hr" for of in spreads), "correlation C, M")
-    table = listing(*headings, *_SHORT.values(), "named", left={"named"})
-    for each in signatures:
-        at, correlation, probabilities = each["temperature_degC"], each["correlation"], each["probabilities"]
-        told = "–" if correlation["value"] is None else f"{correlation['value']:+.2f}"
-        if correlation["low"] is not None:
-            told += f" ({correlation['low']:+.2f} … {correlation['high']:+.2f})"
-        table.add_row(
-            f"{each['sensor']} {each['axis']}",
-            f"{at:.1f}" if at is not None else "all" if each["temperatures"] > 1 else "",
-            str(each["runs"]),
-            *(f"{each[f'sigma_{of}_deg_per_hr']['value']:.2f}" for of in spreads),
-            told,
-            *(f"{probabilities[name]:.2f}" if probabilities else "–" for name in _SHORT),
-            _SHORT.get(each["verdict"], "cannot tell") if probabilities else "sigmas contradict each other",
-        )
-    return table
+    console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
+    table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of it, from run to run")
+    for each in document["noise"]:
+        stated = "–" if each["stated_deg_per_hr"] is None else f"{each['stated_deg_per_hr']:.2f}"
+        numbers = (f"{each[of]:.2f}" for of in ("observed_deg_per_hr", "run_offset_deg_per_hr"))
+        table.add_row(f"{each['sensor']} {each['channel']}", stated, *numbers)
+    console.print(table)
+    for line in document["sentences"]:
+        console.print(line)
 
 
 COMMANDS = (budget, design, scatter)

@@ -8,31 +8,29 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from hil.analysis.published.reproduction import Reproduction, reproduce
-from hil.analysis.scatter.both_sensors import common_and_differential
-from hil.analysis.scatter.signature import ScatterSignature
-from hil.analysis.scatter.sources import campaign_signatures
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.report.against import Comparison
 from hil.report.night import NightContent
-from hil.solve import RunSolution, solve_campaign
+from hil.solve import RunSolution, repeats, solve_campaign
+from hil.solve.both_sensors import common_and_differential
 from hil.solve.contractor import METHOD
-from hil.solve.temperatures import runs_by_temperature
+from hil.solve.repeats import MeanAt, SensorRepeats
 from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True)
 class Mean:
-    """A parameter at one temperature: the mean of the `runs` that it was solved from, and one sigma.
+    """A parameter at one temperature: the mean of the `runs` that it was solved from, and how sure it is.
 
-    `sigma` is the scatter of the runs (n − 1), of a single run its standard error; NaN where that is not known.
+    `scatter` is that of those runs (n − 1), of a single run its standard deviation; `sd` is the mean's. NaN where that
+    is not known.
     """
 
     value: float
-    sigma: float
+    scatter: float
+    sd: float
     runs: int
 
 
@@ -51,15 +49,16 @@ class SensorContent:
     """One sensor: its self-calibrations grouped by temperature, and every single solution.
 
     `contractor` holds the contractor's solution by run; `reproduction` is None where the collects are not the report's
-    three; `scatter` says what the repeats scattered by, temperature by temperature and pooled.
+    three; `shown` says what repeats show of every uncertainty.
     """
 
     number: int
     repeats: Sequence[Repeat]
     solutions: Sequence[RunSolution]
     contractor: Mapping[int | None, RunSolution]
+    shown: SensorRepeats
+    contractor_shown: SensorRepeats | None = None
     reproduction: Reproduction | None = None
-    scatter: Sequence[ScatterSignature] = ()
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -103,17 +102,15 @@ def gather(
         for number in campaign.sensors
         for each in solutions_of_contractor(campaign, number, solutions)
     }
-    scatter = campaign_signatures(campaign)
+    matrix, beside = repeats(campaign, solutions), repeats(campaign, list(contractor.values()))
     sensors = []
-    for number, collects in campaign.sensors.items():
+    for number, shown in matrix.items():
         own = [each for each in solutions if each.sensor == number]
-        repeats = [
-            _repeat(temperature, runs, own, contractor)
-            for temperature, runs in runs_by_temperature(collects.conditions)
-        ]
-        beside = {run: each for (run, sensor), each in contractor.items() if sensor == number}
-        own_scatter = [each for each in scatter if each.sensor == number]
-        sensors.append(SensorContent(number, repeats, own, beside, _reproduced(campaign, number, beside), own_scatter))
+        others = beside.get(number)
+        means = {} if others is None else {each.runs: each for each in others.means}
+        at = [Repeat(e.temperature_degC, e.runs, _means(e), _means(means.get(e.runs))) for e in shown.means]
+        of_run = {run: each for (run, sensor), each in contractor.items() if sensor == number}
+        sensors.append(SensorContent(number, at, own, of_run, shown, others, _reproduced(campaign, number, of_run)))
     both = common_and_differential(campaign)
     return ReportContent(campaign, sensors, night, comparison, () if both is None else both.sentences())
 
@@ -135,26 +132,10 @@ def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence
     return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
 
 
-def _repeat(
-    temperature: float | None,
-    runs: tuple[int, ...],
-    solutions: Sequence[RunSolution],
-    contractor: Mapping[tuple[int | None, int], RunSolution],
-) -> Repeat:
-    own = [each for each in solutions if each.run in runs]
-    beside = [contractor[each.run, each.sensor] for each in own if (each.run, each.sensor) in contractor]
-    return Repeat(temperature, runs, _means(own), _means(beside))
-
-
-def _means(solutions: Sequence[RunSolution]) -> Mapping[str, Mean]:
-    found: dict[str, list[tuple[float, float]]] = {}
-    for name, each in ((name, each) for solution in solutions for name, each in solution.parameters.items()):
-        if each.value is not None and np.isfinite(each.value):
-            found.setdefault(name, []).append((each.value, np.nan if each.se is None else each.se))
-    return {name: _mean(np.array(runs)) for name, runs in found.items()}
-
-
-def _mean(runs: FloatArray) -> Mean:
-    """Return the mean of runs, (runs, 2) of values and standard errors."""
-    sigma = np.std(runs[:, 0], ddof=1) if len(runs) > 1 else runs[0, 1]
-    return Mean(float(np.mean(runs[:, 0])), float(sigma), len(runs))
+def _means(at: MeanAt | None) -> Mapping[str, Mean]:
+    if at is None:
+        return {}
+    return {
+        name: Mean(each.value, at.scatter[name] if each.runs > 1 else each.sd, each.sd, each.runs)
+        for name, each in at.values.items()
+    }

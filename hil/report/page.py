@@ -77,7 +77,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "missing": in_brief(night.missing) if night is not None else [],
         "sensors": [sensor_view(each) for each in sensors],
         "both": list(content.both_sensors),
-        "uncertainty_note": f"{_STATED if night is None else _RECORDED}; how runs scatter is in the table above.",
+        "uncertainty_note": f"{_STATED if night is None else _RECORDED}; what repeats show beside them is in every ±.",
         "comparison": None if content.comparison is None else _comparison(content.comparison, order),
         "night": None if night is None else night_view(night),
         "warnings": list(dict.fromkeys([*campaign.warnings, *campaign.notes.splitlines()])),

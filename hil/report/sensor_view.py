@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.analysis.scatter.signature import HYPOTHESES, Interval
-from hil.analysis.scatter.sources import overall
 from hil.report.content import Mean, Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
-from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text, wrap
+from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
 from hil.solve import RunSolution
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
@@ -57,7 +55,7 @@ def sensor_view(sensor: SensorContent) -> dict[str, Any]:
         "seven": None if found is None else _table_a1(sensor.number, found),
         "errors": None if found is None else _contractor_errors(sensor.number, found),
         "scatter": _scatter(sensor),
-        "signature": [f"channel {each.axis}: {each.sentence}" for each in overall(sensor.scatter)],
+        "shown": sensor.shown.sentences(),
     }
 
 
@@ -100,7 +98,7 @@ def _sigmas(sensor: SensorContent) -> str:
     """Say what stands behind ± and what bars show: scatter where runs were repeated, else what one run tells."""
     single = [len(repeat.runs) == 1 for repeat in sensor.repeats]
     scatter = "their one-sigma scatter (n − 1)"
-    alone = "standard error (s.e.), told from the noise within its collects"
+    alone = "standard deviation (s.d.)"
     if not any(single):
         return scatter
     return f"as there is one at each, its {alone}" if all(single) else f"{scatter}; where there is one, its {alone}"
@@ -108,17 +106,15 @@ def _sigmas(sensor: SensorContent) -> str:
 
 def _means(at_each: Sequence[Mean | None]) -> Iterator[Cell]:
     """Yield the means of one row, all with as many decimals as their usual sigma asks for."""
-    sigmas = [each.sigma for each in at_each if each is not None and np.isfinite(each.sigma)]
+    sigmas = [each.scatter for each in at_each if each is not None and np.isfinite(each.scatter)]
     decimals = decimals_for([float(np.median(sigmas))] if sigmas else [])
     for each in at_each:
         if each is None:
             yield number(None)
         elif each.runs > 1:
-            yield estimate(each.value, each.sigma, decimals)
+            yield estimate(each.value, each.scatter, decimals)
         else:
-            yield number(
-                each.value, decimals, f"±{each.sigma:.{decimals}f} s.e." if np.isfinite(each.sigma) else "no s.e."
-            )
+            yield number(each.value, decimals, f"±{each.sd:.{decimals}f} s.d." if np.isfinite(each.sd) else "no s.d.")
 
 
 def _of(repeat: Repeat, model: str) -> Mapping[str, Mean]:
@@ -159,7 +155,7 @@ def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[
 
 def _line(label: str, sensor: SensorContent, name: str, model: str) -> Line:
     known = [(r.temperature_degC, _of(r, model)[name]) for r in sensor.repeats if name in _of(r, model)]
-    points = np.array([(at, each.value, each.sigma) for at, each in known], dtype=np.float64).reshape(-1, 3)
+    points = np.array([(at, each.value, each.scatter) for at, each in known], dtype=np.float64).reshape(-1, 3)
     return Line(label, points[:, 0], points[:, 1], points[:, 2], model)
 
 
@@ -174,8 +170,10 @@ def _runs(sensor: SensorContent) -> Grid:
     }
     heads = [Cell("run"), Cell("at"), Cell("verdict", kind="text")]
     heads += [Cell(name, whose + unit) for whose, (name, unit) in [*own, *beside]]
-    rows = []
+    rows, shown = [], sensor.contractor_shown
+    others = {} if shown is None else {run: shown.of_run(each) for run, each in sensor.contractor.items()}
     for solution in sensor.solutions:
+        uncertain = sensor.shown.of_run(solution)
         run = "all" if solution.run is None else str(solution.run)
         cells = [
             Cell(run),
@@ -183,13 +181,13 @@ def _runs(sensor: SensorContent) -> Grid:
             Cell(str(solution.verdict), kind=solution.verdict),
         ]
         for whose, (name, _) in [*own, *beside]:
-            of = solution if not whose else sensor.contractor.get(solution.run)
-            found = of.parameters.get(name) if of is not None else None
-            cells.append(number(None) if found is None else estimate(found.value, found.se, digits.get(name, 2)))
+            found = (uncertain if not whose else others.get(solution.run, {})).get(name)
+            cells.append(number(None) if found is None else estimate(found.value, found.sd, digits.get(name, 2)))
         rows.append(cells)
     said = " The contractor's four take MU for zero, eqs. (A-13)–(A-16)." if beside else ""
     models = ", ".join(dict.fromkeys(each.model for each in sensor.solutions))
-    caption = f"Every self-calibration of sensor {sensor.number}, model {models}: value ± standard error.{said}"
+    values = "value ± one standard deviation, what repeats show included"
+    caption = f"Every self-calibration of sensor {sensor.number}, model {models}: {values}.{said}"
     return Grid(f"runs-sensor-{sensor.number}", caption, heads, rows)
 
 
@@ -263,28 +261,20 @@ def _contractor_errors(sensor: int, found: Reproduction) -> Grid:
 
 
 def _scatter(sensor: SensorContent) -> Grid | None:
-    """How repeats scattered, channel by channel; None where nothing was repeated."""
-    if not sensor.scatter:
+    """How much parameters change from run to run; None where nothing was repeated."""
+    shown = sensor.shown.document()["run_to_run"]
+    if not shown:
         return None
-    heads = [Cell("channel", kind="text"), Cell("at"), Cell("runs"), Cell("σ of C", _RATE), Cell("σ of M", _RATE)]
-    heads += [Cell("σ of MU·1 g", _RATE), Cell("correlation", "of C with M"), Cell("what changes", kind="text")]
-    rows = []
-    for each in sensor.scatter:
-        pooled = each.temperature_degC is None
-        at = f"{each.temperatures} temperatures" if pooled else degrees(each.temperature_degC)
-        spread = (each.sigma_c, each.sigma_m, each.sigma_mu, each.correlation)
-        rows.append([text(each.axis), Cell(at), number(each.runs), *map(_interval, spread), wrap(_what(each.verdict))])
-    caption = (
-        "Repeatability and scatter signature: C is the contractor's bias (Collect 3), M the matrix bias (the mean of "
-        "Collects 1 and 2), MU their difference; below each its 95 % interval."
-    )
+    heads = [Cell("parameter", kind="text"), Cell("from run to run", "one σ"), Cell("of it", "not in standard errors")]
+    heads.append(Cell("degrees of freedom"))
+    rows = [
+        [
+            Cell(name, each["unit"], "text"),
+            number(each["sd"], 2),
+            number(each["beyond_standard_errors"], 2),
+            number(each["degrees_of_freedom"], 0),
+        ]
+        for name, each in shown.items()
+    ]
+    caption = "Repeatability: standard deviation of single runs at one temperature, all temperatures together."
     return Grid(f"scatter-sensor-{sensor.number}", caption, heads, rows)
-
-
-def _interval(found: Interval) -> Cell:
-    known = found.low is not None and found.high is not None
-    return number(found.value, 2, f"{found.low:.2f} to {found.high:.2f}" if known else "")
-
-
-def _what(verdict: str | None) -> str:
-    return "cannot tell" if verdict is None else HYPOTHESES[verdict]

@@ -116,8 +116,8 @@ def _largest_mu(sensor: SensorContent) -> Iterator[str]:
     sizes = [(each.matrix[name], name, each) for each in sensor.repeats for name in names if name in each.matrix]
     if sizes:
         mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
-        what = f"scatter of {mean.runs} runs" if mean.runs > 1 else "standard error of one run"
-        sigma, which = (f" ±{mean.sigma:.1f}", f" (±: {what})") if np.isfinite(mean.sigma) else ("", "")
+        what = f"standard deviation of the mean of {counted(mean.runs, 'run')}, what repeats show included"
+        sigma, which = (f" ±{mean.sd:.1f}", f" (±: {what})") if np.isfinite(mean.sd) else ("", "")
         yield (
             f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
             f"{mean.value:.1f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}{which}; taking it for zero moves "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hil.solve.least_squares import Solution, solve
+from hil.solve.repeats import repeats
 from hil.solve.runs import Estimate, RunSolution, solve_campaign
 
-__all__ = ["Estimate", "RunSolution", "Solution", "solve", "solve_campaign"]
+__all__ = ["Estimate", "RunSolution", "Solution", "repeats", "solve", "solve_campaign"]

@@ -2,7 +2,6 @@
 
     solutions = solve_campaign(read_campaign("my-campaign"))
     solutions[0].parameters["MUB"]  # Estimate(value=-7.5, se=1.1, unit="deg/hr/g")
-    solution_document(campaign, solutions)  # the JSON of `hil solve`
 
 A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
 missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
@@ -15,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -29,8 +27,6 @@ from hil.solve.neighbours import Neighbours, compared_with_neighbours
 from hil.solve.precision import measured_well_enough
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, numbered, plural, spelled
-
-SCHEMA = "hil.solution/1"
 
 PASS_PROBABILITY = 0.05
 FAIL_PROBABILITY = 0.001
@@ -59,7 +55,7 @@ class RunSolution:
 
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
-    not known singly.
+    not known singly. `chi_square` is that of the residuals, None without stated standard errors.
     """
 
     run: int | None
@@ -77,6 +73,7 @@ class RunSolution:
     verdict: Verdict
     reason: str
     assumed: tuple[str, ...]
+    chi_square: float | None = None
 
 
 def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[RunSolution]:
@@ -123,41 +120,6 @@ def _judged(solution: RunSolution, campaign: Campaign, beside: Neighbours) -> Ru
     return replace(solution, verdict=judged.verdict, reason=reasons)
 
 
-def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[str, Any]:
-    """Return what `hil solve --json` prints: finite numbers, null where a thing is not known."""
-    return {
-        "schema": SCHEMA,
-        "campaign": campaign.title,
-        "simulated": campaign.simulated,
-        "warnings": list(campaign.warnings),
-        "solutions": [_solution_entry(each) for each in solutions],
-    }
-
-
-def _solution_entry(each: RunSolution) -> dict[str, Any]:
-    covariance: list[list[float | None]] | None = [[_finite(value) for value in row] for row in each.covariance]
-    if np.all(np.isnan(each.covariance)):
-        covariance = None
-    return {
-        "run": each.run,
-        "runs": list(each.runs),
-        "sensor": each.sensor,
-        "model": each.model,
-        "method": each.method,
-        "parameters": {name: vars(estimate) for name, estimate in each.parameters.items()},
-        "combinations": {name: vars(estimate) for name, estimate in each.combinations.items()},
-        "covariance": covariance,
-        "covariance_order": list(each.parameters),
-        "condition_number": each.condition_number,
-        "residual_rms_deg_per_hr": each.residual_rms_deg_per_hr,
-        "degrees_of_freedom": each.degrees_of_freedom,
-        "unobservable": list(each.unobservable),
-        "verdict": str(each.verdict),
-        "reason": each.reason,
-        "assumed": list(each.assumed),
-    }
-
-
 def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
     if form.name == "collins-4" and can_follow(collects):
         return _follow_contractor(sensor, run, form, collects)
@@ -188,17 +150,18 @@ def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collec
         method=LEAST_SQUARES,
         parameters=_estimates(form, solution.values, solution.se),
         combinations={
-            text: Estimate(_finite(value), _finite(se), _combined_unit(text, unit))
+            text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
             for text, value, se in solution.combinations()
         },
         covariance=solution.covariance,
-        condition_number=_finite(condition),
-        residual_rms_deg_per_hr=_finite(float(solution.residual_rms)),
+        condition_number=finite(condition),
+        residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
         degrees_of_freedom=degrees,
         unobservable=unobservable,
         verdict=judged.verdict,
         reason=_reason(form.reason, judged.reason),
         assumed=_assumptions(form, collects, sigma is not None),
+        chi_square=float(solution.chi_square) if sigma is not None and degrees else None,
     )
 
 
@@ -216,13 +179,14 @@ def _follow_contractor(sensor: int, run: int | None, form: LinearForm, collects:
         parameters=_estimates(form, found.values, np.sqrt(np.diagonal(found.covariance))),
         combinations={},
         covariance=found.covariance,
-        condition_number=_finite(found.condition_number),
+        condition_number=finite(found.condition_number),
         residual_rms_deg_per_hr=float(np.sqrt(np.mean(found.residuals[used] ** 2))),
         degrees_of_freedom=found.degrees_of_freedom,
         unobservable=(),
         verdict=judged.verdict,
         reason=_reason(f"the contractor's solution: {METHOD}", judged.reason),
         assumed=_assumptions(form, collects, sigma is not None),
+        chi_square=float(found.chi_square) if sigma is not None and found.degrees_of_freedom else None,
     )
 
 
@@ -294,7 +258,7 @@ def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tu
 
 def _estimates(form: LinearForm, values: FloatArray, se: FloatArray) -> dict[str, Estimate]:
     return {
-        name: Estimate(_finite(float(value)), _finite(float(error)), unit)
+        name: Estimate(finite(float(value)), finite(float(error)), unit)
         for name, unit, value, error in zip(form.names, form.units, values, se, strict=True)
     }
 
@@ -313,5 +277,6 @@ def _runs(collects: Collects) -> tuple[int, ...]:
     return tuple(int(run) for run in np.unique(collects.conditions.run))
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """Return a number, or None where it is none."""
     return float(value) if np.isfinite(value) else None

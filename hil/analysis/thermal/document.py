@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM
-from hil.analysis.thermal.estimate import CONFIDENCE
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
+from hil.solve.repeats import CONFIDENCE
 
 SCHEMA = "hil.thermal/1"
 
@@ -21,8 +21,8 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "simulated": result.campaign.simulated,
         "warnings": list(result.campaign.warnings),
         "method": (
-            "form chosen by leave-one-temperature-out, all positions and temperatures in one generalised least-squares "
-            "system with white and run-level noise"
+            "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
+            "uncertainty"
         ),
         "confidence": CONFIDENCE,
         "false_alarm": FALSE_ALARM,

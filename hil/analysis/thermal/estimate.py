@@ -1,26 +1,51 @@
-"""Generalised least squares over all rows of a sensor: parameters free at every temperature, or along chosen forms.
+"""Every self-calibration's parameters against its temperature: free at every temperature, or along chosen forms.
 
-One system for all positions and temperatures: the columns of the measurement equation, each times a basis in
-temperature. Where temperatures were reached from both sides, half the difference is a parameter of its own, so that the
-curve is the middle one.
+A visit is one run, or all collects at a temperature (from one side) where no single run there tells every parameter.
+Its parameters have the uncertainty that every other command states (`hil.solve.repeats`). Where temperatures were
+reached from both sides, half the difference is a parameter of its own, so that the curve is the middle one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
 
-from hil.analysis.thermal.noise import RateNoise
 from hil.analysis.thermal.stations import Stations
-from hil.campaign import Collects, FloatArray
+from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import LinearForm
 from hil.solve import solve
+from hil.solve.repeats import CONFIDENCE, Spread
+from hil.solve.runs import OBSERVABLE, stated_noise
 
-CONFIDENCE = 0.95
-_PRIOR_ROWS = 3  # stated standard errors count as much as this many rows (see ScalePrior)
+
+@dataclass(frozen=True)
+class Estimates:
+    """Values (q,) with their covariance, and the degrees of freedom behind each variance (infinite where stated)."""
+
+    values: FloatArray
+    covariance: FloatArray
+    freedom: float
+
+    @property
+    def se(self) -> FloatArray:
+        """Standard errors, (q,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def half_width(self) -> FloatArray:
+        """Half the width of each interval at `CONFIDENCE`, (q,)."""
+        return np.asarray(self.se * student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
+
+    def part(self, start: int, count: int) -> Estimates:
+        """Return `count` values from `start` on."""
+        here = slice(start, start + count)
+        return Estimates(self.values[here], self.covariance[here, here], self.freedom)
+
+    def scaled(self, factors: FloatArray) -> Estimates:
+        """Return each value times a factor, (q,)."""
+        return Estimates(self.values * factors, self.covariance * np.outer(factors, factors), self.freedom)
 
 
 @dataclass(frozen=True)
@@ -44,92 +69,101 @@ class Layout:
         """The temperature of each row, (n,)."""
         return np.asarray(self.collects.conditions.columns["temperature_degC"])
 
-    def station_basis(self) -> FloatArray:
-        """One column per temperature, (n, S)."""
-        return np.asarray(self.stations.number[:, None] == np.arange(len(self.stations)), dtype=np.float64)
-
-    def power_basis(self, order: int) -> FloatArray:
-        """Powers of the scaled temperature, (n, order + 1)."""
-        return self.powers(self.temperature_degC, order)
-
     def powers(self, temperature_degC: FloatArray, order: int) -> FloatArray:
         """Powers of the scaled temperature at k temperatures, (k, order + 1)."""
         scaled = (temperature_degC - self.middle_degC) / self.half_degC
         return np.asarray(np.polynomial.polynomial.polyvander(scaled, order))
 
-    def design(self, bases: Sequence[FloatArray]) -> FloatArray:
-        """Return the columns of every parameter along its basis (n, k_p), parameter by parameter, (n, c, q)."""
-        parts = [self.columns[:, :, [p]] * basis[:, None, :] for p, basis in enumerate(bases)]
-        if self.hysteresis:
-            parts.append(self.columns * (0.5 * self.stations.direction)[:, None, None])
-        return np.concatenate(parts, axis=2)
-
 
 @dataclass(frozen=True)
-class Estimates:
-    """Values (q,) with their covariance, and the degrees of freedom behind each variance (infinite where stated)."""
+class Visits:
+    """The v visits of one sensor: parameters (v, p), NaN where not told, and one standard deviation of each.
 
+    `temperature_degC`, `station` and `direction` are (v,); `known` says that anything tells how large a deviation is.
+    """
+
+    layout: Layout
     values: FloatArray
-    covariance: FloatArray
-    freedom: FloatArray
-    chi_square: float
+    sd: FloatArray
+    spread: Spread
+    temperature_degC: FloatArray
+    station: IntArray
+    direction: FloatArray
+    known: bool
+
+    def along(self, place: int, order: int | None) -> tuple[Estimates, Estimates | None]:
+        """Fit one parameter freely at each temperature (order None) or along powers; hysteresis apart."""
+        stations = np.arange(len(self.layout.stations))
+        basis = np.asarray(self.station[:, None] == stations, dtype=np.float64)
+        size = len(stations) if order is None else order + 1
+        if order is not None:
+            basis = self.layout.powers(self.temperature_degC, order)
+        if self.layout.hysteresis:
+            basis = np.column_stack([basis, 0.5 * self.direction])
+        found = solve(basis, self.values[:, place], self._levelled(place))
+        freedom = float(self.spread.freedom[place])
+        if not self.known:
+            freedom = float(max(int(found.degrees_of_freedom), 1))
+        fitted = Estimates(found.values, found.covariance, freedom)
+        return fitted.part(0, size), fitted.part(size, 1) if self.layout.hysteresis else None
+
+    def _levelled(self, place: int) -> FloatArray:
+        """Deviations (v,), each that of its temperature's visits together: a mean there is the plain mean."""
+        variance = self.sd[:, place] ** 2
+        here = np.isfinite(self.values[:, place])
+        sums, count = (np.bincount(self.station[here], weights=w) for w in (variance[here], np.ones(here.sum())))
+        mean = np.divide(sums, count, out=np.ones_like(sums), where=count > 0)
+        return np.asarray(np.sqrt(mean[np.minimum(self.station, len(mean) - 1)]))
 
     @property
-    def se(self) -> FloatArray:
-        """Standard errors, (q,)."""
-        return np.sqrt(np.diagonal(self.covariance))
-
-    @property
-    def half_width(self) -> FloatArray:
-        """Half the width of each interval at `CONFIDENCE`, (q,)."""
-        return np.asarray(self.se * student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
-
-    def part(self, start: int, count: int) -> Estimates:
-        """Return `count` values from `start` on."""
-        here = slice(start, start + count)
-        return Estimates(self.values[here], self.covariance[here, here], self.freedom[here], self.chi_square)
-
-    def scaled(self, factors: FloatArray) -> Estimates:
-        """Return each value times a factor, (q,)."""
-        return Estimates(
-            self.values * factors, self.covariance * np.outer(factors, factors), self.freedom, self.chi_square
-        )
+    def collect_deg_per_hr(self) -> float:
+        """What one collect scatters by, rms: its standard error and what parameters do from run to run."""
+        errors = self.layout.collects.rates_se_deg_per_hr
+        beyond = np.einsum("ncp,p->nc", self.layout.columns**2, self.spread.beyond**2)
+        return float(np.sqrt(np.mean(np.nan_to_num((self.spread.factor * errors) ** 2) + beyond)))
 
 
-def estimate(layout: Layout, noise: RateNoise, bases: Sequence[FloatArray]) -> Estimates:
-    """Fit all parameters along their bases, (n, k_p), at once; hysteresis last, one value per parameter."""
-    rates = layout.collects.rates_deg_per_hr - layout.collects.conditions.w_channels_deg_per_hr
-    design = layout.design(bases)[noise.row, noise.channel]
-    covariance = noise.covariance
-    solution = solve(design, rates[noise.row, noise.channel], covariance=covariance)
-    operator = solution.covariance @ design.T @ np.linalg.inv(covariance)
-    white = np.einsum("qm,m,qm->q", operator, noise.white, operator)
-    run = np.einsum("qm,mn,qn->q", operator, noise.run, operator)
-    return Estimates(solution.values, solution.covariance, _freedom(noise, white, run), float(solution.chi_square))
+def visits(layout: Layout) -> Visits:
+    """Solve every visit of a sensor for the layout's form."""
+    conditions, stations = layout.collects.conditions, layout.stations
+    runs = np.unique(conditions.run, return_inverse=True)[1]
+    own = _solved(layout, runs)
+    whole = np.asarray(np.isfinite(own.values).all(axis=1))
+    tells = np.isin(np.arange(len(stations)), stations.number[whole[runs]])
+    if np.all(tells):
+        return own
+    # A run there holds some of the positions: what was measured at the temperature is one self-calibration.
+    together = runs.max() + 1 + 3 * stations.number + stations.direction.astype(np.int64) + 1
+    return _solved(layout, np.unique(np.where(tells[stations.number], runs, together), return_inverse=True)[1])
 
 
-def _freedom(noise: RateNoise, white: FloatArray, run: FloatArray) -> FloatArray:
-    """Satterthwaite's degrees of freedom of a variance that is the sum of two estimated ones, (q,)."""
-    if noise.stated:
-        return np.full(len(white), np.inf)
-    # Where every run is one collect, white noise shows between runs and nowhere else.
-    rows = max(noise.rows_left or noise.runs_left, 1) + _PRIOR_ROWS
-    per_part = white**2 / rows + (run**2 / noise.runs_left if noise.runs_left else 0.0)
-    return np.asarray((white + run) ** 2 / np.maximum(per_part, 1e-300))
+def _solved(layout: Layout, label: IntArray) -> Visits:
+    conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
+    rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+    values, errors, excess, freedom, rows = [], [], 0.0, 0, []
+    for k in range(label.max() + 1):
+        here = np.flatnonzero(label == k)
+        design = layout.columns[here].reshape(-1, len(layout.form.names))
+        noise = None if sigma is None else sigma[here].reshape(-1)
+        found = solve(design, rates[here].reshape(-1), noise, rank_tolerance=OBSERVABLE)
+        values.append(found.values)
+        errors.append(found.se)
+        rows.append(here)
+        if sigma is not None:
+            excess, freedom = excess + float(found.chi_square), freedom + int(found.degrees_of_freedom)
+    station, direction = (
+        np.array([of[r[0]] for r in rows]) for of in (layout.stations.number, layout.stations.direction)
+    )
+    at = np.array([layout.temperature_degC[r].mean() for r in rows])
+    measured, stated = np.array(values), np.array(errors)
+    place = np.unique(np.stack([station, direction.astype(np.int64)]), axis=1, return_inverse=True)[1].reshape(-1)
+    spread = Spread.of(measured, stated, place, float(np.sqrt(max(excess / max(freedom, 1), 1.0))))
+    sd = spread.sd(stated)
+    known = bool(np.isfinite(sd[np.isfinite(measured)]).all() and np.all(sd[np.isfinite(measured)] > 0.0))
+    sd = sd if known else np.ones_like(sd)
+    return Visits(layout, measured, sd, spread, at, station, direction, known)
 
 
-def repeatability(layout: Layout, noise: RateNoise) -> Mapping[str, float]:
-    """Return what one self-calibration's value scatters by, per parameter: rms over the runs that can give it alone."""
-    design = layout.columns[noise.row, noise.channel]
-    rates = np.zeros(len(design))
-    runs = layout.collects.conditions.run[noise.row]
-    squares: list[FloatArray] = []
-    for run in np.unique(runs):
-        here = np.flatnonzero(runs == run)
-        own = noise.covariance[np.ix_(here, here)]
-        found = solve(design[here], rates[here], covariance=own, rank_tolerance=1e-3)
-        squares.append(np.diagonal(found.covariance))
-    with np.errstate(invalid="ignore"):
-        known = np.array(squares)
-        mean = np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in known.T])
-    return dict(zip(layout.form.names, np.sqrt(mean).tolist(), strict=True))
+def scaled(own: Visits, factors: FloatArray) -> Visits:
+    """Return visits whose deviations (v, p) are times `factors` (p,)."""
+    return replace(own, sd=own.sd * factors)

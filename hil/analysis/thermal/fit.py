@@ -1,7 +1,7 @@
 """Fit every parameter of every sensor of a campaign against temperature.
 
-First the parameters are free at every temperature; from that each gets its form (`choice`). Then all rows are fitted
-once more along the chosen forms, at the temperature that each row really had.
+First the parameters are free at every temperature; from that each gets its form (`choice`). Then all visits are fitted
+once more along the chosen forms, at the temperature that each really had.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
-from hil.analysis.thermal.estimate import Estimates, Layout, estimate, repeatability
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, scaled, visits
 from hil.analysis.thermal.forms import MONOTONE, monotone
 from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
-from hil.analysis.thermal.noise import RateNoise, rate_noise
 from hil.analysis.thermal.stations import Stations, find_stations, refuse_impossible
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
@@ -105,7 +104,6 @@ class SensorFit:
 
     number: int
     layout: Layout
-    noise: RateNoise
     parameters: Mapping[str, ParameterFit]
     improvement: Improvement
     rate_noise_deg_per_hr: float
@@ -161,35 +159,22 @@ def fit_sensor(
 ) -> SensorFit:
     """Fit one sensor's parameters; see `fit_thermal`, also for where it raises `InputError`."""
     layout, notes = layout_of(number, collects, model_name, apart_degC)
-    runs = len(np.unique(layout.collects.conditions.run))
-    free = [layout.station_basis()] * len(layout.form.names)
-    spare = max(runs - len(layout.stations) - int(layout.hysteresis), 0)
-    noise = rate_noise(number, layout.collects, layout.design(free), spare)
-    values = _free_values(layout, noise)
-    choices = _choices(layout, values, noise.known, highest_order, seed)
-    if not noise.known:
+    seen = visits(layout)
+    free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
+    choices = _choices(layout, free, seen.known, highest_order, seed)
+    if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
-        noise = noise.times(
-            float(np.mean([_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(values, choices, strict=True)]))
-        )
-        values = _free_values(layout, noise)
-    bases = [layout.station_basis() if c.form.order is None else layout.power_basis(c.form.order) for c in choices]
-    fitted = estimate(layout, noise, bases)
-    scatter = repeatability(layout, noise)
+        left = [_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(free, choices, strict=True)]
+        seen = scaled(seen, np.sqrt(left))
+        free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
         nested_errors(layout.stations.centre_degC, each, choice, highest_order, seed)
-        for each, choice in zip(values, choices, strict=True)
+        for each, choice in zip(free, choices, strict=True)
     ]
-    parameters = {}
-    start = 0
-    for place, name in enumerate(layout.form.names):
-        own = fitted.part(start, bases[place].shape[1])
-        start += bases[place].shape[1]
-        last = len(fitted.values) - len(bases) + place
-        change = fitted.part(last, 1) if layout.hysteresis else None
-        parameters[name] = _parameter(
-            layout, place, choices[place], values[place], own, scatter[name], errors[place], change, noise.known
-        )
+    parameters = {
+        name: _parameter(seen, place, choices[place], free[place], errors[place])
+        for place, name in enumerate(layout.form.names)
+    }
     if layout.hysteresis:
         notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
     else:
@@ -197,21 +182,13 @@ def fit_sensor(
             f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
             "are in the curves"
         )
-    if noise.known and spare == 0:
+    if seen.known and not np.any(seen.spread.degrees):
         notes.append(
             f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
             "standard errors, cannot be told from what depends on temperature"
         )
     rates = _rate_improvement(layout, choices, errors)
-    size = float(np.sqrt(np.mean(np.diagonal(noise.covariance))))
-    return SensorFit(number, layout, noise, parameters, rates, size, tuple(notes))
-
-
-def _free_values(layout: Layout, noise: RateNoise) -> list[Estimates]:
-    """Return every parameter free at each temperature, (S,) values each, in the form's order."""
-    count, names = len(layout.stations), layout.form.names
-    found = estimate(layout, noise, [layout.station_basis()] * len(names))
-    return [found.part(place * count, count) for place in range(len(names))]
+    return SensorFit(number, layout, parameters, rates, seen.collect_deg_per_hr, tuple(notes))
 
 
 def _choices(
@@ -283,24 +260,14 @@ def _tells_all(form: LinearForm, collects: Collects) -> bool:
     return int(found.rank) == len(form.names)
 
 
-def _parameter(
-    layout: Layout,
-    place: int,
-    choice: Choice,
-    values: Estimates,
-    own: Estimates,
-    scatter: float,
-    errors: FloatArray,
-    change: Estimates | None,
-    noise_known: bool,
-) -> ParameterFit:
+def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> ParameterFit:
+    layout, order = seen.layout, choice.form.order
     unit = layout.form.units[place]
-    order = choice.form.order
-    coefficients = own
+    coefficients, change = seen.along(place, order)
     if order is not None:
-        coefficients = own.scaled(layout.half_degC ** -np.arange(order + 1.0))
+        coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
     elif choice.form.name == MONOTONE:
-        coefficients = replace(own, values=monotone(own.values, choice.weight))
+        coefficients = replace(coefficients, values=monotone(coefficients.values, choice.weight))
     hysteresis = None
     if change is not None:
         value, width = float(change.values[0]), float(change.half_width[0])
@@ -316,8 +283,8 @@ def _parameter(
         curve=_curve(layout, unit, order, coefficients),
         coefficients=coefficients,
         values=values,
-        repeatability=scatter,
-        changes=noise_known and _changes(layout, values),
+        repeatability=float(np.sqrt(np.nanmean(seen.sd[:, place] ** 2))),
+        changes=seen.known and _changes(layout, values),
         chance_constant=_misfit(layout, values, 0).chance,
         chance_form=None if misfit is None else misfit.chance,
         largest_change=_largest_change(layout, values),
@@ -332,7 +299,7 @@ def _changes(layout: Layout, values: Estimates) -> bool:
     Of a sensor without any dependence it is said for some parameter in half of `FALSE_ALARM` of campaigns.
     """
     line = _line(layout, values)
-    slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom[1]))
+    slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom))
     return min(_misfit(layout, values, 0).chance, slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
 
 
@@ -351,14 +318,14 @@ def _misfit(layout: Layout, values: Estimates, order: int) -> _Misfit:
     if left == 0:
         return _Misfit(1.0, 1.0)
     ratio = float(found.chi_square) / left
-    return _Misfit(ratio, float(fisher.sf(ratio, left, min(float(np.min(values.freedom)), 1e6))))
+    return _Misfit(ratio, float(fisher.sf(ratio, left, min(values.freedom, 1e6))))
 
 
 def _line(layout: Layout, values: Estimates) -> Estimates:
     """Return level and slope of a straight line through the free values, per half range."""
     basis = layout.powers(layout.stations.centre_degC, 1)
     found = solve(basis, values.values, covariance=values.covariance)
-    return Estimates(found.values, found.covariance, np.full(2, np.min(values.freedom)), float(found.chi_square))
+    return Estimates(found.values, found.covariance, values.freedom)
 
 
 def _largest_change(layout: Layout, values: Estimates) -> float:

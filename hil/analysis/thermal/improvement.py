@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.analysis.thermal.choice import Choice, choose
-from hil.analysis.thermal.estimate import CONFIDENCE, Estimates
+from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.forms import candidate_forms
 from hil.campaign import FloatArray, IntArray
+from hil.solve.repeats import CONFIDENCE
 
 _RESAMPLES = 2000
 _DRAWS = 199

@@ -1,7 +1,7 @@
 """The error budget as the JSON document hil.budget/1, before a night and after it.
 
     budget_document(planned_scenes(sweep, bench), sweep.title, repeats=3)
-    budget_document(measured_scenes(campaign, bench), campaign.title, repeats=3, observed=scatter_of(campaign))
+    budget_document(measured_scenes(campaign, bench), campaign.title, repeats=3, observed=repeats(campaign, solutions))
 
 Each sensor has the budget of one run, the one whose total is worst unless another is asked for, and the totals of all.
 """
@@ -15,17 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import FloatArray
 from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
-from hil.solve import solve_campaign
-from hil.solve.temperatures import runs_by_temperature
+from hil.solve.repeats import SensorRepeats
 
 SCHEMA = "hil.budget/1"
-
-Observed = Mapping[int, Mapping[str, tuple[float, int]]]
-"""By sensor and parameter: the standard deviation from run to run at one temperature, and its degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ def budget_document(
     asked: Asked,
     *,
     simulated: bool = False,
-    observed: Observed | None = None,
+    observed: Mapping[int, SensorRepeats] | None = None,
 ) -> dict[str, Any]:
     """Return the budget of each sensor; raises `InputError` for a run that is not there."""
     return {
@@ -55,34 +51,12 @@ def budget_document(
         "draws": asked.draws,
         "seed": asked.seed,
         "sensors": {
-            str(number): _sensor(number, runs, asked, (observed or {}).get(number, {}))
-            for number, runs in scenes.items()
+            str(number): _sensor(number, runs, asked, (observed or {}).get(number)) for number, runs in scenes.items()
         },
     }
 
 
-def scatter_of(campaign: Campaign) -> dict[int, dict[str, tuple[float, int]]]:
-    """Return how each parameter scattered from run to run at one temperature, pooled over the temperatures."""
-    found: dict[int, dict[str, tuple[float, int]]] = {}
-    solutions = solve_campaign(campaign)
-    for number, rows in campaign.sensors.items():
-        squares: dict[str, float] = {}
-        degrees: dict[str, int] = {}
-        for _, runs in runs_by_temperature(rows.conditions):
-            own = [each for each in solutions if each.sensor == number and each.run in runs]
-            for name in dict.fromkeys(name for each in own for name in each.parameters):
-                values = [each.parameters[name].value for each in own if name in each.parameters]
-                known = np.array([value for value in values if value is not None])
-                if len(known) > 1:
-                    squares[name] = squares.get(name, 0.0) + float(np.sum((known - known.mean()) ** 2))
-                    degrees[name] = degrees.get(name, 0) + len(known) - 1
-        found[number] = {name: (math.sqrt(squares[name] / degrees[name]), degrees[name]) for name in squares}
-    return found
-
-
-def _sensor(
-    number: int, runs: Sequence[RunScene], asked: Asked, observed: Mapping[str, tuple[float, int]]
-) -> dict[str, Any]:
+def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     totals = {each.run: _total(each) for each in runs}
     if asked.run is not None and asked.run not in totals:
         raise InputError(f"sensor {number}: there is no run {asked.run}; there are {', '.join(map(str, totals))}")
@@ -98,11 +72,9 @@ def _sensor(
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, budget.total(asked.repeats)),
+        "mean_of_repeats": _named(budget, budget.total(asked.repeats, _beyond(budget, observed))),
         "run_to_run": _named(budget, _from_run_to_run(budget)),
-        "observed_run_to_run": {
-            name: {"sd": sd, "degrees_of_freedom": degrees} for name, (sd, degrees) in observed.items()
-        },
+        "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
@@ -121,6 +93,16 @@ def _total(each: RunScene) -> FloatArray:
     to_parameters = response(each.scene, each.form)
     parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
     return np.asarray(np.sqrt(np.sum(parts, axis=0)))
+
+
+def _beyond(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
+    """What repeats scatter by, (p,), beyond what the budget's own sources give from run to run."""
+    expected = _from_run_to_run(budget)
+    if observed is None:
+        return np.zeros_like(expected)
+    seen = dict(zip(observed.names, np.nan_to_num(observed.spread.observed).tolist(), strict=True))
+    own = np.array([seen.get(name, 0.0) for name in budget.names])
+    return np.asarray(np.sqrt(np.maximum(own**2 - expected**2, 0.0)))
 
 
 def _from_run_to_run(budget: Budget) -> FloatArray:

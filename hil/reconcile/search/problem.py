@@ -115,7 +115,7 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         sensor = _sensor(number, collects, model, form)
         sensors[number] = sensor
         columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns, as_stated=True)
+        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns)
     bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
     if any(bears):
         notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]

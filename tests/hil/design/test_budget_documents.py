@@ -21,9 +21,10 @@ from hil.campaign.reader import read_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
-from hil.design.budget.document import Asked, budget_document, scatter_of
+from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
+from hil.solve import repeats, solve_campaign
 
 FEW = Asked(draws=2000)
 
@@ -86,7 +87,8 @@ def test_the_default_noise_is_that_of_the_reports_quiet_cells() -> None:
 def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Campaign) -> None:
     """The collects' own standard errors, this run's own GS and MU, and beside it what was seen to scatter."""
     bench = load_bench("simulated")
-    document = budget_document(measured_scenes(campaign, bench), "t", FEW, observed=scatter_of(campaign))
+    shown = repeats(campaign, solve_campaign(campaign))
+    document = budget_document(measured_scenes(campaign, bench), "t", FEW, observed=shown)
     sensor = document["sensors"]["2"]
     assert sensor["acting_on"] == "as solved from this run"
     assert sensor["sources"][0]["origin"] == "measured standard errors"
@@ -99,6 +101,9 @@ def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Camp
     assert seen["degrees_of_freedom"] == 6
     assert seen["sd"] > 0.0
     assert set(sensor["run_to_run"]) == set(sensor["observed_run_to_run"])
+    within, wide = sensor["run_to_run"], {name: each["sd"] for name, each in sensor["observed_run_to_run"].items()}
+    for name, mean in sensor["mean_of_repeats"].items():
+        assert mean >= max(within[name], wide[name]) / np.sqrt(3) * (1.0 - 1e-9), name
 
 
 def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(campaign: Campaign) -> None:

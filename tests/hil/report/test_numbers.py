@@ -28,7 +28,7 @@ def test_every_number_of_the_self_calibrations_is_that_of_hil_solve(
                 value, se = row[head.index([name, *([whose] if whose else []), each["unit"]])]
                 digits = len(value.partition(".")[2])
                 assert value == f"{each['value']:.{digits}f}"
-                assert se == f"±{each['se']:.{digits}f}"
+                assert se == f"±{each['sd']:.{digits}f}"
                 assert float(se[1:]) > 5 * 10**-digits  # two digits of the uncertainty, or nearly
                 compared += 1
     assert compared == 2 * 4 * 6 + 4 * 4
@@ -61,23 +61,18 @@ def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, caps
 
 
 def test_the_scatter_is_that_of_hil_solve(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every value and both ends of every interval, row by row."""
+    """Every parameter: from run to run, what standard errors leave of it, degrees of freedom."""
     tables = Tables(page).found
     capsys.readouterr()
     assert hil(["solve", str(night), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["scatter"]
-    assert len(found) == sum(len(tables[f"scatter-sensor-{sensor}"]) - 1 for sensor in (1, 2)) > 0
+    found = json.loads(capsys.readouterr().out)["repeats"]
     for sensor in (1, 2):
-        own = [each for each in found if each["sensor"] == sensor]
-        for row, each in zip(tables[f"scatter-sensor-{sensor}"][1:], own, strict=True):
-            assert (row[0], row[2]) == ([each["axis"]], [str(each["runs"])])
-            spreads = [each[f"sigma_{name}_deg_per_hr"] for name in ("c", "m", "mu")]
-            for cell, spread in zip(row[3:7], [*spreads, each["correlation"]], strict=True):
-                shown, *interval = cell
-                assert shown == "–" if spread["value"] is None else as_shown(shown, spread["value"])
-                ends = interval[0].split(" to ") if interval else []
-                expected = [spread["low"], spread["high"]] if spread["low"] is not None else []
-                assert all(as_shown(*pair) for pair in zip(ends, expected, strict=True))
+        own = found[str(sensor)]["run_to_run"]
+        for row, (name, each) in zip(tables[f"scatter-sensor-{sensor}"][1:], own.items(), strict=True):
+            assert row[0][0] == name
+            assert as_shown(row[1][0], each["sd"])
+            assert as_shown(row[2][0], each["beyond_standard_errors"])
+            assert row[3] == [str(each["degrees_of_freedom"])]
 
 
 def test_the_seven_biases_and_the_contractors_errors_are_those_of_hil_reproduce(
@@ -103,7 +98,7 @@ def test_the_seven_biases_and_the_contractors_errors_are_those_of_hil_reproduce(
 def test_the_largest_term_that_is_left_out_is_that_of_hil_solve(
     night: Path, page: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The one number of the verdict, with the scatter of its runs."""
+    """The one number of the verdict, with the standard deviation of the mean."""
     runs = {s["run"]: s["parameters"] for s in solved(capsys, str(night)) if s["sensor"] == 2}
     means = {
         (name, pair): sum(runs[n][name]["value"] for n in pair) / 2  # type: ignore[index]
@@ -111,6 +106,6 @@ def test_the_largest_term_that_is_left_out_is_that_of_hil_solve(
         for pair in ((1, 2), (3, 4))
     }
     name, pair = max(means, key=lambda each: abs(means[each]))
-    one, two = (runs[n][name]["value"] for n in pair)  # type: ignore[index]
-    said = f"is {name} = {means[name, pair]:.1f} ±{abs(one - two) / 2**0.5:.1f} deg/hr/g".replace(" -", " −")
+    sd = sum(runs[n][name]["sd"] ** 2 for n in pair) ** 0.5 / 2  # type: ignore[index]
+    said = f"is {name} = {means[name, pair]:.1f} ±{sd:.1f} deg/hr/g".replace(" -", " −")
     assert said in page[: page.index("<table")]

@@ -42,7 +42,7 @@ def test_the_table_has_the_means_and_the_scatter(case: Case, folder: Path) -> No
     gsa = np.array([solution.parameters["GSA"].value for solution in sensor.solutions[:3]])
     bias_b = bias_b - gsa * case.night.g[1]  # eq. (10)
     found = sensor.repeats[0].matrix["BB"]
-    assert (found.value, found.sigma) == pytest.approx((np.mean(bias_b), np.std(bias_b, ddof=1)))
+    assert (found.value, found.scatter) == pytest.approx((np.mean(bias_b), np.std(bias_b, ddof=1)))
     page = render(content)
     assert f"{np.mean(bias_b):.2f}" in page
     assert f"±{np.std(bias_b, ddof=1):.2f}" in page

@@ -47,25 +47,28 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
     for row in table:
         for solution, cell in zip(sensor.solutions, row[1:], strict=True) if row[0][0] in label else ():
             of = sensor.contractor[solution.run] if "contractor" in row[0][0] else solution
-            found = of.parameters[label[row[0][0]]]
-            assert cell == [f"{found.value:.2f}", f"±{found.se:.2f} s.e."]
-    assert "as there is one at each, its standard error (s.e.), told from the noise within its collects" in page
+            shown = sensor.contractor_shown if "contractor" in row[0][0] else sensor.shown
+            assert shown is not None
+            found = shown.of_run(of)[label[row[0][0]]]
+            assert cell == [f"{found.value:.2f}", f"±{found.sd:.2f} s.d."]
+    assert "as there is one at each, its standard deviation (s.d.)" in page
+    assert "nothing was repeated: what changes from run to run is in no uncertainty" in page
     assert "n − 1" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     bars = re.findall(r'aria-label="([^"]*)"', page)
     assert bars
     assert all(each.count(" ±") == each.count(" °C") for each in bars)
     (said,) = (each for each in summary(content) if "largest term" in each)
-    assert re.search(r"= -?\d+\.\d ±\d+\.\d deg/hr/g at .* \(±: standard error of one run\)", said)
+    assert re.search(r"= -?\d+\.\d ±\d+\.\d deg/hr/g at .* \(±: standard deviation of the mean of 1 run, what", said)
 
 
 def test_where_only_some_were_repeated_it_is_said_which_is_which(folder: Path) -> None:
-    """Scatter of three, and one run's standard error, in one row."""
+    """Scatter of three, and one run's standard deviation, in one row."""
     content = _without(folder, {"2", "3"})
     view = sensor_view(content.sensors[0])
-    assert "their one-sigma scatter (n − 1); where there is one, its standard error (s.e.)" in view["table"].caption
-    assert "where there is one, its standard error" in view["figures"][0]["caption"]
+    assert "their one-sigma scatter (n − 1); where there is one, its standard deviation (s.d.)" in view["table"].caption
+    assert "where there is one, its standard deviation" in view["figures"][0]["caption"]
     row = next(row for row in view["table"].rows if row[0].text == "BA, matrix")
-    assert [cell.below.endswith(" s.e.") for cell in row[1:]].count(True) == 1
+    assert [cell.below.endswith(" s.d.") for cell in row[1:]].count(True) == 1
     values = [each.parameters["BA"].value for each in content.sensors[0].solutions[1:4]]
     assert row[2].below == f"±{np.std(values, ddof=1):.2f}"
 
@@ -75,5 +78,5 @@ def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     content = _without(folder, REPEATED, errors=False)
     assert all(each.parameters["BA"].se is None for each in content.sensors[0].solutions)
     rows = {row[0].text: row[1:] for row in sensor_view(content.sensors[0])["table"].rows}
-    assert {cell.below for cell in rows["BA, matrix"]} == {"no s.e."}
+    assert {cell.below for cell in rows["BA, matrix"]} == {"no s.d."}
     assert not any("±" in said for said in summary(content))

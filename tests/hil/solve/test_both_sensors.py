@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.scatter.both_sensors import BothSensors, common_and_differential
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
+from hil.solve.both_sensors import BothSensors, common_and_differential
 
 SITE = Site(34.6, 30.0)
 SIGNED = {
@@ -78,31 +78,26 @@ def both_of(campaign: Campaign) -> BothSensors:
 
 def test_common_and_differential_are_half_the_sum_and_the_difference() -> None:
     """Of the true parameters, where nothing scatters; their errors are those of independent noise."""
-    found = both_of(night(1, sigma=1e-6)).temperatures
-    assert [each.runs for each in found][:2] == [(1, 2, 3), (4, 5, 6)]
+    found = both_of(night(1, sigma=1e-6))
+    assert [each.runs for each in found.common.means][:2] == [(1, 2, 3), (4, 5, 6)]
     for i, name in enumerate(("BA", "BB", "GSA", "GSB", "MUA", "MUB")):
-        parts = found[0].parameters[name]
-        assert parts.common.value == pytest.approx((TRUTH[1][i] + TRUTH[2][i]) / 2, abs=1e-4)
-        assert parts.differential.value == pytest.approx(TRUTH[2][i] - TRUTH[1][i], abs=1e-4)
-    noisy = both_of(night(1)).temperatures[0].parameters["BA"]
-    assert noisy.differential.se == pytest.approx(0.9 * np.sqrt((0.5 + 0.5) / 3))
-    assert noisy.common.se == pytest.approx(0.5 * (noisy.differential.se or 0.0))
+        assert found.common.means[0].values[name].value == pytest.approx((TRUTH[1][i] + TRUTH[2][i]) / 2, abs=1e-4)
+        assert found.differential.means[0].values[name].value == pytest.approx(TRUTH[2][i] - TRUTH[1][i], abs=1e-4)
+    noisy = both_of(night(1))
+    differential, common = (of.means[0].values["BA"].sd for of in (noisy.differential, noisy.common))
+    assert differential == pytest.approx(0.9 * np.sqrt((0.5 + 0.5) / 3), rel=0.3)
+    assert common == pytest.approx(0.5 * differential, rel=0.3)
 
 
 def test_the_same_bias_in_both_is_common() -> None:
     """A common BA is found by its name, its correlation covers 1, and the common part scatters more than the other."""
     found = both_of(night(2, common_bias=6.0))
     assert (found.shared[0].first, found.shared[0].second) == ("BA", "BA")
-    interval = found.correlations["BA"]
-    assert interval.low is not None
-    assert interval.low > 0.8
+    low = found.correlations["BA"][1]
+    assert low is not None
+    assert low > 0.8
     assert "common cause" in found.sentences()[0]
-    parts = [each.parameters["BA"] for each in found.temperatures]
-    common = np.sqrt(np.mean([each.common.run_to_run**2 for each in parts if each.common.run_to_run is not None]))
-    apart = np.sqrt(
-        np.mean([each.differential.run_to_run**2 for each in parts if each.differential.run_to_run is not None])
-    )
-    assert common > 3.0 * apart
+    assert found.common.spread.observed[0] > 3.0 * found.differential.spread.observed[0]
 
 
 def test_a_turning_base_is_common_although_it_enters_through_different_parameters() -> None:
@@ -123,5 +118,5 @@ def test_one_sensor_or_no_repeats_are_no_comparison() -> None:
     assert common_and_differential(replace(campaign, sensors={2: campaign.sensors[2]})) is None
     found = both_of(campaign)
     assert found.degrees_of_freedom == 0
-    assert found.correlations["BA"].low is None
+    assert found.correlations["BA"][1] is None
     assert "too few repeats" in found.sentences()[0]

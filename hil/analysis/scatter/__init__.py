@@ -1,1 +1,0 @@
-"""What makes repeats scatter: noise, the bias, MU or a warm-up."""

@@ -1,0 +1,124 @@
+"""What makes repeats scatter, and which rows are wrong: the search's posterior with nothing unknown on the mean.
+
+    found = what_scatters(read_campaign("night"))
+    found.named               # ("MU_rr",), or none where these repeats cannot tell
+    found.document()          # what `hil scatter --json` prints
+
+The base has values of its own at each temperature, so that what follows temperature is no scatter; what scatters, and
+mistakes in the data, compete under the priors that `hil reconcile` has, and in its words. Whether something moves the
+mean is not asked: `hil reconcile` asks that, and its answer is the fuller one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import Campaign
+from hil.model import load_model
+from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
+from hil.model.forms import default_form
+from hil.reconcile.naming import CERTAIN, Reading, read, scatter_of
+from hil.reconcile.outcome import mistakes, scatter
+from hil.reconcile.search.fitted import Fitted, fitted
+from hil.reconcile.search.layout import may_be_calibrated, searches
+from hil.reconcile.search.posterior import Posterior, weigh
+from hil.reconcile.search.problem import pose
+from hil.reconcile.unrecorded import with_stand_ins
+
+ORDINARY = "ordinary"
+"""White noise and an offset from run to run: what is called no effect."""
+
+
+@dataclass(frozen=True)
+class Scattering:
+    """Probabilities of what scatters, by id; sizes of what is named; noise by channel; what is wrong with rows."""
+
+    campaign: Campaign
+    probabilities: dict[str, float]
+    titles: dict[str, str]
+    sizes: tuple[scatter.FoundScatter, ...]
+    noise: list[dict[str, Any]]
+    wrong: list[str]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """What is named: the cause that is as probable as any name has to be; none where these repeats cannot tell."""
+        likely = [name for name, probability in self.probabilities.items() if probability >= CERTAIN]
+        return tuple(name for name in likely if name != ORDINARY)
+
+    def sentences(self) -> list[str]:
+        """Say what scatters, by how much, and what is wrong with the rows."""
+        ranked = [f"{self.titles[n]} ({p:.2f})" for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN]
+        if self.named:
+            values = [f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {s.parameter.unit}" for s in self.sizes]
+            first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}): "
+            told = [first + "; ".join(values)]
+        elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
+            told = [f"nothing but ordinary noise: {ranked[0]}"]
+        else:
+            told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
+        return [*told, *scatter.in_words(self.noise), *self.wrong]
+
+    def document(self) -> dict[str, Any]:
+        """Return what `hil scatter --json` prints."""
+        return {
+            "schema": "hil.scatter/2",
+            "title": self.campaign.title,
+            "simulated": self.campaign.simulated,
+            "warnings": list(self.campaign.warnings),
+            "named_from": CERTAIN,
+            "named": list(self.named),
+            "causes": [
+                {"id": name, "title": self.titles[name], "probability": probability}
+                for name, probability in self.probabilities.items()
+            ],
+            "sizes": [
+                {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, "unit": s.parameter.unit}
+                for s in self.sizes
+            ],
+            "noise": self.noise,
+            "rows": self.wrong,
+            "sentences": self.sentences(),
+        }
+
+
+def what_scatters(campaign: Campaign) -> Scattering:
+    """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
+    chosen = with_stand_ins(campaign)
+    form = default_form(next(iter(chosen.sensors.values())).conditions).name
+    problem = replace(pose(chosen, load_model(form), ()), candidates=())
+    posterior = weigh(searches(problem, EFFECTS, VARIANCE_EFFECTS, calibrated=may_be_calibrated(problem)))
+    reading = read(posterior, 1.0 - CERTAIN)
+    fit = fitted(posterior, reading.found)
+    titles = {
+        ORDINARY: "white noise, and an offset of each run",
+        **{n: e.title for n, e in scatter_of(posterior).items()},
+    }
+    weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
+    weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
+    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
+    return _read(campaign, posterior, reading, fit, ranked, titles)
+
+
+def _read(
+    campaign: Campaign,
+    posterior: Posterior,
+    reading: Reading,
+    fit: Fitted,
+    ranked: dict[str, float],
+    titles: dict[str, str],
+) -> Scattering:
+    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
+    kind = reading.found.kind
+    found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
+    rows = [
+        f"sensor {each['sensor']}, {each['channel']}: collect {each['collect']} is off by "
+        f"{each['size_deg_per_hr']:.4g} deg/hr"
+        for each in mistakes.outliers_found(reading, campaign, fit, posterior)
+    ]
+    noise = scatter.ordinary(fit, conditions, found)
+    wrong = [*mistakes.mistake_notes(reading, campaign), *rows]
+    return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, wrong)

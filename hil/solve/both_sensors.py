@@ -1,0 +1,149 @@
+"""Two sensors in one unit: what they have in common from run to run, and what each does alone.
+
+    both = common_and_differential(campaign)
+    both.common.means[0].values["BA"]     # (BA of sensor 1 + BA of sensor 2) / 2 at the first temperature
+    both.shared                           # every pair of parameters that certainly moves together
+
+What base, supply, mount or chamber do moves both sensors in the same runs; what a sensor does, it does alone. The
+sensors need not lie alike, so a common cause may enter through different parameters: a base that turns about an axis
+along which the one has its A and the other its B axis is BA of the one and BB of the other. Therefore every pair is
+looked at. Earth rate and gravity are taken as the same for both: an error there is common too, but in every run alike.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from hil.campaign import Campaign, FloatArray
+from hil.model.forms import MATRIX_6, PER_G, RATE
+from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
+from hil.solve.runs import solve_campaign
+from hil.solve.temperatures import runs_by_temperature
+
+FALSE_ALARM = 0.05
+"""The chance that `shared` names any pair at all where the sensors have nothing in common."""
+
+UNITS = dict(zip(MATRIX_6, (RATE,) * 2 + (PER_G,) * 4, strict=True))
+
+
+@dataclass(frozen=True)
+class SharedPair:
+    """Parameters of the two sensors that move together from run to run: `first` of the one, `second` of the other."""
+
+    first: str
+    second: str
+    correlation: float
+    p: float
+
+
+@dataclass(frozen=True)
+class BothSensors:
+    """Half the sum and the difference (second sensor less first) of each parameter, with what repeats show of them.
+
+    `correlations` has the same parameter of both, with its 95 % interval; `shared` any pair.
+    """
+
+    sensors: tuple[int, int]
+    common: SensorRepeats
+    differential: SensorRepeats
+    degrees_of_freedom: int
+    correlations: Mapping[str, tuple[float | None, float | None, float | None]]
+    shared: tuple[SharedPair, ...]
+
+    def sentences(self) -> list[str]:
+        """Say what moves together, and how much of it."""
+        one, two = self.sensors
+        if self.degrees_of_freedom < 2:
+            return [f"sensors {one} and {two}: too few repeats to tell what they have in common from run to run"]
+        if not self.shared:
+            found = f"nothing certainly moves together from run to run ({self.degrees_of_freedom} degrees of freedom)"
+            return [f"sensors {one} and {two}: {found}; as far as these runs tell, each scatters alone"]
+        return [
+            f"{pair.first} of sensor {one} and {pair.second} of sensor {two} move together from run to run "
+            f"(correlation {pair.correlation:+.2f}, p = {pair.p:.1g}): a common cause, such as base, supply or mount"
+            for pair in self.shared
+        ]
+
+    def document(self) -> dict[str, Any]:
+        """Return what `hil solve --json` prints of it."""
+        return {
+            "sensors": list(self.sensors),
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "common": self.common.document(),
+            "differential": self.differential.document(),
+            "correlations": {
+                n: {"value": r, "low": low, "high": high} for n, (r, low, high) in self.correlations.items()
+            },
+            "shared": [vars(pair) for pair in self.shared],
+            "sentences": self.sentences(),
+        }
+
+
+def common_and_differential(campaign: Campaign) -> BothSensors | None:
+    """Compare the first two rotor sensors of a campaign; None where there are not two, or no run has both."""
+    rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
+    if len(rotors) < 2:
+        return None
+    chosen = Campaign(campaign.title, campaign.source, {number: campaign.sensors[number] for number in rotors})
+    solved: dict[int, dict[int, FloatArray]] = {}
+    for each in solve_campaign(chosen, "matrix-6"):
+        pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.parameters.values()]
+        if all(value is not None for value, _ in pairs):
+            solved.setdefault(each.runs[0], {})[each.sensor] = np.array(pairs, dtype=np.float64)
+    both = {run: np.stack([of[n] for n in rotors]) for run, of in solved.items() if len(of) == 2}
+    at = [
+        (temperature, own)
+        for temperature, runs in runs_by_temperature(campaign.sensors[rotors[0]].conditions)
+        if (own := tuple(run for run in runs if run in both))
+    ]
+    if not at:
+        return None
+    group = np.repeat(np.arange(len(at)), [len(runs) for _, runs in at])
+    values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
+    noise = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
+    common = means_of(UNITS, values.mean(axis=1), 0.5 * noise, group, at)
+    differential = means_of(UNITS, values[:, 1] - values[:, 0], noise, group, at)
+    away = values - np.array([values[group == k].mean(axis=0) for k in range(len(at))])[group]
+    degrees = len(group) - len(at)
+    correlation = _correlations(away[:, 0], away[:, 1])
+    same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
+    pair = (rotors[0], rotors[1])
+    return BothSensors(pair, common, differential, degrees, same, _shared(correlation, degrees))
+
+
+def _correlations(one: FloatArray, two: FloatArray) -> FloatArray:
+    """Correlation of every parameter of the one sensor with every one of the other, shape (6, 6)."""
+    sizes = np.outer(np.sqrt(np.sum(one**2, axis=0)), np.sqrt(np.sum(two**2, axis=0)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(one.T @ two / sizes)
+
+
+def _interval(correlation: float, degrees: int) -> tuple[float | None, float | None, float | None]:
+    """Return a correlation with its 95 % interval by Fisher's transformation; None where nothing is known."""
+    if not math.isfinite(correlation) or degrees < 3:
+        return (correlation if math.isfinite(correlation) else None), None, None
+    middle = math.atanh(max(min(correlation, 1.0 - 1e-12), 1e-12 - 1.0))
+    width = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) / math.sqrt(degrees - 2)
+    return correlation, math.tanh(middle - width), math.tanh(middle + width)
+
+
+def _shared(correlation: FloatArray, degrees: int) -> tuple[SharedPair, ...]:
+    """Pairs whose correlation chance would give any of the 36 with a probability below `FALSE_ALARM`."""
+    if degrees < 2:
+        return ()
+    found = []
+    for i, j in itertools.product(range(len(MATRIX_6)), repeat=2):
+        r = float(correlation[i, j])
+        tangent = abs(r) * math.sqrt((degrees - 1) / max(1.0 - r**2, 1e-12))
+        p = float(2.0 * student.sf(tangent, degrees - 1))
+        if p < FALSE_ALARM / correlation.size:
+            found.append(SharedPair(MATRIX_6[i], MATRIX_6[j], r, p))
+    return tuple(sorted(found, key=lambda pair: pair.p))

@@ -1,0 +1,235 @@
+"""What repeats show: the mean at each temperature, and how sure it and every single run are.
+
+    found = repeats(campaign, solve_campaign(campaign))[2]
+    found.means[0].values["MUB"]       # Uncertain(value=-7.5, sd=2.2, half_width=4.6)
+    found.of_run(solution)["MUB"]      # of one run: its standard error and what repeats show beside it
+
+A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
+temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
+is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least), and b² what the variance
+of repeats at one temperature, pooled over the temperatures, has beyond that. It is b that a mean of n runs divides by
+√n. Intervals are Student's, on as many degrees of freedom as runs were repeated, and up to twice as many by the share
+that stated standard errors explain: so 93 to 97 % of them hold the truth, whatever b is (more, where a few repeats are
+all there is and standard errors explain them). Every command that states an uncertainty asks here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from hil.campaign import Campaign, FloatArray, IntArray
+from hil.solve.runs import Estimate, RunSolution
+from hil.solve.temperatures import runs_by_temperature
+
+CONFIDENCE = 0.95
+"""Of every interval that is stated."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How p parameters scatter from run to run at one temperature, (p,) each.
+
+    `observed` is their standard deviation, NaN where nothing was repeated; `beyond` what the runs' standard errors,
+    times `factor`, leave unexplained, and `explained` the share of the variance that they explain; `degrees` how many
+    runs were repeated.
+    """
+
+    observed: FloatArray
+    beyond: FloatArray
+    explained: FloatArray
+    degrees: IntArray
+    factor: float = 1.0
+
+    @classmethod
+    def of(cls, values: FloatArray, errors: FloatArray, group: IntArray, factor: float = 1.0) -> Spread:
+        """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
+
+        `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
+        """
+        squares, explained, degrees = (np.zeros(values.shape[1]) for _ in range(3))
+        known = np.isfinite(values)
+        own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
+        for number in np.unique(group):
+            here, rows = known[group == number], values[group == number]
+            count = np.maximum(here.sum(axis=0), 1)
+            mean = np.where(here, rows, 0.0).sum(axis=0) / count
+            squares += np.where(here, (rows - mean) ** 2, 0.0).sum(axis=0)
+            explained += own[group == number].sum(axis=0) * (1.0 - 1.0 / count)
+            degrees += count - 1
+        enough = np.maximum(degrees, 1)
+        observed = np.where(degrees > 0, np.sqrt(squares / enough), np.nan)
+        more = np.maximum(squares - explained, 0.0)
+        share = explained / np.maximum(explained + more, np.finfo(np.float64).tiny)
+        return cls(observed, np.sqrt(more / enough), share, degrees.astype(np.int64), factor)
+
+    def sd(self, errors: FloatArray) -> FloatArray:
+        """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
+        own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
+        return np.asarray(np.hypot(self.factor * own, self.beyond))
+
+    @property
+    def freedom(self) -> FloatArray:
+        """Degrees of freedom behind a standard deviation, (p,): infinite where only standard errors tell."""
+        return np.where(self.degrees > 0, self.degrees * (1.0 + self.explained), np.inf)
+
+    @property
+    def times(self) -> FloatArray:
+        """How many standard deviations half an interval is, (p,)."""
+        return np.asarray(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A value with one standard deviation and half its 95 % interval, in `unit`; NaN where not known."""
+
+    value: float
+    sd: float
+    half_width: float
+    runs: int
+    unit: str
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of it: null where a thing is not known."""
+        known = math.isfinite(self.sd)
+        return {
+            "value": self.value,
+            "sd": self.sd if known else None,
+            "low": self.value - self.half_width if known else None,
+            "high": self.value + self.half_width if known else None,
+            "runs": self.runs,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True)
+class MeanAt:
+    """The runs at one temperature and the mean of each parameter over those that could tell it.
+
+    `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one.
+    """
+
+    temperature_degC: float | None
+    runs: tuple[int, ...]
+    values: Mapping[str, Uncertain]
+    scatter: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class SensorRepeats:
+    """One sensor's means, coldest first, and how its parameters scatter from run to run."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    spread: Spread
+    means: Sequence[MeanAt]
+
+    def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
+        """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
+        found = {}
+        for place, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            each = solution.parameters.get(name)
+            if each is not None and each.value is not None:
+                sd = float(self.spread.sd(np.full(len(self.names), _number(each.se)))[place])
+                found[name] = Uncertain(each.value, sd, float(self.spread.times[place]) * sd, 1, unit)
+        return found
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of it: `run_to_run` by parameter, and `means` by temperature."""
+        beyond = zip(
+            self.names,
+            self.units,
+            self.spread.observed.tolist(),
+            self.spread.beyond.tolist(),
+            self.spread.degrees.tolist(),
+            strict=True,
+        )
+        return {
+            "run_to_run": {
+                name: {"sd": sd, "beyond_standard_errors": more, "degrees_of_freedom": degrees, "unit": unit}
+                for name, unit, sd, more, degrees in beyond
+                if degrees
+            },
+            "means": [
+                {
+                    "temperature_degC": each.temperature_degC,
+                    "runs": list(each.runs),
+                    "parameters": {name: value.document() for name, value in each.values.items()},
+                }
+                for each in self.means
+            ],
+        }
+
+    def sentences(self) -> list[str]:
+        """Say what repeats show beyond standard errors; that nothing was repeated, where nothing was."""
+        if not np.any(self.spread.degrees):
+            return ["nothing was repeated: what changes from run to run is in no uncertainty"]
+        rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
+        told = [
+            f"{name} by {sd:.3g} {unit} (its standard errors explain {math.sqrt(max(sd**2 - more**2, 0.0)):.2g})"
+            for name, unit, sd, more, degrees in rows
+            if degrees and more > 0.5 * sd
+        ]
+        degrees = int(self.spread.degrees.max())
+        if not told:
+            return [f"repeats scatter as their standard errors say ({degrees} degrees of freedom)"]
+        return [f"from run to run ({degrees} degrees of freedom): {'; '.join(told)}; it is in every uncertainty here"]
+
+
+def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
+    """Return what repeats show of each sensor that some run was solved for."""
+    found = {}
+    for number, collects in campaign.sensors.items():
+        own = [each for each in solutions if each.sensor == number]
+        if own:
+            found[number] = _of_sensor(own, runs_by_temperature(collects.conditions))
+    return found
+
+
+def means_of(
+    units: Mapping[str, str],
+    values: FloatArray,
+    errors: FloatArray,
+    group: IntArray,
+    at: Sequence[tuple[float | None, tuple[int, ...]]],
+    factor: float = 1.0,
+) -> SensorRepeats:
+    """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
+
+    `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
+    """
+    spread, names = Spread.of(values, errors, group, factor), tuple(units)
+    sd, means = spread.sd(errors), []
+    for k, (temperature, runs) in enumerate(at):
+        mean, scatter = {}, {}
+        for p, name in enumerate(names):
+            here = (group == k) & np.isfinite(values[:, p])
+            if count := int(here.sum()):
+                error = float(np.sqrt(np.sum(sd[here, p] ** 2)) / count)
+                width = float(spread.times[p]) * error
+                mean[name] = Uncertain(float(values[here, p].mean()), error, width, count, units[name])
+                scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
+        means.append(MeanAt(temperature, runs, mean, scatter))
+    return SensorRepeats(names, tuple(units.values()), spread, means)
+
+
+def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]]) -> SensorRepeats:
+    units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
+    group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
+    values, errors = (np.array([[_number(getattr(_of(e, n), a)) for n in units] for e in own]) for a in ("value", "se"))
+    freedom = sum(each.degrees_of_freedom for each in own if each.chi_square is not None)
+    excess = sum(each.chi_square or 0.0 for each in own) / max(freedom, 1)
+    return means_of(units, values, errors, group, at, math.sqrt(max(excess, 1.0)))
+
+
+def _of(solution: RunSolution, name: str) -> Estimate:
+    return solution.parameters.get(name, Estimate(None, None, ""))
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
