@@ -90,12 +90,12 @@ def choose(
 
 
 def levelled_weights(covariance: FloatArray) -> FloatArray:
-    """Return weights (S,) that sum to 1: inverse variances, half of each its own and half the mean of all.
+    """Return weights (S,) that sum to 1: inverse variances, a quarter of each its own, the rest the mean of all.
 
     A standard error from a handful of runs is itself uncertain; one temperature must not win by luck.
     """
     variance = np.diagonal(covariance)
-    weight = 1.0 / (0.5 * variance + 0.5 * np.mean(variance))
+    weight = 1.0 / (0.25 * variance + 0.75 * np.mean(variance))
     return np.asarray(weight / np.sum(weight))
 
 

@@ -153,8 +153,8 @@ def test_on_table_1_only_bb_is_confirmed_by_temperatures_that_did_not_choose_its
         assert found.is_confirmed == confirmed
         assert (found.improvement.modelled < 0.8 * found.improvement.constant) == confirmed
     words = parameter_in_words(sensor.parameters["MUA"])
-    assert "4.49 with it" in words
-    assert "does not confirm it (16.7)" in words
+    assert "5.21 with it" in words
+    assert "does not confirm it (17.1)" in words
 
 
 def test_what_nothing_repeats_is_said_to_be_dependence_or_scatter() -> None:
