@@ -27,6 +27,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
+from hil.solve.wrong_rows import in_words
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -41,7 +42,7 @@ class Scattering:
     titles: dict[str, str]
     sizes: tuple[scatter.FoundScatter, ...]
     noise: list[dict[str, Any]]
-    wrong: list[str]
+    rows: list[dict[str, Any]]
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -60,7 +61,7 @@ class Scattering:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        return [*told, *scatter.in_words(self.noise), *self.wrong]
+        return [*told, *scatter.in_words(self.noise), *in_words(self.rows)]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -80,7 +81,7 @@ class Scattering:
                 for s in self.sizes
             ],
             "noise": self.noise,
-            "rows": self.wrong,
+            "rows": self.rows,
             "sentences": self.sentences(),
         }
 
@@ -114,11 +115,6 @@ def _read(
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     kind = reading.found.kind
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
-    rows = [
-        f"sensor {each['sensor']}, {each['channel']}: collect {each['collect']} is off by "
-        f"{each['size_deg_per_hr']:.4g} deg/hr"
-        for each in mistakes.outliers_found(reading, campaign, fit, posterior)
-    ]
+    rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
     noise = scatter.ordinary(fit, conditions, found)
-    wrong = [*mistakes.mistake_notes(reading, campaign), *rows]
-    return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, wrong)
+    return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, rows)

@@ -162,6 +162,7 @@ def _result(
         notes.append("nothing could be tested, so that none means nothing: take more runs")
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
+    outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     return Reconciliation(
         campaign=campaign.title,
         model_before=model.title,
@@ -178,7 +179,7 @@ def _result(
         next_experiment=_next(names, posterior, fit, problem) or _between(within) or mistakes.look_up(reading),
         model_after=after,
         input_model=model,
-        outliers=mistakes.outliers_found(reading, campaign, fit, posterior),
+        outliers=outliers,
         within_collects=inside,
         as_it_stands=standing,
         notes=notes,
@@ -187,6 +188,7 @@ def _result(
         picture=findings.picture(fit, before, conditions),
         follows=reading.follows,
         noise=noise,
+        rows=mistakes.rows_found(reading, campaign, outliers),
     )
 
 

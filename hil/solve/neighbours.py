@@ -15,7 +15,7 @@ campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is sa
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtr
@@ -40,10 +40,21 @@ _WHOLE_RUN = 0.8  # of its collects, off by the same
 
 
 @dataclass(frozen=True)
+class Found:
+    """Rows (k,) of one run that stand out: which rates are `wrong` (n, c), and which two rows are `exchanged`."""
+
+    run: int
+    rows: IntArray
+    wrong: BoolArray
+    exchanged: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
 class Neighbours:
     """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with."""
 
     judged: Mapping[int, Judgement]
+    found: Sequence[Found]
     not_compared: Set[int]
 
 
@@ -53,11 +64,16 @@ def compared_with_neighbours(collects: Collects) -> Neighbours:
     every = set(runs.tolist())
     apart = departures.settled()
     if apart is None:
-        return Neighbours({}, every)
-    judged = {run: departures.judge(np.flatnonzero(apart & (runs == run))) for run in np.unique(runs[apart]).tolist()}
-    for run, found in departures.doubtful(apart):
-        judged.setdefault(run, found)
-    return Neighbours(judged, every - set(runs[departures.known].tolist()))
+        return Neighbours({}, (), every)
+    judged, found = {}, []
+    for run in np.unique(runs[apart]).tolist():
+        judged[run], rows = departures.judge(run, np.flatnonzero(apart & (runs == run)))
+        found.append(rows)
+    for run, row, doubt in departures.doubtful(apart):
+        if run not in judged:
+            found.append(Found(run, row, np.zeros(collects.rates_deg_per_hr.shape, dtype=bool), None))
+        judged.setdefault(run, doubt)
+    return Neighbours(judged, found, every - set(runs[departures.known].tolist()))
 
 
 class _Departures:
@@ -150,7 +166,7 @@ class _Departures:
         """Of which collects, (n,), it is known what to expect and how far collects usually are from that."""
         return np.asarray(np.isfinite(self._expected + self._scale).all(axis=1))
 
-    def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, Judgement]]:
+    def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
         """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst."""
         places = [place[~left_out[place]] for place in self._places()]
         places = [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
@@ -178,6 +194,7 @@ class _Departures:
             collect = self._collects.conditions.rows(rows[[i]])
             yield (
                 int(collect.run[0]),
+                rows[[i]],
                 Judgement(
                     Verdict.MARGINAL,
                     f"collect {collect.collect[0]}: {list(collect.sensor.channels)[channel]} is "
@@ -187,8 +204,9 @@ class _Departures:
                 ),
             )
 
-    def judge(self, rows: IntArray) -> Judgement:
-        """Say what is wrong with the collects `rows`, (k,), of one run."""
+    def judge(self, run: int, rows: IntArray) -> tuple[Judgement, Found]:
+        """Say what is wrong with the collects `rows`, (k,), of one run, and which rates are."""
+        found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool), None)
         conditions = self._collects.conditions
         named = numbered("collect", conditions.collect[rows].tolist())
         for i in rows:
@@ -197,9 +215,13 @@ class _Departures:
                     pair = numbered("collect", conditions.collect[[i, j]].tolist())
                     positions = " and ".join(conditions.position[[i, j]].tolist())
                     reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
-                    return Judgement(Verdict.FAIL, f"{reason} ({positions})")
+                    found = replace(found, rows=np.array([i, j]), exchanged=(int(i), int(j)))
+                    return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
         if all(self._fits(i, -self._rates[i]) for i in rows):
-            return Judgement(Verdict.FAIL, f"{named}: the signs look turned: the other runs show the same with minus")
+            found.wrong[rows] = True
+            return Judgement(
+                Verdict.FAIL, f"{named}: the signs look turned: the other runs show the same with minus"
+            ), found
         off = self._rates[rows] - self._expected[rows]
         worst = np.unravel_index(int(np.nanargmax(np.abs(off / self._scale[rows]))), off.shape)
         channel = list(conditions.sensor.channels)[int(worst[1])]
@@ -211,8 +233,10 @@ class _Departures:
         whole = len(rows) >= _WHOLE_RUN * np.count_nonzero(conditions.run == conditions.run[rows[0]])
         alike = np.all(np.ptp(off, axis=0) <= FAR * np.nanmax(self._scale[rows], axis=0))
         if len(rows) > 1 and whole and alike:
-            return Judgement(Verdict.MARGINAL, f"{reason}; the whole run is off by the same: its bias was another")
-        return Judgement(Verdict.INCONCLUSIVE, reason)
+            said = f"{reason}; the whole run is off by the same: its bias was another"
+            return Judgement(Verdict.MARGINAL, said), found
+        found.wrong[rows] = np.abs(off) > FAR * self._scale[rows]
+        return Judgement(Verdict.INCONCLUSIVE, reason), found
 
     def _fits(self, i: int, rates: FloatArray) -> bool:
         return bool(np.all(np.abs(rates - self._expected[i]) <= _NEAR * self._scale[i]))

@@ -23,8 +23,8 @@ from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
-from hil.solve.neighbours import Neighbours, compared_with_neighbours
 from hil.solve.precision import measured_well_enough
+from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, numbered, plural, spelled
 
@@ -82,8 +82,9 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
     `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
     it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor.
     """
-    found = []
-    for number, collects in campaign.sensors.items():
+    found, rows = [], {number: wrong_rows(collects) for number, collects in campaign.sensors.items()}
+    for number, wrong in rows.items():
+        collects = wrong.collects
         if model_name == "matrix-6-thermal":
             form = named_form(model_name, collects.conditions)
             found.append(_solve_rows(number, None, form, collects))
@@ -93,12 +94,11 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
-    beside = {number: compared_with_neighbours(collects) for number, collects in campaign.sensors.items()}
-    judged = [_judged(each, campaign, beside[each.sensor]) for each in found]
+    judged = [_judged(each, campaign, rows[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
 
 
-def _judged(solution: RunSolution, campaign: Campaign, beside: Neighbours) -> RunSolution:
+def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> RunSolution:
     """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`.
 
     Where there is nothing to compare it with, that stands among what was assumed.

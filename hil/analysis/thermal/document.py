@@ -9,6 +9,7 @@ from hil.analysis.thermal.choice import FALSE_ALARM
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
 from hil.solve.repeats import CONFIDENCE
+from hil.solve.wrong_rows import rows_of
 
 SCHEMA = "hil.thermal/1"
 
@@ -20,6 +21,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "campaign": result.campaign.title,
         "simulated": result.campaign.simulated,
         "warnings": list(result.campaign.warnings),
+        "rows": rows_of(result.campaign),
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"

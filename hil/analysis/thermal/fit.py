@@ -26,6 +26,7 @@ from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
+from hil.solve.wrong_rows import treated
 from procedures.words import counted
 
 HIGHEST_ORDER = 5
@@ -149,7 +150,7 @@ def fit_thermal(
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
     sensors = {
         number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
-        for number, collects in campaign.sensors.items()
+        for number, collects in treated(campaign).sensors.items()
     }
     return ThermalFit(campaign, sensors)
 

@@ -27,6 +27,7 @@ from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation
 
@@ -96,7 +97,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as they were measured; collects without every rate are left out."""
-    return {number: list(_measured_runs(rows, bench, model)) for number, rows in campaign.sensors.items()}
+    return {number: list(_measured_runs(rows, bench, model)) for number, rows in treated(campaign).sensors.items()}
 
 
 def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:

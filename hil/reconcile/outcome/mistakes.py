@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_wo
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
+from hil.solve.wrong_rows import LEFT_OUT as OMITTED
+from hil.solve.wrong_rows import MENDED, Wrong
 
 
 def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
@@ -145,6 +148,32 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
                     }
                 )
     return out
+
+
+def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
+    notes = iter(mistake_notes(reading, campaign))
+    found = []
+    for n, term in reading.mistakes:
+        shape, conditions = term.candidate.shape, campaign.sensors[n].conditions
+        channels = list(conditions.sensor.channels)
+        if term.candidate.effect is not None:
+            here = np.any(term.candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == shape["run"])
+            collects = conditions.collect[here].tolist()
+            found.append(Wrong(n, int(shape["run"]), tuple(collects), tuple(channels), MENDED, next(notes)))
+    for n, channel, run in wrong_runs(reading):
+        conditions = campaign.sensors[n].conditions
+        name = list(conditions.sensor.channels)[channel]
+        collects = conditions.collect[conditions.run == run].tolist()
+        found.append(Wrong(n, run, tuple(collects), (name,), OMITTED, next(notes)))
+    by_collect: dict[tuple[int, int, int], list[Mapping[str, Any]]] = {}
+    for each in outliers:
+        by_collect.setdefault((each["sensor"], each["run"], each["collect"]), []).append(each)
+    for (n, run, collect), several in by_collect.items():
+        off = ", ".join(f"{each['channel']} by {each['size_deg_per_hr']:.4g} deg/hr" for each in several)
+        names = tuple(each["channel"] for each in several)
+        found.append(Wrong(n, run, (collect,), names, OMITTED, f"collect {collect} is off: {off}"))
+    return [each.document() for each in found]
 
 
 def look_up(reading: Reading) -> dict[str, Any] | None:

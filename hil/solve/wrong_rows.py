@@ -1,0 +1,146 @@
+"""What is wrong with rows, and what is done about it: the same answer in every command that states a number.
+
+    found = wrong_rows(collects)
+    found.rows          # (Wrong(sensor=2, run=5, collects=(13, 14), done="mended", why="…exchanged…"),)
+    found.collects      # what is solved: labels put right, rates that are wrong left out
+    found.judged[5]     # no run that rests on such a row is a PASS
+
+The quick form of what `hil reconcile` asks of every row: what other runs show at the same position and temperature
+(`hil.solve.neighbours`), and where a run stands alone and holds more rates than parameters, whether it is far more
+probable with one collect left out, with the search's own prior of a wrong row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import Campaign, Collects, FloatArray, IntArray
+from hil.model.forms import default_form
+from hil.solve.identifiability import orthonormal
+from hil.solve.neighbours import Found, compared_with_neighbours
+from procedures.verdict import Judgement, Verdict, combine
+
+LEFT_OUT, MENDED, USED = "left out", "mended", "used"
+PRIOR = 0.1
+"""Prior odds that a campaign has a wrong row, those of the search."""
+_WIDE = np.log(30.0)  # what a row that may be anywhere pays for each of its rates
+_FREEDOM = 6  # residuals that must be left where a collect is left out
+_LEVEL = 0.7  # of a channel's mean variance in every row's: standard errors leave out what differs by collect
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Collects of one run that something is wrong with: what is `done` about them, and why."""
+
+    sensor: int
+    run: int
+    collects: tuple[int, ...]
+    channels: tuple[str, ...]
+    done: str
+    why: str
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of key `rows`."""
+        return {**vars(self), "collects": list(self.collects), "channels": list(self.channels)}
+
+
+@dataclass(frozen=True)
+class WrongRows:
+    """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone."""
+
+    collects: Collects
+    rows: tuple[Wrong, ...]
+    judged: Mapping[int, Judgement]
+    not_compared: Set[int]
+
+
+def wrong_rows(collects: Collects) -> WrongRows:
+    """Return what is wrong with the rows of one sensor, and its collects with that mended or left out."""
+    neighbours = compared_with_neighbours(collects)
+    rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
+    rows, judged = [], dict(neighbours.judged)
+    for found in neighbours.found:
+        if found.exchanged is not None:
+            one, other = found.exchanged
+            rates[[one, other]], se[[one, other]] = rates[[other, one]], se[[other, one]]
+        rates[found.wrong] = np.nan
+        done = MENDED if found.exchanged is not None else LEFT_OUT if found.wrong.any() else USED
+        rows.append(_wrong(collects, found, done, judged[found.run].reason))
+    for run in sorted(neighbours.not_compared):
+        for row in _far_from_residuals(collects.rows(own := np.flatnonzero(collects.conditions.run == run))):
+            wrong = np.zeros(rates.shape, dtype=bool)
+            wrong[own[row]] = True
+            rates[wrong] = np.nan
+            found = Found(run, np.array([own[row]]), wrong, None)
+            number = int(collects.conditions.collect[own[row]])
+            why = f"collect {number} is far from what all others show, and is left out"
+            judged[run] = combine([*([judged[run]] if run in judged else []), Judgement(Verdict.MARGINAL, why)])
+            rows.append(_wrong(collects, found, LEFT_OUT, why))
+    used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se) if rows else collects
+    return WrongRows(used, tuple(rows), judged, neighbours.not_compared)
+
+
+def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
+    """Return what is wrong with the rows of all sensors: key `rows` of every document."""
+    return [each.document() for rows in campaign.sensors.values() for each in wrong_rows(rows).rows]
+
+
+def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say of each entry of key `rows` what is done and why."""
+    return [f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}" for each in rows]
+
+
+def treated(campaign: Campaign) -> Campaign:
+    """Return the campaign with its rows mended or left out: what numbers are made from."""
+    return replace(campaign, sensors={n: wrong_rows(rows).collects for n, rows in campaign.sensors.items()})
+
+
+def _wrong(collects: Collects, found: Found, done: str, why: str) -> Wrong:
+    conditions = collects.conditions
+    channels = [
+        name for c, name in enumerate(conditions.sensor.channels) if done != LEFT_OUT or found.wrong[:, c].any()
+    ]
+    numbers = tuple(int(each) for each in conditions.collect[found.rows])
+    return Wrong(conditions.sensor.number, found.run, numbers, tuple(channels), done, why)
+
+
+def _far_from_residuals(collects: Collects) -> IntArray:
+    """Return the collects of one run, (k,), without which its rates are more probable than with them."""
+    conditions, rates = collects.conditions, collects.rates_deg_per_hr
+    kept = np.asarray(np.isfinite(rates).all(axis=1))
+    if not kept.any():
+        return np.zeros(0, dtype=np.int64)
+    variance = np.nan_to_num(collects.rates_se_deg_per_hr, nan=1.0) ** 2
+    weight = 1.0 / np.sqrt(np.maximum((1.0 - _LEVEL) * variance + _LEVEL * variance[kept].mean(axis=0), 1e-12))
+    columns = default_form(conditions).columns(conditions) * weight[..., None]
+    observed = (rates - conditions.w_channels_deg_per_hr) * weight
+    out: list[int] = []
+    while (score := _log_odds(columns[kept], observed[kept])) is not None and score.max() > 0.0:
+        worst = int(np.flatnonzero(kept)[int(np.argmax(score))])
+        out.append(worst)
+        kept[worst] = False
+        if len(out) > 0.2 * len(rates):
+            return np.zeros(0, dtype=np.int64)  # what stands out from so many is no row
+    return np.array(out, dtype=np.int64)
+
+
+def _log_odds(columns: FloatArray, observed: FloatArray) -> FloatArray | None:
+    """Log odds that each of n collects is wrong, (n,), from columns (n, c, p) and rates (n, c); None for too few."""
+    n, channels, p = columns.shape
+    freedom = n * channels - p
+    if freedom - channels < _FREEDOM:
+        return None
+    basis = orthonormal(columns.reshape(-1, p))
+    left = observed.reshape(-1)
+    left = left - basis @ (basis.T @ left)
+    whole = float(left @ left)
+    apart = left.reshape(n, channels)
+    own = basis.reshape(n, channels, -1)
+    keeps = np.eye(channels) - own @ np.swapaxes(own, 1, 2)
+    gain = np.einsum("nc,ncd,nd->n", apart, np.linalg.pinv(keeps, rcond=1e-6, hermitian=True), apart)
+    share = np.clip(gain / max(whole, np.finfo(np.float64).tiny), 0.0, 1.0 - 1e-12)
+    return np.asarray(np.log(PRIOR / n) - channels * _WIDE - 0.5 * freedom * np.log1p(-share))
