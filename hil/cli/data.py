@@ -40,6 +40,7 @@ def solve(
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
     from hil.solve.document import solution_document
+    from hil.solve.wrong_rows import in_words
 
     campaign = read_source(source)
     warn(tuple(campaign.warnings))
@@ -60,6 +61,8 @@ def solve(
     console = results()
     mark = "  SIMULATED" if campaign.simulated else ""
     console.print(f"{campaign.title}{mark}")
+    for line in in_words(document["rows"]):
+        console.print(line)
     for sensor in campaign.sensors:
         own = [each for each in solutions if each.sensor == sensor]
         models = ", ".join(dict.fromkeys(each.model for each in own))

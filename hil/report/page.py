@@ -19,6 +19,7 @@ from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import sensor_view
 from hil.report.statements import assumed, cannot_tell, good, headline, summary
+from hil.solve.wrong_rows import in_words, rows_of
 
 _MOST_IN_WORDS = 20
 _LONGEST_RUNNING = 90
@@ -80,7 +81,9 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "uncertainty_note": f"{_STATED if night is None else _RECORDED}; what repeats show beside them is in every ±.",
         "comparison": None if content.comparison is None else _comparison(content.comparison, order),
         "night": None if night is None else night_view(night),
-        "warnings": list(dict.fromkeys([*campaign.warnings, *campaign.notes.splitlines()])),
+        "warnings": list(
+            dict.fromkeys([*in_words(rows_of(campaign)), *campaign.warnings, *campaign.notes.splitlines()])
+        ),
         "assumed": assumed(content),
         "cannot_tell": cannot_tell(content),
         "provenance": night.provenance if night is not None else campaign_provenance(campaign),

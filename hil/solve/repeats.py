@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
-from hil.solve.temperatures import runs_by_temperature
+from hil.solve.temperatures import runs_by_temperature, told_by
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -122,12 +122,16 @@ class MeanAt:
 
 @dataclass(frozen=True)
 class SensorRepeats:
-    """One sensor's means, coldest first, and how its parameters scatter from run to run."""
+    """One sensor's means, coldest first, and how its parameters scatter from run to run.
+
+    `told_by` is the column whose temperatures those are (None: there is none).
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     spread: Spread
     means: Sequence[MeanAt]
+    told_by: str | None = None
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
@@ -158,6 +162,7 @@ class SensorRepeats:
             "means": [
                 {
                     "temperature_degC": each.temperature_degC,
+                    "temperature_of": self.told_by,
                     "runs": list(each.runs),
                     "parameters": {name: value.document() for name, value in each.values.items()},
                 }
@@ -187,7 +192,8 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
     for number, collects in campaign.sensors.items():
         own = [each for each in solutions if each.sensor == number]
         if own:
-            found[number] = _of_sensor(own, runs_by_temperature(collects.conditions))
+            of_sensor = _of_sensor(own, runs_by_temperature(collects.conditions))
+            found[number] = replace(of_sensor, told_by=told_by(collects.conditions))
     return found
 
 

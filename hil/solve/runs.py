@@ -24,6 +24,7 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
 from hil.solve.precision import measured_well_enough
+from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, numbered, plural, spelled
@@ -111,6 +112,8 @@ def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> Run
         )
         solution = replace(solution, assumed=(*solution.assumed, alone))
     found = [each[run] for each in (campaign.verdicts, beside.judged) if run is not None and run in each]
+    soak = unsettled(campaign.sensors[solution.sensor].conditions)
+    found += [Judgement(Verdict.MARGINAL, soak[each]) for each in solution.runs[:1] if each in soak]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
     found.append(measured_well_enough(errors, campaign.sensors[solution.sensor].conditions.sensor, campaign.largest_se))
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)

@@ -73,20 +73,43 @@ def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> flo
 
 def level_degC(conditions: Conditions, apart_degC: float | None = None) -> FloatArray | None:
     """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
+    name = told_by(conditions, apart_degC)
+    return None if name is None else conditions.columns[name]
+
+
+def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | None:
+    """Return the column that tells temperatures from each other: setpoint, unit's own or chamber's; None for none."""
     columns = conditions.columns
-    said = {name: columns[name] for name in _TELL if name in columns and np.any(np.isfinite(columns[name]))}
-    setpoint = said.pop("setpoint_degC", None)
-    own = next(iter(said.values()), None)
-    if setpoint is None or own is None:
-        return own if setpoint is None else setpoint
+    said = [name for name in _TELL if name in columns and np.any(np.isfinite(columns[name]))]
+    if len(said) < 2 or said[0] != "setpoint_degC":
+        return said[0] if said else None
+    setpoint, own = (columns[name] for name in said[:2])
     here = np.isfinite(own)
     if not np.all(np.isfinite(setpoint[here])):
-        return own
+        return said[1]
     number = _numbered(setpoint[here], apart_degC)
     centre = np.bincount(number, own[here]) / np.bincount(number)
     off = own[here] - centre[number]
     explained = np.sum(off**2) < 0.5 * np.sum((own[here] - own[here].mean()) ** 2)
-    return setpoint if explained or np.all(np.abs(off) < WIDEST_DEGC) else own
+    return said[0] if explained or np.all(np.abs(off) < WIDEST_DEGC) else said[1]
+
+
+def unsettled(conditions: Conditions) -> dict[int, str]:
+    """Return the runs at one setpoint through which the unit's own thermometer moved by more than one temperature."""
+    own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", "setpoint_degC"))
+    found: dict[int, str] = {}
+    if own is None or setpoint is None or not np.isfinite(setpoint).all() or not np.isfinite(own).any():
+        return found
+    number = _numbered(setpoint, None)
+    for place in np.unique(number):
+        here = (number == place) & np.isfinite(own)
+        if here.any() and float(np.ptp(own[here])) > WIDEST_DEGC:
+            words = (
+                f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():.1f} to "
+                f"{own[here].max():.1f} °C through these runs: the soak had not ended"
+            )
+            found |= dict.fromkeys(np.unique(conditions.run[here]).tolist(), words)
+    return found
 
 
 def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:

@@ -1,7 +1,7 @@
 """The identifiability map as the JSON document hil.visibility/1, of a planned sweep or of a campaign.
 
 visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperatures")
-visibility_document(*of_campaign(campaign), model=model)
+campaign_document(campaign, model)
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.worth import improvements
 from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.solve import repeats, solve_campaign
+from hil.solve.repeats import SensorRepeats
+from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 
 
@@ -26,17 +29,18 @@ def visibility_document(
     sensors: Mapping[int, Conditions],
     title: str,
     model: Model | None = None,
-    noise: NoiseLevel | None = None,
+    noise: Mapping[int, NoiseLevel] | None = None,
     sigmas: Mapping[int, FloatArray] | None = None,
     with_changes: bool = True,
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
-    `sigmas` (n, c) are the averages' standard errors, deg/hr. `effects` has each effect once, as the sensor sees it
-    that sees it best, with what cannot be told from it in one sensor at least (each has its own MU); `sensors` has the
-    map of each.
+    `sigmas` (n, c) are the averages' standard errors, deg/hr, and `noise` what each sensor scatters by (without:
+    typical). `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it
+    in one sensor at least (each has its own MU); `sensors` has the map of each.
     """
-    maps = {n: visibility(rows, model, noise, sigma=(sigmas or {}).get(n)) for n, rows in sensors.items()}
+    noise, sigmas = noise or {}, sigmas or {}
+    maps = {n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n)) for n, rows in sensors.items()}
     best: dict[str, tuple[int, Sight]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
@@ -58,6 +62,7 @@ def visibility_document(
             str(number): {
                 "effects": [_effect_document(sight, sights) for sight in sights.effects],
                 "cannot_be_asked": dict(sights.reasons),
+                "noise": vars(sights.noise),
             }
             for number, sights in maps.items()
         },
@@ -108,35 +113,33 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
     }
 
 
-def sweep_document(
-    sweep: Sweep, bench: Bench, model: Model | None = None, noise: NoiseLevel | None = None
-) -> dict[str, object]:
+def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[str, object]:
     """Return the map of a sweep before it runs; raises `InputError` where the bench cannot carry it out."""
     check_sweep_against_bench(sweep, bench)
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
-    return visibility_document(conditions, sweep.title, model, noise)
+    return visibility_document(conditions, sweep.title, model)
 
 
-def campaign_document(
-    campaign: Campaign, model: Model | None = None, noise: NoiseLevel | None = None
-) -> dict[str, object]:
-    """Return the map of collects that were measured, with their own standard errors and gaps."""
-    conditions, title, sigmas = of_campaign(campaign, noise)
-    return {**visibility_document(conditions, title, model, noise, sigmas), "simulated": campaign.simulated}
-
-
-def of_campaign(
-    campaign: Campaign, noise: NoiseLevel | None = None
-) -> tuple[dict[int, Conditions], str, dict[int, FloatArray]]:
-    """Return a campaign's conditions and title, and the standard error, (n, c) in deg/hr, of every average.
-
-    Where the campaign states none, it is the noise level's; NaN where the rate was not measured.
-    """
-    stated = (noise or NoiseLevel()).collect_deg_per_hr
+def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
+    """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
+    campaign = treated(campaign)
+    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
+    shown = repeats(campaign, solve_campaign(campaign))
+    noise = {number: _seen(each) for number, each in shown.items() if np.any(each.spread.degrees)}
+    typical = NoiseLevel().collect_deg_per_hr
     sigmas = {
         number: np.where(
-            np.isfinite(rows.rates_deg_per_hr), np.nan_to_num(rows.rates_se_deg_per_hr, nan=stated), np.nan
+            np.isfinite(rows.rates_deg_per_hr), np.nan_to_num(rows.rates_se_deg_per_hr, nan=typical), np.nan
         )
         for number, rows in campaign.sensors.items()
     }
-    return {number: rows.conditions for number, rows in campaign.sensors.items()}, campaign.title, sigmas
+    found = visibility_document(conditions, campaign.title, model, noise, sigmas)
+    return {**found, "simulated": campaign.simulated}
+
+
+def _seen(shown: SensorRepeats) -> NoiseLevel:
+    """Return what repeats scatter by beyond their standard errors: bias and, of a rotor, MU, rms of both channels."""
+    beyond = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
+    bias, mu = ([beyond[name] for name in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    size = [float(np.sqrt(np.mean(np.square(each)))) if each else 0.0 for each in (bias, mu)]
+    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1])

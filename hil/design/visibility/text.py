@@ -50,9 +50,15 @@ def _unseen(document: Mapping[str, Any]) -> Iterator[str]:
     if unseen:
         yield "Not seen, for the model's own parameters absorb it (what it moves by more than a standard error):"
         for effect in unseen:
-            leaks = ", ".join(effect["leaks"])
-            yield f"  {effect['id']}" + (f" ({leaks})" if leaks else "")
+            yield f"  {effect['id']}{_leaks(document, effect['id'])}"
         yield ""
+
+
+def _leaks(document: Mapping[str, Any], name: str) -> str:
+    """What an effect moves, sensor by sensor: they lie differently."""
+    own = {number: e for number, of in document["sensors"].items() for e in of["effects"] if e["id"] == name}
+    told = [f"sensor {number}: {', '.join(effect['leaks'])}" for number, effect in own.items() if effect["leaks"]]
+    return f" ({'; '.join(told)})" if told else ""
 
 
 def _unasked(document: Mapping[str, Any]) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,11 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.document import campaign_document, of_campaign, sweep_document, visibility_document
+from hil.design.visibility.document import campaign_document, sweep_document, visibility_document
 from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
 from hil.design.visibility.text import visibility_text
 from hil.design.visibility.worth import improvements
-from hil.model import built_in_model, load_model
+from hil.model import Model, built_in_model, load_model
 from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.forms import named_form
@@ -192,15 +193,32 @@ def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     halved = rates.copy()
     halved[conditions.run % 2 == 0] = np.nan
     half = Campaign("t", "s", {2: Collects(conditions, halved, errors)})
-    sizes = []
-    for one in (whole, half):
-        rows, _, sigmas = of_campaign(one)
-        sight = visibility(rows[2], built_in_model("matrix-6"), sigma=sigmas[2]).sight("GS_T")
-        assert sight is not None
-        sizes.append(sight.best.value)
-    assert sizes[1] / sizes[0] == pytest.approx(np.sqrt(2.0), rel=0.15)
+    matrix_6 = built_in_model("matrix-6")
+    assert smallest(half, matrix_6, "GS_T") / smallest(whole, matrix_6, "GS_T") == pytest.approx(np.sqrt(2.0), rel=0.15)
     unstated = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, np.nan))})
-    assert np.all(of_campaign(unstated)[2][2] == NoiseLevel().collect_deg_per_hr)
+    assumed = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, NoiseLevel().collect_deg_per_hr))})
+    assert smallest(unstated, matrix_6, "GS_T") == pytest.approx(smallest(assumed, matrix_6, "GS_T"))
+
+
+def smallest(one: Campaign, model: Model, name: str) -> float:
+    """Return the smallest visible size of an effect in a campaign."""
+    effects: Any = campaign_document(one, model)["effects"]
+    return float(next(each["smallest_visible"]["value"] for each in effects if each["id"] == name))
+
+
+def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
+    """Runs whose bias scatters: the map says by how much, and effects on the bias must be larger to be seen."""
+    conditions = campaign()
+    rng = np.random.default_rng(1)
+    rates = rng.normal(0.0, 0.5, (len(conditions), 2))
+    moved = rates + rng.normal(0.0, 8.0, (conditions.run.max() + 1, 2))[conditions.run]
+    errors = np.full_like(rates, 0.5)
+    quiet, loud = (Campaign("t", "s", {2: Collects(conditions, each, errors)}) for each in (rates, moved))
+    maps: list[Any] = [campaign_document(one, built_in_model("matrix-6"))["sensors"] for one in (quiet, loud)]
+    assert maps[0]["2"]["noise"]["run_bias_deg_per_hr"] < 0.5
+    assert maps[1]["2"]["noise"]["run_bias_deg_per_hr"] == pytest.approx(8.0, rel=0.4)
+    matrix_6 = built_in_model("matrix-6")
+    assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
 
 
 @pytest.mark.parametrize(
@@ -250,5 +268,5 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, rates + 0.5)}, simulated=True)
     lines = visibility_text(campaign_document(simulated)).splitlines()
     assert lines[0] == "night  SIMULATED"
-    assert any(line.startswith("  k2 (") and "MUB" in line for line in lines)
+    assert any(line.startswith("  k2 (sensor 2: ") and "MUB" in line for line in lines)
     assert not any(line.startswith("  MU_real") for line in lines)  # the model has it

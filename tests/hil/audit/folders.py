@@ -1,0 +1,104 @@
+"""Small campaigns of every kind, as folders: good, bad rows, short soaks, one run, one temperature, triads, Table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hil.analysis.published.table import read_published_table
+from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.writer import write_campaign
+from tests.hil.analysis.thermal.nights import TRIAD
+from tests.hil.solve.test_neighbours import campaign, with_rates
+
+
+def _changed(one: Campaign, rows: list[int], rates: np.ndarray) -> Campaign:
+    changed = one.sensors[2].rates_deg_per_hr.copy()
+    changed[rows] = rates
+    return with_rates(one, changed)
+
+
+def _good() -> Campaign:
+    return campaign(12, 3, seed=1, scatter=2.0)
+
+
+def _exchanged() -> Campaign:
+    one = _good()
+    return _changed(one, [12, 13], one.sensors[2].rates_deg_per_hr[[13, 12]])
+
+
+def _far_off() -> Campaign:
+    one = _good()
+    return _changed(one, [14], one.sensors[2].rates_deg_per_hr[[14]] + [[0.0, 300.0]])
+
+
+def _one_missing() -> Campaign:
+    one = _good()
+    return _changed(one, [4], np.full((1, 2), np.nan))
+
+
+def _silent() -> Campaign:
+    one = _good()
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
+
+
+def _short_soaks() -> Campaign:
+    """The unit's own thermometer still falls by 10 °C through the runs of each setpoint."""
+    one = _good()
+    conditions = one.sensors[2].conditions
+    late = 10.0 * np.exp(-0.35 * (np.arange(36) % 9))
+    columns = {**conditions.columns, "temperature_degC": conditions.columns["setpoint_degC"] + late}
+    return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, columns=columns))})
+
+
+def _two_sensors() -> Campaign:
+    one, other = _good(), campaign(12, 3, seed=2, scatter=2.0).sensors[2]
+    layout = replace(other.conditions.sensor, number=1)
+    first = replace(other, conditions=replace(other.conditions, sensor=layout))
+    number = one.sensors[2].conditions.collect + len(first)
+    second = replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, collect=number))
+    return replace(one, sensors={1: first, 2: second})
+
+
+def _triad(wrong: bool = False) -> Campaign:
+    """Twenty-four poses of a triad in one run; one of them in another pose than its row says."""
+    rng = np.random.default_rng(4)
+    f = rng.normal(size=(24, 3))
+    f /= np.linalg.norm(f, axis=1, keepdims=True)
+    rates = np.array([100.0, -50.0, 30.0]) + f @ rng.normal(0.0, 30.0, (3, 3)).T + rng.normal(0.0, 5.0, (24, 3))
+    rates[16] += [350.0, -200.0, 150.0] if wrong else 0.0
+    n = np.arange(24)
+    labels = np.array([f"pose-{k}" for k in n])
+    conditions = Conditions(
+        TRIAD, n + 1, np.ones(24, dtype=np.int64), labels, 10.0 * n, np.full(24, 5.0), f, np.zeros((24, 3)), {}
+    )
+    return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
+
+
+FOLDERS: dict[str, Callable[[], Campaign]] = {
+    "good": _good,
+    "labels exchanged": _exchanged,
+    "one rate far off": _far_off,
+    "one collect missing": _one_missing,
+    "no standard errors": _silent,
+    "short soaks": _short_soaks,
+    "two sensors": _two_sensors,
+    "one run": lambda: campaign(1, 1, seed=3),
+    "one run per temperature": lambda: campaign(9, 1, seed=4, scatter=1.0),
+    "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
+    "simulated": lambda: replace(_good(), simulated=True),
+    "poses": _triad,
+    "poses, one wrong": lambda: _triad(wrong=True),
+    "Table 1": lambda: read_published_table(Path("rd-gc-86-1-table-1")),
+}
+
+
+def written(name: str, folder: Path) -> Path:
+    """Write one of the campaigns as a folder and return it."""
+    made = FOLDERS[name]()
+    units = {column: "degC" for rows in made.sensors.values() for column in rows.conditions.columns if "degC" in column}
+    write_campaign(replace(made, condition_units={**units, **made.condition_units}), folder)
+    return folder

@@ -1,0 +1,159 @@
+"""One question, one answer: every command's document over small folders of every kind, laid side by side.
+
+A command that answers one of the questions joins by one line in `ANSWERS`: what it prints, and where the answer stands.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.cli.app import run
+from tests.hil.audit.folders import FOLDERS, written
+
+Answer = Mapping[Any, Any]
+Ask = Callable[[str], dict[str, Any] | None]
+
+MODEL = {"poses": "triad-12", "poses, one wrong": "triad-12"}
+COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
+    "solve": lambda folder, _: ["solve", str(folder), "--json"],
+    "thermal": lambda folder, _: ["thermal", str(folder), "--json"],
+    "budget": lambda folder, _: ["budget", str(folder), "--draws", "100", "--json"],
+    "visibility": lambda folder, _: ["visibility", str(folder), "--json"],
+    "scatter": lambda folder, _: ["scatter", str(folder), "--json"],
+    "reconcile": lambda folder, model: [
+        "reconcile", str(folder), "--model", model, "--out", str(folder / "out"), "--json",
+    ],
+}  # fmt: skip
+QUICK = ("solve", "thermal", "budget", "visibility")
+AT_ONCE = ("good", "labels exchanged", "one rate far off", "one run", "poses, one wrong")
+
+
+def rows(document: dict[str, Any]) -> Answer:
+    """Which rows are left out or mended, and which channels of them; what is only doubted is not compared."""
+    treated = [each for each in document["rows"] if each["done"] != "used"]
+    return {(r["sensor"], r["run"], tuple(r["collects"]), tuple(r["channels"])): r["done"] for r in treated}
+
+
+def _solved_means(document: dict[str, Any], key: str) -> Answer:
+    return {
+        (int(number), place, name): each[key]
+        for number, of in document["repeats"].items()
+        for place, mean in enumerate(of["means"])
+        for name, each in mean["parameters"].items()
+    }
+
+
+def _thermal_means(document: dict[str, Any], key: str) -> Answer:
+    return {
+        (each["sensor"], place, name): value[key]
+        for each in document["sensors"]
+        for name, of in each["parameters"].items()
+        for place, value in enumerate(of["values"])
+    }
+
+
+def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
+    return {
+        (number, name, key): each[key]
+        for number, of in of_sensor.items()
+        for name, each in of[where].items()
+        for key in ("sd", "degrees_of_freedom")
+    }
+
+
+ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
+    "which rows are wrong": dict.fromkeys(("solve", "thermal", "budget", "scatter", "reconcile"), rows),
+    "the mean at a temperature": {
+        "solve": lambda document: _solved_means(document, "value"),
+        "thermal": lambda document: _thermal_means(document, "value"),
+    },
+    "how sure that mean is": {
+        "solve": lambda document: _solved_means(document, "sd"),
+        "thermal": lambda document: _thermal_means(document, "se"),
+    },
+    "what changes from run to run": {
+        "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
+        "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
+    },
+    "is it simulated": dict.fromkeys(COMMANDS, lambda document: {"simulated": document["simulated"]}),
+}
+
+
+MEANS = ("the mean at a temperature", "how sure that mean is")
+
+
+@pytest.fixture
+def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Ask:
+    """Return a function that gives a command's document of the folder, None where it says that it has no answer."""
+    folder = written(request.param, tmp_path / "campaign")
+    known: dict[str, dict[str, Any] | None] = {}
+
+    def asked(command: str) -> dict[str, Any] | None:
+        if command not in known:
+            capsys.readouterr()
+            status = run(COMMANDS[command](folder, MODEL.get(request.param, "matrix-6")))
+            assert status in (0, 2), f"{command}: {capsys.readouterr().err}"
+            known[command] = json.loads(capsys.readouterr().out) if status == 0 else None
+        return known[command]
+
+    return asked
+
+
+def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
+    """Yield every question that two commands answer differently."""
+    for question, places in ANSWERS.items():
+        told = {c: place(document) for c, place in places.items() if c in commands and (document := ask(c)) is not None}
+        first = next(iter(told), "")
+        for command, answer in told.items():
+            # Thermal leaves out temperatures at which not every parameter can be told: of means what both have.
+            some = question in MEANS
+            keys = set(answer) & set(told[first]) if some else set(answer) | set(told[first])
+            assert keys or not some, f"{question}: {first} and {command} have nothing in common"
+            for key in keys:
+                one, other = told[first].get(key), answer.get(key)
+                if one != (pytest.approx(other, rel=1e-6, abs=1e-9) if isinstance(other, float) else other):
+                    yield f"{question}: {key}: {first} {one}, {command} {other}"
+
+
+@pytest.mark.parametrize("ask", AT_ONCE, indirect=True)
+def test_the_quick_commands_agree(ask: Ask) -> None:
+    """Solve, thermal, budget and visibility: rows, means, their uncertainty, what repeats show."""
+    assert list(disagreements(ask, QUICK)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ask", FOLDERS, indirect=True)
+def test_all_commands_agree(ask: Ask) -> None:
+    """And those that search: what is wrong with rows, and that what is printed is simulated."""
+    assert list(disagreements(ask, tuple(COMMANDS))) == []
+
+
+@pytest.mark.parametrize("ask", ["labels exchanged", "one rate far off", "poses, one wrong"], indirect=True)
+def test_no_run_that_rests_on_a_wrong_row_passes(ask: Ask) -> None:
+    """Whatever was done about it; and the row is named in the verdict's cause."""
+    document = ask("solve")
+    assert document is not None
+    assert document["rows"]
+    for each in document["rows"]:
+        (solved,) = (s for s in document["solutions"] if (s["run"], s["sensor"]) == (each["run"], each["sensor"]))
+        assert solved["verdict"] != "PASS"
+        assert str(each["collects"][0]) in solved["reason"]
+
+
+@pytest.mark.parametrize("ask", ["short soaks"], indirect=True)
+def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(ask: Ask) -> None:
+    """The unit's own thermometer moved by more than one temperature through the runs of each setpoint."""
+    document = ask("solve")
+    assert document is not None
+    assert {mean["temperature_of"] for mean in document["repeats"]["2"]["means"]} <= {
+        "setpoint_degC",
+        "temperature_degC",
+    }
+    assert {each["verdict"] for each in document["solutions"]} == {"MARGINAL"}
+    assert all("the soak had not ended" in each["reason"] for each in document["solutions"])
+    ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
