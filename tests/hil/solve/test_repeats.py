@@ -1,0 +1,110 @@
+"""What repeats show is in every uncertainty, and the stated intervals hold the truth as often as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects
+from hil.solve import repeats, solve_campaign
+from hil.solve.repeats import Spread
+from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
+
+TRUTH = {
+    "BA": (20.0, 5.0),
+    "BB": (-5.0, 30.0),
+    "GSA": (55.0, 10.0),
+    "GSB": (-25.0, -4.0),
+    "MUA": (5.0, 10.0),
+    "MUB": (0.0, 0.0),
+}
+
+
+def night(seed: int, run_to_run: dict[str, float], degC: tuple[float, ...] = PUBLISHED_DEGC) -> Campaign:
+    """Return the published night of a unit whose parameters are lines against temperature."""
+    curves = {name: (lambda t, c=c: c[0] + c[1] * scaled(t)) for name, c in TRUTH.items()}
+    return rotor_night(np.random.default_rng(seed), curves, run_to_run=run_to_run, temperatures_degC=degC)
+
+
+def held(seed: int, run_to_run: dict[str, float]) -> tuple[list[bool], list[bool]]:
+    """Return, for every mean and for every single run, whether its interval holds the unit's model."""
+    one = night(seed, run_to_run)
+    solutions = solve_campaign(one)
+    shown = repeats(one, solutions)[2]
+    means, singles = [], []
+    for mean in shown.means:
+        for name, found in mean.values.items():
+            truth = TRUTH[name][0] + TRUTH[name][1] * scaled(mean.temperature_degC)
+            means.append(abs(found.value - truth) <= found.half_width)
+    for solution in solutions:
+        at = next(mean.temperature_degC for mean in shown.means if solution.run in mean.runs)
+        for name, found in shown.of_run(solution).items():
+            singles.append(abs(found.value - TRUTH[name][0] - TRUTH[name][1] * scaled(at)) <= found.half_width)
+    return means, singles
+
+
+@pytest.mark.parametrize(
+    ("seeds", "low", "high"), [(5, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("run_to_run", [RUN_TO_RUN, {}], ids=["run to run", "white"])
+def test_intervals_of_means_and_of_single_runs_hold_the_units_model(
+    run_to_run: dict[str, float], seeds: int, low: float, high: float
+) -> None:
+    """Stated 95 %: of all parameters at all temperatures, over whole nights."""
+    found = [held(seed, run_to_run) for seed in range(seeds)]
+    for kind in (0, 1):
+        share = np.mean([of[kind] for of in found])
+        assert low <= share <= high, ("mean", "single run")[kind]
+
+
+def test_what_standard_errors_do_not_know_is_in_the_mean_of_three() -> None:
+    """MU that changes by 4 from run to run: a mean of three is known to 2.3, not to the 0.65 of standard errors."""
+    one = night(3, RUN_TO_RUN)
+    solutions = solve_campaign(one)
+    shown = repeats(one, solutions)[2]
+    mean = shown.means[0].values["MUB"]
+    alone = np.mean([s.parameters["MUB"].se for s in solutions]) / np.sqrt(3)
+    assert alone < 0.7
+    assert mean.sd == pytest.approx(np.hypot(RUN_TO_RUN["MUB"], 1.1) / np.sqrt(3), rel=0.35)
+    assert "MUB by" in shown.sentences()[0]
+
+
+def test_where_nothing_was_repeated_standard_errors_stand_and_it_is_said() -> None:
+    """One run at each of three temperatures: the standard error is the deviation, and the interval is normal."""
+    one = night(4, {}, (-20.0, 20.0, 60.0))
+    rows = one.sensors[2]
+    first = rows.rows(np.isin(rows.conditions.run, [1, 4, 7]))
+    alone = Campaign(one.title, one.source, {2: first})
+    solutions = solve_campaign(alone)
+    shown = repeats(alone, solutions)[2]
+    for solution, mean in zip(solutions, shown.means, strict=True):
+        for name, each in solution.parameters.items():
+            assert mean.values[name].sd == each.se
+            assert mean.values[name].half_width == pytest.approx(1.96 * (each.se or 0.0), rel=1e-3)
+    assert "nothing was repeated" in shown.sentences()[0]
+
+
+def test_residuals_beyond_the_standard_errors_widen_them() -> None:
+    """Rates three times as noisy as stated, with residuals left: the deviations grow threefold; without, unknown."""
+    one = night(5, {})
+    rows = one.sensors[2]
+    rng = np.random.default_rng(0)
+    noisy = rows.rates_deg_per_hr + rng.normal(0.0, 3.0 * 0.93, rows.rates_deg_per_hr.shape)
+    whole = Campaign(one.title, one.source, {2: Collects(rows.conditions, noisy, rows.rates_se_deg_per_hr)})
+    solutions = solve_campaign(whole, "collins-4")  # two residuals are left in each run
+    factor = repeats(whole, solutions)[2].spread.factor
+    assert factor > 2.5
+
+
+def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_errors() -> None:
+    """Two groups of three, by hand; and of values that scatter less than their errors the errors stand."""
+    values = np.array([[1.0], [2.0], [3.0], [11.0], [11.0], [14.0]])
+    group = np.array([0, 0, 0, 1, 1, 1])
+    spread = Spread.of(values, np.full((6, 1), 0.5), group)
+    assert spread.observed[0] == pytest.approx(np.sqrt((2.0 + 6.0) / 4.0))
+    assert spread.beyond[0] == pytest.approx(np.sqrt(2.0 - 0.25))
+    assert spread.sd(np.full((6, 1), 0.5))[0, 0] == pytest.approx(np.sqrt(2.0))
+    quiet = Spread.of(values, np.full((6, 1), 5.0), group)
+    assert quiet.beyond[0] == 0.0
+    assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
+    assert quiet.freedom[0] == 2 * spread.degrees[0]  # what stated errors explain is known better

@@ -1,0 +1,75 @@
+"""What is wrong with rows is mended or left out before anything is solved, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.solve import solve_campaign
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, rows_of, treated, wrong_rows
+from procedures.verdict import Verdict
+from tests.hil.audit.folders import FOLDERS
+
+
+def made(name: str) -> Campaign:
+    """Return one of the small campaigns."""
+    return FOLDERS[name]()
+
+
+def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
+    """The rates are those of the sound campaign; the verdict asks for the file to be corrected."""
+    wrong = wrong_rows(made("labels exchanged").sensors[2])
+    np.testing.assert_array_equal(wrong.collects.rates_deg_per_hr, made("good").sensors[2].rates_deg_per_hr)
+    (row,) = wrong.rows
+    assert (row.run, row.collects, row.done) == (5, (13, 14), MENDED)
+    solved = {each.run: each for each in solve_campaign(made("labels exchanged"))}
+    sound = {each.run: each for each in solve_campaign(made("good"))}
+    assert solved[5].parameters == sound[5].parameters
+    assert (solved[5].verdict, sound[5].verdict) == (Verdict.FAIL, Verdict.PASS)
+
+
+def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
+    """RB of collect 15: MUA is then not seen in this run, and MUB is what it was."""
+    campaign = made("one rate far off")
+    (row,) = wrong_rows(campaign.sensors[2]).rows
+    assert (row.collects, row.channels, row.done) == ((15,), ("RB",), LEFT_OUT)
+    rates = treated(campaign).sensors[2].rates_deg_per_hr
+    assert np.argwhere(np.isnan(rates)).tolist() == [[14, 1]]
+    assert in_words(rows_of(campaign))[0].startswith("left out: sensor 2, run 5: collect 15")
+    solved = {each.run: each for each in solve_campaign(campaign)}
+    assert solved[5].parameters["MUA"].value is None
+    assert solved[5].verdict is Verdict.INCONCLUSIVE
+
+
+def test_in_a_log_of_many_poses_the_one_that_all_others_contradict_is_left_out() -> None:
+    """Collect 17 of 24; the parameters are those of the sound log within its errors, and the run is no PASS."""
+    (row,) = wrong_rows(made("poses, one wrong").sensors[1]).rows
+    assert (row.collects, row.channels, row.done) == ((17,), ("GX", "GY", "GZ"), LEFT_OUT)
+    (mended,), (sound,) = solve_campaign(made("poses, one wrong")), solve_campaign(made("poses"))
+    for name, each in mended.parameters.items():
+        assert each.value == pytest.approx(sound.parameters[name].value, abs=4.0)
+    assert (mended.verdict, sound.verdict) == (Verdict.MARGINAL, Verdict.PASS)
+    assert "collect 17" in mended.reason
+
+
+def test_sound_logs_lose_a_row_in_one_of_a_hundred() -> None:
+    """Of normal noise, whatever its size, hardly any pose is left out."""
+    poses = made("poses")
+    rows = poses.sensors[1]
+    lost = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        rates = rows.rates_deg_per_hr + rng.normal(0.0, 40.0, rows.rates_deg_per_hr.shape)
+        lost += bool(wrong_rows(replace(rows, rates_deg_per_hr=rates)).rows)
+    assert lost <= 3
+
+
+def test_a_run_with_another_bias_is_used_and_named() -> None:
+    """All three collects of run 5 off by the same: that is what its bias was."""
+    rows = made("good").sensors[2]
+    rates = rows.rates_deg_per_hr + 60.0 * (rows.conditions.run == 5)[:, None]
+    (row,) = wrong_rows(replace(rows, rates_deg_per_hr=rates)).rows
+    assert (row.run, row.done) == (5, USED)
