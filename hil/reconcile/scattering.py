@@ -27,6 +27,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
+from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import in_words
 
 ORDINARY = "ordinary"
@@ -61,7 +62,9 @@ class Scattering:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        return [*told, *scatter.in_words(self.noise), *in_words(self.rows)]
+        rows = self.campaign.sensors.items()
+        soaks = [f"sensor {n}: {words}" for n, of in rows for words in dict.fromkeys(unsettled(of.conditions).values())]
+        return [*soaks, *told, *scatter.in_words(self.noise), *in_words(self.rows)]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""

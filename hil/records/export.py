@@ -318,8 +318,10 @@ def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: floa
     t_s = samples.time_s[good] - start_s
     _, where, counts = np.unique(np.floor(t_s / block_s + _EDGE), return_inverse=True, return_counts=True)
 
+    whole = counts > 0.5 * counts.max()  # a few samples at the end of a collect are no mean of a block
+
     def means(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(where, weights=values) / counts)
+        return np.asarray((np.bincount(where, weights=values) / counts)[whole])
 
     temperatures = samples.of("temperature", sensor.number)
     return Series(

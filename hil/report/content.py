@@ -42,6 +42,7 @@ class Repeat:
     runs: tuple[int, ...]
     matrix: Mapping[str, Mean]
     contractor: Mapping[str, Mean]
+    unit_degC: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,9 @@ def gather(
         own = [each for each in solutions if each.sensor == number]
         others = beside.get(number)
         means = {} if others is None else {each.runs: each for each in others.means}
-        at = [Repeat(e.temperature_degC, e.runs, _means(e), _means(means.get(e.runs))) for e in shown.means]
+        at = [
+            Repeat(e.temperature_degC, e.runs, _means(e), _means(means.get(e.runs)), e.unit_degC) for e in shown.means
+        ]
         of_run = {run: each for (run, sensor), each in contractor.items() if sensor == number}
         sensors.append(SensorContent(number, at, own, of_run, shown, others, _reproduced(campaign, number, of_run)))
     both = common_and_differential(campaign)

@@ -12,6 +12,7 @@ from hil.report.content import Mean, Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature, inline_svg
 from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
 from hil.solve import RunSolution
+from hil.solve.temperatures import WIDEST_DEGC
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
@@ -68,7 +69,7 @@ def _table_1(sensor: SensorContent) -> Grid:
     heads = [Cell("parameter", kind="text")]
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
-        heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F"))
+        heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F{_unit(at, repeat)}"))
     doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
     return Grid(
         f"table-1-sensor-{sensor.number}",
@@ -86,6 +87,13 @@ def _table_1(sensor: SensorContent) -> Grid:
             ),
         ],
     )
+
+
+def _unit(at_degC: float, repeat: Repeat) -> str:
+    """Say what the unit's own thermometer showed where that was another temperature, or moved by more than one."""
+    low, high = repeat.unit_degC or (at_degC, at_degC)
+    moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
+    return f"\nunit {low:.1f} to {high:.1f} °C" if moved else ""
 
 
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:

@@ -25,7 +25,7 @@ from scipy.stats import t as student
 
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
-from hil.solve.temperatures import runs_by_temperature, told_by
+from hil.solve.temperatures import runs_by_temperature, told_by, unit_range_degC
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -111,13 +111,15 @@ class Uncertain:
 class MeanAt:
     """The runs at one temperature and the mean of each parameter over those that could tell it.
 
-    `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one.
+    `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one; `unit_degC` what the unit's own
+    thermometer showed through them, lowest and highest.
     """
 
     temperature_degC: float | None
     runs: tuple[int, ...]
     values: Mapping[str, Uncertain]
     scatter: Mapping[str, float]
+    unit_degC: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,7 @@ class SensorRepeats:
                 {
                     "temperature_degC": each.temperature_degC,
                     "temperature_of": self.told_by,
+                    "unit_degC": each.unit_degC,
                     "runs": list(each.runs),
                     "parameters": {name: value.document() for name, value in each.values.items()},
                 }
@@ -192,8 +195,10 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
     for number, collects in campaign.sensors.items():
         own = [each for each in solutions if each.sensor == number]
         if own:
-            of_sensor = _of_sensor(own, runs_by_temperature(collects.conditions))
-            found[number] = replace(of_sensor, told_by=told_by(collects.conditions))
+            rows = collects.conditions
+            of_sensor = _of_sensor(own, runs_by_temperature(rows))
+            means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means]
+            found[number] = replace(of_sensor, means=means, told_by=told_by(rows))
     return found
 
 

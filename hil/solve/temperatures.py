@@ -94,8 +94,15 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
     return said[0] if explained or np.all(np.abs(off) < WIDEST_DEGC) else said[1]
 
 
+def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float, float] | None:
+    """Return the lowest and highest that the unit's own thermometer showed in some runs; None where it did not."""
+    own = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))[np.isin(conditions.run, runs)]
+    known = own[np.isfinite(own)]
+    return (float(known.min()), float(known.max())) if len(known) else None
+
+
 def unsettled(conditions: Conditions) -> dict[int, str]:
-    """Return the runs at one setpoint through which the unit's own thermometer moved by more than one temperature."""
+    """Return the runs in which the unit was at another temperature than in most of the others at their setpoint."""
     own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", "setpoint_degC"))
     found: dict[int, str] = {}
     if own is None or setpoint is None or not np.isfinite(setpoint).all() or not np.isfinite(own).any():
@@ -106,9 +113,10 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
         if here.any() and float(np.ptp(own[here])) > WIDEST_DEGC:
             words = (
                 f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():.1f} to "
-                f"{own[here].max():.1f} °C through these runs: the soak had not ended"
+                f"{own[here].max():.1f} °C through its runs: the soak had not ended"
             )
-            found |= dict.fromkeys(np.unique(conditions.run[here]).tolist(), words)
+            off = here & (np.abs(own - np.median(own[here])) > 0.5 * WIDEST_DEGC)
+            found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
 
 

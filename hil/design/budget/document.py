@@ -20,6 +20,7 @@ from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.solve.repeats import SensorRepeats
+from hil.solve.temperatures import told_by
 
 SCHEMA = "hil.budget/1"
 
@@ -65,6 +66,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
     return {
         "run": chosen.run,
         "temperature_degC": chosen.temperature_degC,
+        "temperature_of": told_by(chosen.scene.conditions),
         "positions": chosen.scene.conditions.position.tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,

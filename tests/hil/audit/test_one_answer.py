@@ -154,6 +154,9 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
         "setpoint_degC",
         "temperature_degC",
     }
-    assert {each["verdict"] for each in document["solutions"]} == {"MARGINAL"}
-    assert all("the soak had not ended" in each["reason"] for each in document["solutions"])
+    early = [each for each in document["solutions"] if each["run"] % 3 == 1]
+    assert {each["verdict"] for each in early} == {"MARGINAL"}
+    assert all("the soak had not ended" in each["reason"] for each in early)
+    for mean in document["repeats"]["2"]["means"]:
+        assert mean["unit_degC"][1] - mean["unit_degC"][0] > 4.0
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error

@@ -44,13 +44,13 @@ def held(seed: int, run_to_run: dict[str, float]) -> tuple[list[bool], list[bool
 
 
 @pytest.mark.parametrize(
-    ("seeds", "low", "high"), [(5, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
+    ("seeds", "low", "high"), [(5, 0.9, 0.99), pytest.param(200, 0.93, 0.975, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("run_to_run", [RUN_TO_RUN, {}], ids=["run to run", "white"])
 def test_intervals_of_means_and_of_single_runs_hold_the_units_model(
     run_to_run: dict[str, float], seeds: int, low: float, high: float
 ) -> None:
-    """Stated 95 %: of all parameters at all temperatures, over whole nights."""
+    """Stated 95 %, over whole nights: no deviation is below its standard error, so more where nothing scatters."""
     found = [held(seed, run_to_run) for seed in range(seeds)]
     for kind in (0, 1):
         share = np.mean([of[kind] for of in found])
