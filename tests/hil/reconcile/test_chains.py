@@ -51,7 +51,7 @@ def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
 
 
 def test_filtered_rows_are_independent_and_keep_the_determinant() -> None:
-    """Against a Cholesky factor: inner products of any columns, and the log determinant, at every size of the states."""
+    """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states."""
     rng = np.random.default_rng(1)
     late = replace(CONDITIONS, start_s=CONDITIONS.start_s + 3600.0)
     rows, channel, _ = laid(late)
