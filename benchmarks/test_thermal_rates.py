@@ -117,7 +117,7 @@ def test_improvement_is_claimed_where_there_is_some_and_its_range_is_no_interval
         found, before, after = [], [], []
         for _ in range(NIGHTS):
             values = slope * scaled(degC) + rng.standard_normal(8)
-            own = Estimates(values, np.eye(8), np.full(8, 16.0), 0.0)
+            own = Estimates(values, np.eye(8), 16.0)
             choice = choose(degC, values, np.eye(8), highest_order=5)
             errors = nested_errors(degC, own, choice, 5, 0)
             found.append(improvement(choice.held_out_constant, errors, choice.weight))

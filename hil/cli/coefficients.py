@@ -44,11 +44,15 @@ def allan(
     reach: Annotated[
         str | None, typer.Option(help="How long to average to reach this, such as '0.5 deg/hr'.", show_default=False)
     ] = None,
-    collect_time: Annotated[str, typer.Option(help="How long a collect is.")] = "60 s",
+    collect_time: Annotated[
+        str | None, typer.Option(help="How long a collect is; default: a folder's own, else 60 s.", show_default=False)
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the plot here, .svg or .png.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
+    import numpy as np
+
     from hil.analysis.allan.document import analyse
     from hil.analysis.allan.figure import write_figure
     from hil.analysis.allan.sources import read_recording
@@ -65,7 +69,12 @@ def allan(
         if rate_hz == 0.0:
             raise InputError("--rate: the sample rate must be more than 0 Hz")
     wanted = None if reach is None else _quantity("--reach", reach, lambda text: to_number(text, RATE))
-    collect_s = _quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
+    collect_s = 60.0
+    if collect_time is not None:
+        collect_s = _quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
+    elif source.is_dir():
+        rows = read_source(source).sensors.values()
+        collect_s = float(np.median(np.concatenate([each.conditions.duration_s for each in rows])))
     result = analyse(
         read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=rate_hz, unit=unit)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,7 +31,7 @@ def budget(
         str | None, typer.Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
     ] = None,
     run: Annotated[int | None, typer.Option(help="Which self-calibration; default: the worst.")] = None,
-    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: the sweep's, else 3.")] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
     draws: Annotated[int, typer.Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
     as_json: JsonFlag = False,
@@ -49,12 +49,14 @@ def budget(
     if Path(source).is_dir():
         campaign = read_source(Path(source))
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
+        shown = what_repeats_show(campaign, solve_campaign(campaign))
+        times = max((len(each.runs) for of in shown.values() for each in of.means), default=1)
         document = budget_document(
             measured_scenes(campaign, its_bench, chosen),
             campaign.title,
-            Asked(run, repeats or 3, draws, seed),
+            Asked(run, repeats or times, draws, seed),
             simulated=campaign.simulated,
-            observed=what_repeats_show(campaign, solve_campaign(campaign)),
+            observed=shown,
         )
         document |= {"warnings": list(campaign.warnings), "rows": rows_of(campaign)}
     else:
@@ -169,7 +171,10 @@ def design(
     ] = None,
     scatter_of_unit: Annotated[
         list[str] | None,
-        typer.Option("--scatter", help="How the unit scatters from run to run: 'MU 4 deg/hr'; repeatable."),
+        typer.Option(
+            "--scatter",
+            help="How the unit scatters from run to run: 'MU 4 deg/hr', or a night that tells it; repeatable.",
+        ),
     ] = None,
     sensor: Annotated[list[int] | None, typer.Option(help="Only these sensors; repeatable. Default: all.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the proposal as this sweep file.")] = None,
@@ -196,7 +201,7 @@ def design(
         time_s,
         tuple(sensor or ()),
         repeats,
-        dict(parse_target(text) for text in scatter_of_unit or ()),
+        {name: size for text in scatter_of_unit or () for name, size in _scatter_of(text, parse_target).items()},
     )
     proposal = propose(base, its_bench, asked)
     document = design_document(proposal, asked, base, its_bench)
@@ -204,6 +209,20 @@ def design(
         write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
     if not printed(document, as_json):
         _print_design(document, out)
+
+
+def _scatter_of(text: str, parse: Callable[[str], tuple[str, float]]) -> dict[str, float]:
+    """Return what the option says: 'MU 4 deg/hr', or a night or campaign whose repeats tell it (the worst sensor)."""
+    if not Path(text).is_dir():
+        return dict([parse(text)])
+    from hil.solve import repeats, solve_campaign
+
+    campaign = read_source(Path(text))
+    found: dict[str, float] = {}
+    for of in repeats(campaign, solve_campaign(campaign)).values():
+        for name, beyond in zip(of.names, of.spread.beyond.tolist(), strict=True):
+            found[name] = max(beyond, found.get(name, 0.0))
+    return found
 
 
 def _print_design(document: Mapping[str, Any], out: Path | None) -> None:

@@ -69,7 +69,8 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     if len(document["outliers"]) > _SHOWN:
         yield f"left out: {len(document['outliers']) - _SHOWN} more, in reconciliation.json"
     if document["next_experiment"]:
-        yield f"measure next: {document['next_experiment']['why']}"
+        what = document["next_experiment"].get("what")
+        yield f"measure next: {f'{what}: ' if what else ''}{document['next_experiment']['why']}"
     for note in document.get("notes", []):
         yield f"note: {note}"
 
@@ -81,7 +82,9 @@ def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
         se = "" if each["se"] is None else f" ± {each['se']:.2g}"
         at = "" if not each.get("at") else f" at {each['at']}"
-        lines.setdefault(f"{each['name']}{sensor}, {each['unit']}", []).append(f"{each['value']:.4g}{se}{at}")
+        whole = each["value"] if each.get("total") is None else each["total"]
+        more = "" if each.get("total") is None else f" ({each['value']:+.4g} by this effect)"
+        lines.setdefault(f"{each['name']}{sensor}, {each['unit']}", []).append(f"{whole:.4g}{se}{at}{more}")
     for name, values in lines.items():
         yield f"  {name}: {'; '.join(values)}"
 

@@ -172,7 +172,7 @@ def _result(
             *where,
             *scatter.places(of_scatter, reading.chance),
         ],
-        effects=[*wrong, *results, *within],
+        effects=[*wrong, *findings.with_totals(results, after), *within],
         gap=gap,
         false_alarm_rate=alpha,
         p_value=reading.chance,
