@@ -3,10 +3,9 @@
     comparison = compare(campaign, earlier)
     [each for each in comparison.differences if each.flagged]
 
-A difference is this campaign's mean at a temperature less the earlier one's. Its standard uncertainty is the larger of
-two: what the collects' noise gives, and what the runs of both scatter by at that temperature, s √(1/n + 1/m). Few runs
-tell a scatter badly: it is widened by Student's t, so that three of these uncertainties are passed by chance in 0.27 %
-of cases, as three sigma are.
+A difference is this campaign's mean at a temperature less the earlier one's; both have the uncertainty that every
+command states (`hil.solve.repeats`), widened by Student's t where few runs tell it, so that three of these
+uncertainties are passed by chance in 0.27 % of cases, as three sigma are.
 """
 
 from __future__ import annotations
@@ -20,7 +19,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.solve import Estimate, RunSolution, solve_campaign
+from hil.solve import repeats, solve_campaign
+from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import nearest, runs_by_temperature
 
 SIGMAS = 3.0
@@ -85,24 +85,24 @@ class Comparison:
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature
-_Groups = Mapping[float | None, Sequence[RunSolution]]
 
 
 def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
     """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
-    now, before = _by_temperature(campaign), _by_temperature(earlier)
+    now, before = (repeats(each, solve_campaign(each)) for each in (campaign, earlier))
     differences: list[Difference] = []
     remarks = list(_units(_unit(campaign), _unit(earlier)))
-    for sensor, groups in now.items():
+    for sensor, shown in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
             continue
-        for temperature, solutions in groups.items():
-            match = _nearest(temperature, before[sensor])
+        for mean in shown.means:
+            match = _nearest(mean.temperature_degC, before[sensor].means)
             if match is None:
-                remarks.append(f"Sensor {sensor} at {_at(temperature)}: the earlier campaign has no such temperature.")
+                at = _at(mean.temperature_degC)
+                remarks.append(f"Sensor {sensor} at {at}: the earlier campaign has no such temperature.")
                 continue
-            differences += _differences(sensor, temperature, solutions, match)
+            differences += _differences(sensor, mean, match)
     doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
@@ -174,69 +174,29 @@ def _units(unit: str, earlier_unit: str) -> Iterator[str]:
         yield f"These are two units, {unit} now and {earlier_unit} before: what differs may be that."
 
 
-def _by_temperature(campaign: Campaign) -> dict[int, _Groups]:
-    solutions = solve_campaign(campaign)
-    return {
-        number: {
-            temperature: [each for each in solutions if each.sensor == number and each.run in runs]
-            for temperature, runs in runs_by_temperature(collects.conditions)
-        }
-        for number, collects in campaign.sensors.items()
-    }
-
-
-def _nearest(temperature: float | None, groups: _Groups) -> Sequence[RunSolution] | None:
+def _nearest(temperature: float | None, means: Sequence[MeanAt]) -> MeanAt | None:
+    known = {each.temperature_degC: each for each in means}
     if temperature is None or not math.isfinite(temperature):
-        return groups.get(None)
-    match = nearest(temperature, [each for each in groups if each is not None])
-    return None if match is None else groups[match]
+        return known.get(None)
+    return known.get(nearest(temperature, [each for each in known if each is not None]))
 
 
-def _differences(
-    sensor: int, temperature: float | None, now: Sequence[RunSolution], before: Sequence[RunSolution]
-) -> Iterator[Difference]:
-    for name in dict.fromkeys(name for each in now for name in each.parameters):
-        a, b = _known(now, name), _known(before, name)
-        if not a or not b:
-            continue
-        first, second = _values(a), _values(b)
-        yield Difference(
-            sensor,
-            temperature,
-            name,
-            a[0].unit,
-            float(first.mean()),
-            float(second.mean()),
-            (len(a), len(b)),
-            _uncertainty(first, second, _noise(a), _noise(b)),
-        )
-
-
-def _known(solutions: Sequence[RunSolution], name: str) -> list[Estimate]:
-    found = [each.parameters[name] for each in solutions if name in each.parameters]
-    return [each for each in found if each.value is not None]
-
-
-def _values(estimates: Sequence[Estimate]) -> FloatArray:
-    return np.array([each.value for each in estimates], dtype=np.float64)
-
-
-def _noise(estimates: Sequence[Estimate]) -> float:
-    """Return the standard error of the mean by the collects' noise, NaN where a run states none."""
-    se = np.array([each.se if each.se is not None else math.nan for each in estimates], dtype=np.float64)
-    return float(np.sqrt(np.sum(se**2)) / len(se))
-
-
-def _uncertainty(now: FloatArray, before: FloatArray, noise: float, noise_before: float) -> float | None:
-    """Return the standard uncertainty of the difference of two means; None where nothing tells it."""
-    known = [math.hypot(noise, noise_before)]
-    degrees = len(now) + len(before) - 2
-    if degrees > 0:
-        squares = float(np.sum((now - now.mean()) ** 2) + np.sum((before - before.mean()) ** 2))
-        scatter = math.sqrt(squares / degrees * (1.0 / len(now) + 1.0 / len(before)))
-        known.append(scatter * float(student.isf(_BY_CHANCE, degrees)) / SIGMAS)
-    finite = [each for each in known if math.isfinite(each)]
-    return max(finite) if finite else None
+def _differences(sensor: int, now: MeanAt, before: MeanAt) -> Iterator[Difference]:
+    for name, one in now.values.items():
+        if (other := before.values.get(name)) is not None:
+            sigma = math.hypot(
+                *(each.sd * float(student.isf(_BY_CHANCE, each.freedom)) / SIGMAS for each in (one, other))
+            )
+            yield Difference(
+                sensor,
+                now.temperature_degC,
+                name,
+                one.unit,
+                one.value,
+                other.value,
+                (one.runs, other.runs),
+                sigma if math.isfinite(sigma) else None,
+            )
 
 
 def _at(temperature: float | None) -> str:

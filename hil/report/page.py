@@ -118,8 +118,8 @@ def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
         "remarks": list(comparison.remarks),
         "grid": Grid(
             "differences",
-            "This campaign's mean less the earlier one's, ± its standard uncertainty: the larger of the collects' "
-            "noise and the scatter of the runs of both, widened (Student's t) where few runs tell it.",
+            "This campaign's mean less the earlier one's, ± its standard uncertainty: that of both means, what "
+            "repeats show included, widened (Student's t) where few runs tell it.",
             heads,
             rows,
         )

@@ -1,7 +1,7 @@
 """What repeats show: the mean at each temperature, and how sure it and every single run are.
 
     found = repeats(campaign, solve_campaign(campaign))[2]
-    found.means[0].values["MUB"]       # Uncertain(value=-7.5, sd=2.2, half_width=4.6)
+    found.means[0].values["MUB"]       # Uncertain(value=-7.5, sd=2.2, …)
     found.of_run(solution)["MUB"]      # of one run: its standard error and what repeats show beside it
 
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
@@ -78,21 +78,21 @@ class Spread:
         """Degrees of freedom behind a standard deviation, (p,): infinite where only standard errors tell."""
         return np.where(self.degrees > 0, self.degrees * (1.0 + self.explained), np.inf)
 
-    @property
-    def times(self) -> FloatArray:
-        """How many standard deviations half an interval is, (p,)."""
-        return np.asarray(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
-
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A value with one standard deviation and half its 95 % interval, in `unit`; NaN where not known."""
+    """A value with one standard deviation, NaN where not known, and the degrees of freedom behind it, in `unit`."""
 
     value: float
     sd: float
-    half_width: float
+    freedom: float
     runs: int
     unit: str
+
+    @property
+    def half_width(self) -> float:
+        """Half the 95 % interval."""
+        return self.sd * float(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: null where a thing is not known."""
@@ -142,7 +142,7 @@ class SensorRepeats:
             each = solution.parameters.get(name)
             if each is not None and each.value is not None:
                 sd = float(self.spread.sd(np.full(len(self.names), _number(each.se)))[place])
-                found[name] = Uncertain(each.value, sd, float(self.spread.times[place]) * sd, 1, unit)
+                found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
 
     def document(self) -> dict[str, Any]:
@@ -222,8 +222,8 @@ def means_of(
             here = (group == k) & np.isfinite(values[:, p])
             if count := int(here.sum()):
                 error = float(np.sqrt(np.sum(sd[here, p] ** 2)) / count)
-                width = float(spread.times[p]) * error
-                mean[name] = Uncertain(float(values[here, p].mean()), error, width, count, units[name])
+                freedom = float(spread.freedom[p])
+                mean[name] = Uncertain(float(values[here, p].mean()), error, freedom, count, units[name])
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
     return SensorRepeats(names, tuple(units.values()), spread, means)

@@ -21,8 +21,11 @@ from hil.report.statements import good
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    """A campaign of 8 temperatures × 3 self-calibrations."""
-    return read_campaign(write_case(make_case(7, model="matrix-6-thermal"), tmp_path_factory.mktemp("first") / "c"))
+    """A campaign of 8 temperatures × 3 self-calibrations, each begun when the unit had settled."""
+    made = read_campaign(write_case(make_case(7, model="matrix-6-thermal"), tmp_path_factory.mktemp("first") / "c"))
+    rows = made.sensors[2].conditions
+    settled = {**rows.columns, "temperature_degC": rows.columns["setpoint_degC"] + 8.0}
+    return replace(made, sensors={2: replace(made.sensors[2], conditions=replace(rows, columns=settled))})
 
 
 def changed(campaign: Campaign, **of: float | np.ndarray) -> Campaign:
