@@ -7,7 +7,7 @@ once more along the chosen forms, at the temperature that each really had.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -124,7 +124,6 @@ class ThermalFit:
 
     campaign: Campaign
     sensors: Mapping[int, SensorFit]
-    notes: Sequence[str] = field(default_factory=tuple)
 
     def model(self) -> Model:
         """Return the curves as a model file's content; raise `InputError` where sensors have different forms."""

@@ -6,7 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from hil.campaign.reader import read_campaign, read_series
 
 
 def test_a_night_says_what_repeats_show_with_its_solution(hil: Any, night: Path) -> None:
@@ -25,6 +28,22 @@ def test_a_night_says_what_repeats_show_with_its_solution(hil: Any, night: Path)
     assert sum(each["probability"] for each in told["causes"]) == pytest.approx(1.0)
     shown = hil("scatter", night).stdout
     assert told["sentences"][0][:40] in shown
+
+
+def test_a_nights_noise_is_that_of_its_export(hil: Any, night: Path, tmp_path: Path) -> None:
+    """Every row of an exported series is the mean of a whole block, so that both records have the same white noise."""
+    assert hil("export", night, tmp_path / "c").returncode == 0
+    campaign = read_campaign(tmp_path / "c")
+    for collect in campaign.series_files:
+        t_s = read_series(campaign, collect).t_s
+        assert np.ptp(np.diff(t_s)) < 0.1 * np.median(np.diff(t_s)), collect
+    white = []
+    for folder in (night, tmp_path / "c"):
+        ended = hil("allan", folder, "--sensor", "2", "--channel", "RA", "--json")
+        told = json.loads(ended.stdout)
+        assert told["averaging"]["collect_s"] == campaign.sensors[2].conditions.duration_s[0]  # its own, not 60 s
+        white.append(told["fit"]["N"])
+    assert max(each["low"] for each in white) < min(each["high"] for each in white)
 
 
 def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) -> None:
