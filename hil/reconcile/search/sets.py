@@ -62,7 +62,8 @@ class BlockSearch:
         """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else UNKNOWN
-        nothing = Beside(scales, np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0)
+        cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
+        nothing = Beside(scales, cube, cube, flat, line, line, 0)
         out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
         return out
