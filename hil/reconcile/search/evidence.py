@@ -136,7 +136,7 @@ class Beside:
 
 
 def student(left: FloatArray, log_base: FloatArray, scale: Scale, freedom: int) -> FloatArray:
-    """Log evidence for a quadratic form `left` (…) with log determinants `log_base`, under one prior of the scale."""
+    """Return the log evidence (…) of a quadratic form `left` (…) with log determinants (…), under a scale's prior."""
     a, b, weight = scale
     power = a + 0.5 * freedom
     constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
