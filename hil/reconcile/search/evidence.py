@@ -136,7 +136,7 @@ class Beside:
 
 
 def student(left: FloatArray, log_base: FloatArray, scale: Scale, freedom: int) -> FloatArray:
-    """Return the log evidence (…) of a quadratic form `left` (…) with log determinants (…), under a scale's prior."""
+    """Return the log evidence (t, …) of quadratic forms `left` (t, …), with log determinants, under a scale's prior."""
     a, b, weight = scale
     power = a + 0.5 * freedom
     constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
