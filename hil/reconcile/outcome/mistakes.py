@@ -82,16 +82,7 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
 
 def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
-    notes = [
-        f"sensor {n}, {_exchange(t.candidate, campaign)}: correct the labels in collects.csv; the model is not changed "
-        "by this"
-        for n, t in reading.mistakes
-        if t.candidate.effect is not None
-    ]
-    for n, channel, run in wrong_runs(reading):
-        name = list(campaign.sensors[n].conditions.sensor.channels)[channel]
-        notes.append(f"sensor {n}, {name}, run {run}: left out of the search, and the gap is that of the others")
-    return notes
+    return [f"sensor {row['sensor']}, {row['why']}" for row in rows_found(reading, campaign, ())]
 
 
 def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:
@@ -152,20 +143,21 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
 
 def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
-    notes = iter(mistake_notes(reading, campaign))
     found = []
     for n, term in reading.mistakes:
-        shape, conditions = term.candidate.shape, campaign.sensors[n].conditions
-        channels = list(conditions.sensor.channels)
+        conditions = campaign.sensors[n].conditions
         if term.candidate.effect is not None:
-            here = np.any(term.candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == shape["run"])
-            collects = conditions.collect[here].tolist()
-            found.append(Wrong(n, int(shape["run"]), tuple(collects), tuple(channels), MENDED, next(notes)))
+            run, channels = int(term.candidate.shape["run"]), tuple(conditions.sensor.channels)
+            here = np.any(term.candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
+            why = f"{_exchange(term.candidate, campaign)}: correct the labels in collects.csv; the model is not changed"
+            collects = tuple(conditions.collect[here].tolist())
+            found.append(Wrong(n, run, collects, channels, MENDED, f"{why} by this"))
     for n, channel, run in wrong_runs(reading):
         conditions = campaign.sensors[n].conditions
         name = list(conditions.sensor.channels)[channel]
-        collects = conditions.collect[conditions.run == run].tolist()
-        found.append(Wrong(n, run, tuple(collects), (name,), OMITTED, next(notes)))
+        collects = tuple(conditions.collect[conditions.run == run].tolist())
+        why = f"{name}, run {run}: left out of the search, and the gap is that of the others"
+        found.append(Wrong(n, run, collects, (name,), OMITTED, why))
     by_collect: dict[tuple[int, int, int], list[Mapping[str, Any]]] = {}
     for each in outliers:
         by_collect.setdefault((each["sensor"], each["run"], each["collect"]), []).append(each)

@@ -80,6 +80,10 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
     },
+    "whose its temperatures are": {
+        "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
+        "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
+    },
     "is it simulated": dict.fromkeys(COMMANDS, lambda document: {"simulated": document["simulated"]}),
 }
 
