@@ -13,7 +13,7 @@ from hil.reconcile.result import FoundEffect
 
 
 def test_an_increment_says_what_the_parameter_then_is() -> None:
-    """MUB is 206 in the model and -184 is added at one temperature: 22 stands first; what is no increment is as it was."""
+    """MUB is 206 in the model and -184 is added at one temperature: 22 stands first; the rest is as it was."""
     at = {"se": 2.0, "unit": "deg/hr/g", "sensor": 2}
     parameters = [
         {"name": "MUB", "value": -184.0, "at": "-29.6 degC", **at},
