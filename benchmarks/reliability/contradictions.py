@@ -42,8 +42,8 @@ Tamper = Callable[[FloatArray, Signals, LiveBench], Mapping[str, FloatArray]]
 
 _WORDS = (
     "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
-    "renewed|from the others|other runs|thermometer|vertical|samples: the unit sends|one body|not measured well enough|"
-    "NOT|S/N|jump"
+    "renewed|from the others|other runs|thermometer|belongs by|samples: the unit sends|one body|"
+    "not measured well enough|NOT|S/N|jump"
 )
 """What is said of contradictions; residuals beyond 5 % of chance are said of 5 % of nights, and are none."""
 
@@ -302,12 +302,12 @@ def _temperatures() -> Iterator[Case]:
         (
             "rotor thermometer 20 °C too high",
             _set("rotor_2_degC", lambda _t, v: v + 20.0),
-            "thermometers of sensors 1 and 2",
+            "by the thermometer of sensor",
         ),
         (
             "rotor thermometer 20 °C too low",
             _set("rotor_2_degC", lambda _t, v: v - 20.0),
-            "less than the air|thermometers of",
+            "by the air|by the thermometer of sensor",
         ),
     ):
         yield Case(name, words, tamper, temperatures=both)
