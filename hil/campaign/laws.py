@@ -102,6 +102,8 @@ def laws(
         error = collects.rates_se_deg_per_hr[:, k]
         per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR, usual)
         yield Law(per_second.record, error, per_second.low / np.sqrt(c.duration_s), np.full(len(c), np.inf), usual)
+        if not series:
+            continue
         mean, se = np.array([series.get(n, np.full((2, k + 1), np.nan))[:, k] for n in c.collect.tolist()]).T
         allowed = _SERIES_SIGMAS * np.fmax(se, error)
         yield Law(channel, collects.rates_deg_per_hr[:, k], mean - allowed, mean + allowed, "its samples in series")
@@ -147,8 +149,9 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
 
 def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float, by: str) -> Law:
     """What the collects of one self-calibration have in common, within a factor."""
-    usual = np.full(len(c), np.nan)
-    for run in np.unique(c.run):
-        rows = (c.run == run) & np.isfinite(shown)
-        usual[rows] = np.median(shown[rows]) if rows.any() else np.nan
+    order = np.lexsort((shown, c.run))  # what is not known stands last in its run
+    inside, (_, first, group) = shown[order], np.unique(c.run[order], return_index=True, return_inverse=True)
+    last = np.maximum(np.bincount(group, np.isfinite(inside)).astype(int), 1) - 1
+    usual = np.empty(len(c))
+    usual[order] = (0.5 * (inside[first + last // 2] + inside[first + (last + 1) // 2]))[group]
     return Law(record, shown, usual / factor, usual * factor, by)
