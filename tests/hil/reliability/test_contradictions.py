@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.reliability.contradictions import BY_HAND, Case, Yes, bench_of, cases, clean, sweep_of, told_of
+from benchmarks.reliability.contradicted import BY_HAND, Case, cases
+from benchmarks.reliability.contradictions import Yes, bench_of, clean, sweep_of, told_of
 from hil.config import parse_sweep
 from hil.night import start_night
 from hil.records import open_readonly
