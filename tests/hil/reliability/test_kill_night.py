@@ -45,14 +45,14 @@ def test_a_night_killed_now_and_then_is_carried_on_as_if_nothing_had_happened() 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["3/16"])
+@pytest.mark.parametrize("part", ["3/32"])
 def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_had_happened(part: str) -> None:
-    """SIGKILL before every sixteenth call that changes a file (`make reliability`: all); each state is carried on."""
+    """SIGKILL before every 32nd call that changes a file (`make reliability`: all); each state is carried on."""
     found = campaign("points", "--only-new", "--part", part)
     assert found["problems"] == []
-    assert found["kills"] + found["outlived"] >= found["operations"] // 17 > 25
+    assert found["kills"] + found["outlived"] >= found["operations"] // 33 > 15
     assert found["outlived"] < found["operations"] // 50
-    assert found["resumed"] > 00
+    assert found["resumed"] > 0
 
 
 @pytest.mark.slow
