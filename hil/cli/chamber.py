@@ -120,9 +120,9 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import LoggedChamber, StreamLog
+    from hil.night.log import StreamLog, logged
 
-    return LoggedChamber(live.chamber, StreamLog(sys.stderr, live.clock, getpass.getuser()))
+    return logged(live.chamber, StreamLog(sys.stderr, live.clock, getpass.getuser()))
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:

@@ -52,7 +52,7 @@ class NightFacts:
         self._live: Part | None = None
         self._live_stamp: object = None
         self._status: Part = {}
-        self._about: Part = {}
+        self._bench = ""
         self._steps: Mapping[str, str] = {}
         self._curves = NightCurves(folder)
         self._parts: Part = {}
@@ -102,8 +102,9 @@ class NightFacts:
         self._owner = owner
         self._status = night_status(self.folder)
         with reading(self.folder) as journal:
-            if not self._about:
-                self._about = _about(journal)
+            if not self._steps:
+                bench = understood(journal.night.configuration).get("bench")
+                self._bench = str(bench.get("name", "")) if isinstance(bench, dict) else ""
                 self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
             controllers = journal.controllers()
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
@@ -125,7 +126,7 @@ class NightFacts:
         silent_s, old = self._age(now)
         return {
             **status,
-            **self._about,
+            "bench": self._bench,
             "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
             "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
@@ -169,17 +170,6 @@ def _now(live: Part) -> Part:
     stream = {"ok": counts["ok"], "lost": counts["lost"], "damaged": damaged, "unread_bytes": counts["overflow_bytes"]}
     stream |= {"hz": live["stream_hz"], "nominal_hz": live["stream_nominal_hz"]}
     return {**{name: live[name] for name in names}, "unit_degC": live["unit_degC"], "rates": rates, "stream": stream}
-
-
-def _about(journal: JournalReader) -> Part:
-    """Return what stays the same all night."""
-    bench = understood(journal.night.configuration).get("bench")
-    return {
-        "title": journal.night.title,
-        "bench": str(bench.get("name", "")) if isinstance(bench, dict) else "",
-        "simulated": journal.night.simulated,
-        "began_utc": journal.night.began_utc.isoformat(),
-    }
 
 
 def _pausing(journal: JournalReader) -> str | None:

@@ -41,7 +41,7 @@ from hil.errors import InputError
 from hil.files.lock import FolderLock
 from hil.files.strict import NAME, one_line
 from hil.night.folder import refuse_existing, whole_or_nothing
-from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
+from hil.night.log import NightLog, logged
 from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
 from hil.night.remarks import Remarks, ask_serial
@@ -240,8 +240,8 @@ def _carry_out(
             journal.plan,
             replace(
                 live.devices,
-                chamber=LoggedChamber(live.devices.chamber, log),
-                positioner=LoggedPositioner(live.devices.positioner, log),
+                chamber=logged(live.devices.chamber, log),
+                positioner=logged(live.devices.positioner, log),
             ),
             journal,
             stop,
