@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from procedures.words import listed, numbered
 _RIGID_G = 0.1  # in products of f: six degrees
 _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
+_SAME_ROWS = 3
+_DIGITS, _ROUNDING = 300.0, 1e-6
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
 
@@ -33,7 +36,7 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
 
     `series` holds mean and standard error of each channel, (2, c), by the number of each collect that has its samples.
     """
-    found = [*_poses(campaign), *_tables(campaign), *_laws(campaign, series or {})]
+    found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_laws(campaign, series or {})]
     verdicts = dict(campaign.verdicts)
     said = []
     for sensors, rows, words in found:
@@ -97,6 +100,32 @@ def _tables(campaign: Campaign) -> Iterator[_Found]:
                     f"{numbers}, which are one body: an orientation is wrong"
                 )
                 yield [first, other], np.isin(position, [labels[int(i)], labels[int(j)]]), words
+
+
+def _copies(campaign: Campaign) -> Iterator[_Found]:
+    """Look for rates that stand in two places: one channel's in another, or one collect's in another."""
+    for group in _together(campaign, campaign.sensors.values()):
+        columns = [
+            (each, name, each.rates_deg_per_hr[:, k])
+            for each in group
+            for k, name in enumerate(each.conditions.sensor.channels)
+        ]
+        for (one, name, rates), (other, another, others) in combinations(columns, 2):
+            if len(rates) >= _SAME_ROWS and np.ptp(rates) > 0.0 and np.array_equal(rates, others):
+                numbers = [each.conditions.sensor.number for each in (one, other)]
+                words = f"{name} of sensor {numbers[0]} and {another} of sensor {numbers[1]} show the very same rates"
+                yield list({id(each): each for each in (one, other)}.values()), np.isfinite(rates), words
+    for number, collects in campaign.sensors.items():
+        rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
+        if np.isnan(errors).all():
+            continue
+        step = 10.0 ** np.ceil(np.log10(np.nanmin(errors) / _DIGITS))  # in such steps two may agree by chance
+        known = np.isfinite(rates).all(axis=1)
+        _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
+        twice = np.zeros_like(known)
+        twice[known] = (times > 1)[first.ravel()]
+        if twice.any() and np.any(np.abs(rates[twice] / step - np.round(rates[twice] / step)) > _ROUNDING):
+            yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:

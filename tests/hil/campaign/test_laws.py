@@ -50,7 +50,7 @@ def campaign(**changes: FloatArray) -> Campaign:
             np.zeros((9, 3)),
             columns | {name: values for name, values in changed.items() if name in columns},
         )
-        rates = changed.get("rates", 10.0 * f_g[:, :2] + np.arange(9.0)[:, None])
+        rates = changed.get("rates", 10.0 * f_g[:, :2] + np.outer(np.arange(9.0), [1.0, 2.0]) + number / 8.0)
         sensors[number] = Collects(conditions, rates, changed.get("errors", np.full((9, 2), 0.7)))
     return Campaign("made", "", sensors)
 
@@ -113,6 +113,21 @@ def test_a_record_that_the_others_contradict_fails_its_run(
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
 
 
+@pytest.mark.parametrize(("digits", "said"), [(9, True), (1, False)])
+def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> None:
+    """One collect's in another, unless they are rounded so far that two may agree; one channel's in another, always."""
+    rates = np.round(np.random.default_rng(2).normal(0.0, 5.0, (9, 2)), digits)
+    rates[7] = rates[1]
+    judged = judged_by_its_records(campaign(rates=rates))
+    assert judged.warnings == (
+        ("collects 4, 16: sensor 2: show the very same rates: one was copied from another",) if said else ()
+    )
+    rates[:, 1], rates[7] = rates[:, 0], 1.0
+    judged = judged_by_its_records(campaign(rates=rates))
+    assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
+    assert list(judged.verdicts) == [1, 2, 3]
+
+
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     """It would carry the whole solution of its run."""
     errors = np.full((9, 2), 0.7)
@@ -130,11 +145,11 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edite
     series.mkdir()
     noise = np.random.default_rng(1).normal(0.0, 5.0, (60, 2))
     noise -= noise.mean(axis=0)
-    lines = [f"{t},{13.0 + a + 1.0:.9f},{3.0 + b + 1.0:.9f}" for t, (a, b) in enumerate(noise)]
+    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f}" for t, (a, b) in enumerate(noise)]
     (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr", *lines]))
     table = tmp_path / "campaign" / "collects.csv"
     if edited:
-        table.write_text(table.read_text().replace(",14,4,", ",114,4,"))
+        table.write_text(table.read_text().replace(",14.25,8.25,", ",114,8.25,"))
     judged = read_campaign(tmp_path / "campaign")
     assert list(judged.verdicts) == ([2] if edited else [])
     assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited

@@ -165,7 +165,9 @@ def test_a_contradiction_is_named_by_its_own_sensors_collects() -> None:
     columns = {name: (1.2 if "accel" in name else 1.0) * values for name, values in first.conditions.columns.items()}
     third = replace(first.conditions.sensor, number=3)
     other = replace(first.conditions, sensor=third, collect=np.arange(101, 107), columns=columns)
-    both = replace(made, sensors={2: first, 3: replace(first, conditions=other)})
+    both = replace(
+        made, sensors={2: first, 3: replace(first, conditions=other, rates_deg_per_hr=first.rates_deg_per_hr + 1.0)}
+    )
     assert judged_by_its_records(both).warnings == (
         "collects 101–106: sensor 3: its accelerometers show 1.20 times what gravity is: |f| is not 1 g",
     )
@@ -179,7 +181,8 @@ def test_orientation_tables_of_one_body_agree() -> None:
     bare = {n: replace(c, columns={}, w_deg_per_hr=np.zeros((6, 3))) for n, c in ((2, first.conditions), (3, third))}
 
     def said(f_g: FloatArray, **changes: bool) -> tuple[str, ...]:
-        rows = {2: replace(first, conditions=bare[2]), 3: replace(first, conditions=replace(bare[3], f_g=f_g))}
+        rows = {2: replace(first, conditions=bare[2])}
+        rows[3] = Collects(replace(bare[3], f_g=f_g), first.rates_deg_per_hr + 1.0, first.rates_se_deg_per_hr)
         return tuple(judged_by_its_records(replace(made, sensors=rows, **changes)).warnings)
 
     turned = first.conditions.f_g[:, [2, 0, 1]] * [1.0, -1.0, 1.0]
