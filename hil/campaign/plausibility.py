@@ -4,8 +4,8 @@
     campaign.verdicts[5]     # FAIL: collects 13 and 14: position 3 was asked for, but the unit lies as in position 2
 
 Each check asks what one record should be, given the others, and how far it may be off: the pose by the unit's own
-accelerometers, the earth rate by latitude and vertical, a thermometer by the air around it and by its neighbour. What
-is further off is said in words with its collects, and the runs that rest on them FAIL, wherever they are shown.
+accelerometers, and by the laws of `hil.campaign.laws` whatever is one number. What is further off is said in words with
+its collects, and the runs that rest on them FAIL, wherever they are shown.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from hil.dashboard.results import ResultsSoFar
 from hil.files.lock import Owner, living_owner
 from hil.records import JournalReader, reading
 from hil.records.heartbeat import read_heartbeat
+from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.records.reader import JOURNAL_NAME
 from hil.records.rows import Event
@@ -79,9 +80,11 @@ class NightFacts:
         return {**fresh, **self._curves.changes()}
 
     @property
-    def report(self) -> Path:
-        """Where `hil report` leaves the night's report."""
-        return self.folder / "report.html"
+    def report(self) -> Path | None:
+        """The report that `hil report` left in the night's folder; None where there is none since the last record."""
+        path = self.folder / "report.html"
+        made, recorded = _stamp(path), _stamp(self.folder / HEAD_NAME)
+        return path if made and recorded and made[2] >= recorded[2] else None
 
     def _verdict(self) -> Part:
         if self._results.damage:
@@ -131,7 +134,7 @@ class NightFacts:
             "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
             "verdict": None if status["state"] in _WORKING else self._verdict(),
-            "report": self.report.is_file(),
+            "report": self.report is not None,
             "age_s": None if silent_s is None else round(silent_s),
             "old": old,
             "missing": status["missing"] if self._owner is None else [],

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.night import Design
+from benchmarks.blind.physics import CATALOGUE
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
@@ -153,3 +157,24 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edite
     judged = read_campaign(tmp_path / "campaign")
     assert list(judged.verdicts) == ([2] if edited else [])
     assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited
+
+
+DESIGNS: tuple[dict[str, Any], ...] = (
+    {"power_cycles": 4},
+    {"missing": 0.2, "jitter": 0.3},
+    {"restabilisation_s": 0.0},
+    {"restabilisation_s": 300.0, "runs_per_temperature": 8},
+    {"collect_s": 600.0, "positions": ("1", "2", "3", "4")},
+    {"rest_s": 7200.0, "headings_deg": (30.0, 120.0)},
+)
+
+
+@pytest.mark.parametrize("design", DESIGNS, ids=lambda design: " ".join(design))
+@pytest.mark.parametrize("seeds", [1, pytest.param(20, marks=pytest.mark.slow)])
+def test_no_law_speaks_of_a_sound_night(tmp_path: Path, design: dict[str, Any], seeds: int) -> None:
+    """Nights of another simulator, each with another hidden effect: power cuts, missing collects, no soak at all."""
+    effects = sorted(CATALOGUE)
+    for seed in range(seeds):
+        hidden = effects[(seed + len(design) * 7) % len(effects)]
+        case = make_case(seed, (hidden,), 1.0, model="matrix-6", design=Design(**design))
+        assert read_campaign(write_case(case, tmp_path / str(seed))).warnings == ()
