@@ -1,59 +1,16 @@
-"""A night's new folder: refused where there is one, and there as a whole or not at all."""
+"""A night's new folder: refused where there is one."""
 
 from __future__ import annotations
 
-import contextlib
-import glob
-import os
-import shutil
-import sqlite3
-from collections.abc import Iterator
 from pathlib import Path
 
 from hil.errors import InputError
-from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
-from hil.files.lock import process_start
+from hil.files.folder import is_new
 from hil.records.reader import is_night
 
 
 def refuse_existing(folder: Path) -> None:
     """Raise `InputError` where `folder` is there already and holds anything."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        return
-    if folder.exists():
+    if not is_new(folder):
         what = "it holds a night already" if is_night(folder) else "it exists and is not empty"
         raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
-
-
-@contextlib.contextmanager
-def whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
-
-    Raises `InputError` where it cannot be made.
-    """
-    above = target.resolve().parent
-    there = next(folder for folder in (above, *above.parents) if folder.exists())
-    if not there.is_dir():
-        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
-    made: list[Path] = []
-    partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
-    try:
-        made = make_folders(RealDisk(), above)
-        _clear_away(above, target.name)
-        partial.mkdir()
-        yield partial
-        RealDisk().rename(partial, target)
-    except (OSError, sqlite3.OperationalError) as error:
-        raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        remove_folders(made)
-    RealDisk().synchronise_folder(above)
-
-
-def _clear_away(above: Path, name: str) -> None:
-    """Remove the unfinished folders of this name whose process died while it made them."""
-    for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
-        number = left.name.rpartition("-")[2]
-        if number.isdecimal() and not process_start(int(number)):
-            shutil.rmtree(left, ignore_errors=True)

@@ -1,0 +1,55 @@
+"""A new folder that appears as a whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import os
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from hil.errors import InputError
+from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
+from hil.files.lock import process_start
+
+
+def is_new(folder: Path) -> bool:
+    """Tell whether there is no such folder yet, or an empty one."""
+    return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+
+
+@contextlib.contextmanager
+def whole_or_nothing(target: Path) -> Iterator[Path]:
+    """Give a temporary folder on the same disk, which becomes `target` if nothing is raised, and vanishes otherwise.
+
+    Raises `InputError` where it cannot be made.
+    """
+    above = target.resolve().parent
+    there = next(folder for folder in (above, *above.parents) if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: is not a folder, so nothing can be made in it")
+    made: list[Path] = []
+    partial = above / f"{PARTIAL}{target.name}-{os.getpid()}"
+    try:
+        made = make_folders(RealDisk(), above)
+        _clear_away(above, target.name)
+        partial.mkdir()
+        yield partial
+        RealDisk().synchronise_folder(partial)
+        RealDisk().rename(partial, target)
+    except (OSError, sqlite3.OperationalError) as error:
+        raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        remove_folders(made)
+    RealDisk().synchronise_folder(above)
+
+
+def _clear_away(above: Path, name: str) -> None:
+    """Remove the unfinished folders of this name whose process died while it made them."""
+    for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
+        number = left.name.rpartition("-")[2]
+        if number.isdecimal() and not process_start(int(number)):
+            shutil.rmtree(left, ignore_errors=True)
