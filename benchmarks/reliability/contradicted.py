@@ -188,6 +188,9 @@ def _temperatures() -> Iterator[Case]:
         ),
     ):
         yield Case(name, words, tamper, temperatures=both)
+    yield Case("case thermometer 30 °C too high", "case_degC is", _set("case_degC", lambda _t, v: v + 30.0))
+    for name, factor, words in (("supply_V", 0.2, "supply_V is"), ("spin_period_2_us", 0.9, "spin_period_us is")):
+        yield Case(f"{name} falls in one collect", words, _in_collect(1, 2, _times(factor, name)))
 
 
 def _rows() -> Iterator[Case]:
