@@ -39,7 +39,6 @@ from hil.errors import InputError
 from hil.files.folder import whole_or_nothing
 from hil.files.lock import FolderLock
 from hil.files.strict import NAME, one_line
-from hil.night.folder import refuse_existing
 from hil.night.log import NightLog, logged
 from hil.night.notices import in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
@@ -51,6 +50,7 @@ from hil.records.heartbeat import HeartbeatFile
 from hil.records.identity import night_identity
 from hil.records.ledger import read_key
 from hil.records.live import TRACE_NAME, LiveFiles
+from hil.records.reader import refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT

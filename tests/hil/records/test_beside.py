@@ -13,14 +13,13 @@ from drivers.clock import VirtualClock
 from hil.cli.app import run
 from hil.config import load_bench
 from hil.errors import Damaged, InputError
-from hil.night.folder import refuse_existing
 from hil.night.log import NightLog
 from hil.night.run import judge
 from hil.records import SqliteJournal, open_readonly
 from hil.records.blocks import BLOCKS
 from hil.records.ledger import HEAD_NAME, Ledger
 from hil.records.live import TRACE_NAME
-from hil.records.reader import JOURNAL_NAME, is_night
+from hil.records.reader import JOURNAL_NAME, is_night, refuse_existing
 from hil.records.rows import Night
 from hil.records.verify import verify_night
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
