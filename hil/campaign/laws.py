@@ -48,7 +48,8 @@ class Law:
     @property
     def excess(self) -> FloatArray:
         """By how much it is outside, (n,); 0 within."""
-        return np.nan_to_num(np.fmax(self.low - self.shown, self.shown - self.high)).clip(min=0.0)
+        outside = np.fmax(self.low - self.shown, self.shown - self.high)
+        return np.where(outside > 0.0, outside, 0.0)
 
     @property
     def broken(self) -> BoolArray:
