@@ -57,6 +57,8 @@ reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in a few 
 	$(BIN)/python -m benchmarks.reliability.suspend
 	$(BIN)/python -m benchmarks.reliability.combined lies
 	$(BIN)/python -m benchmarks.reliability.combined pairs
+	$(BIN)/python -m benchmarks.reliability.contradictions
+	$(BIN)/python -m benchmarks.reliability.contradictions --clean 1000
 	$(BIN)/python -m benchmarks.reliability.ledger_cost
 	$(BIN)/python -m benchmarks.reliability.long_night
 	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1

@@ -41,6 +41,7 @@ from procedures.stop import StopRequest, StopRequested
 from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
 from procedures.verdict import Verdict
 from procedures.watch import Position, Watch
+from procedures.words import counted
 
 # What each kind of step stands on, in the order in which it has to be restored.
 _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
@@ -106,7 +107,7 @@ class Sequencer:
             attendant.attend(self._watch)
         self._first = first
         self._done: set[str] = set()
-        self._failed: set[str] = set()
+        self._failed: dict[str, str] = {}  # by step key, why
         self._in_effect: dict[StepKind, str] = {}
         self._open: tuple[Step, int] | None = None  # begun in the journal, not ended
         self._counts: dict[Outcome, int] = {}
@@ -145,7 +146,7 @@ class Sequencer:
         for step in pending:
             blocked = self._prepare(step)
             if blocked:
-                self._failed.add(step.key)
+                self._failed[step.key] = f"{blocked} could not be done"
                 self._watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
             else:
                 self._do(step)
@@ -215,7 +216,9 @@ class Sequencer:
         elif not left.safe:
             state, reason = SweepState.FAILED, left.reason
         elif missing:
-            state, reason = SweepState.INCOMPLETE, f"{len(missing)} steps are missing, the first is {missing[0]}"
+            because = f": {self._failed[missing[0]]}" if missing[0] in self._failed else ""
+            state = SweepState.INCOMPLETE
+            reason = f"{counted(len(missing), 'step')} not done, the first is {missing[0]}{because}"
         else:
             state, reason = SweepState.COMPLETE, "every step is done"
         return SweepOutcome(
@@ -238,7 +241,7 @@ class Sequencer:
             if base is None or self._in_effect.get(kind) == base.key:
                 continue
             if base.key in self._failed or not self._restore(base):
-                self._failed.add(base.key)
+                self._failed.setdefault(base.key, "it could not be done again")
                 return base.key
         return ""
 
@@ -268,7 +271,7 @@ class Sequencer:
 
         result = self._with_retries(step, begin, end)
         if not self._now_in_effect(step, result):
-            self._failed.add(step.key)
+            self._failed[step.key] = result.reason
 
     def _begin(self, step: Step, attempt: int) -> None:
         self._touched = True

@@ -16,12 +16,11 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
@@ -30,20 +29,17 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
+from hil.report.against import compare
 from hil.report.content import gather
 from hil.report.statements import good
 from procedures.attended import Terminal
 from procedures.collect import join
 from procedures.verdict import Verdict
 
-Signals = dict[str, FloatArray]
-Tamper = Callable[[FloatArray, Signals, LiveBench], Mapping[str, FloatArray]]
-"""What is changed of the signals at n times, (n,), before they are bytes."""
-
 _WORDS = (
     "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
-    "renewed|from the others|other runs|thermometer|vertical|samples: the unit sends|one body|not measured well enough|"
-    "NOT|S/N|jump"
+    "renewed|from the others|other runs|thermometer|belongs by|samples: the unit sends|one body|"
+    "not measured well enough|NOT|S/N|jump"
 )
 """What is said of contradictions; residuals beyond 5 % of chance are said of 5 % of nights, and are none."""
 
@@ -56,23 +52,6 @@ restabilisation: {{at_least: 45 min, window: 10 min, ceiling: 2 h}}
 collect: {{settle: 60 s, duration: 60 s}}
 final: 23 degC
 """
-
-
-@dataclass(frozen=True)
-class Case:
-    """One contradiction: what is wrong, the words that name it, and how it comes about.
-
-    `file` are replacements in the shipped bench file, `faults` lines of its faults section.
-    """
-
-    name: str
-    words: str
-    tamper: Tamper | None = None
-    faults: tuple[str, ...] = ()
-    file: tuple[tuple[str, str], ...] = ()
-    positions: str = "1, 2, 3"
-    temperatures: str = "23 degC"
-    runs: int = 1
 
 
 @dataclass(frozen=True)
@@ -145,207 +124,19 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
         said += [f"{event.kind}: {event.message}" for event in journal.events()]
     said.append(outcome.reason)
     try:
-        content = gather(campaign_of_night(folder))
+        campaign, against = campaign_of_night(folder), None
+        if case.history:
+            before = folder.with_name("before")
+            start_night(before, sweep_of(case), load_bench("simulated"), seed=seed)
+            against = compare(campaign, campaign_of_night(before))
+        content = gather(campaign, None, against)
     except InputError as error:
         return Told("nothing", "\n".join([*said, str(error)]))
     found = [each for sensor in content.sensors for each in sensor.solutions]
     said += [each.reason for each in found] + list(content.campaign.warnings)
+    said.append(good(content)[1])
     worst = good(content)[0] if outcome.state == "complete" else str(Verdict.INCONCLUSIVE)
     return Told("not begun" if stopped and worst == Verdict.PASS else worst, "\n".join(said))
-
-
-# What stands between physics and bytes
-
-
-def _times(factor: float, *names: str) -> Tamper:
-    return lambda _t, given, _live: {n: v * factor for n, v in given.items() if n.startswith(names)}
-
-
-def _exchanged(*pairs: tuple[str, str]) -> Tamper:
-    return lambda _t, given, _live: {a: given[b] for one, other in pairs for a, b in ((one, other), (other, one))}
-
-
-def _set(name: str, value: Callable[[FloatArray, FloatArray], FloatArray]) -> Tamper:
-    return lambda times_s, given, _live: {name: value(times_s, given[name])}
-
-
-def _held(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Renew every second sample only."""
-    place = np.round(times_s * 20.0).astype(int)
-    return values[np.maximum(np.arange(len(values)) - place % 2, 0)]
-
-
-def _spiked(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    struck = np.round(times_s * 20.0).astype(int) % 1000 == 0
-    return np.where(struck, values + 2e6, values)
-
-
-def _frozen(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Stand still for 20 s of every minute."""
-    return np.where(times_s % 60.0 < 20.0, 17.0, values)
-
-
-def _toggling(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    del times_s
-    return np.where(values > np.median(values), 64.0, 0.0)
-
-
-def cases() -> Iterator[Case]:
-    """Yield every case."""
-    yield from _by_hand()
-    yield from _indexed()
-    yield from _accelerometers()
-    yield from _rates()
-    yield from _temperatures()
-    yield from _rows()
-
-
-BY_HAND = (
-    ("  positioner: indexing ", "  positioner: operator "),
-    (
-        '      "4": {A: -3, B: +2, S: -1}  #',
-        '      "5": {A: +3, B: +1, S: -2}\n      "6": {A: +3, B: -1, S: +2}\n      "4": {A: -3, B: +2, S: -1}  #',
-    ),
-    (
-        '      "4": {A: -1, B: +2, S: +3}\n',
-        '      "4": {A: -1, B: +2, S: +3}\n      "5": {A: -2, B: +1, S: -3}\n      "6": {A: +2, B: -1, S: -3}\n',
-    ),
-)
-
-
-def _by_hand() -> Iterator[Case]:
-    """The operator lays the unit wrong at one collect, of 3, 4 and 6 positions, and again when asked again."""
-    for positions in ("1, 2, 3", "1, 3, 2, 4", "1, 3, 4, 2, 5, 6"):
-        labels = positions.split(", ")
-        for place, label in enumerate(labels, 1):
-            yield Case(
-                f"by hand, collect {place} of {positions}: laid wrong",
-                rf"position {label} was asked for, but the unit lies as in position",
-                faults=(f"{{at: T1/S1/C{place}/index, device: operator, kind: wrong_position, duration: 10 min}}",),
-                file=BY_HAND,
-                positions=positions,
-            )
-
-
-def _indexed() -> Iterator[Case]:
-    """The index says that it has turned the unit, which has not moved."""
-    for positions in ("1, 2, 3", "1, 3, 2, 4"):
-        for place, label in enumerate(positions.split(", ")[1:], 2):
-            yield Case(
-                f"indexed, collect {place} of {positions}: not turned",
-                rf"position {label} was asked for, but the unit lies as in position",
-                faults=(f"{{at: T1/S1/C{place}/index, device: imu, kind: index_slips, duration: 10 min}}",),
-                positions=positions,
-            )
-    yield Case(
-        "never turned to position 2",
-        "position 2 was asked for, but the unit lies as in position 1",
-        faults=tuple(f"{{at: T1/S{n}/C2/index, device: imu, kind: index_slips, duration: 3 min}}" for n in (1, 2)),
-        runs=2,
-    )
-    yield Case(
-        "positions 1 and 2 exchanged in the whole sweep",
-        "position 1 was asked for, but the unit lies as in position 2",
-        tamper=_turned_over,
-        runs=2,
-    )
-
-
-def _turned_over(times_s: FloatArray, given: Signals, live: LiveBench) -> Mapping[str, FloatArray]:
-    """Show of sensor 2 what a unit with its codes 1 and 2 exchanged shows: f and the rates that follow it turned."""
-    del times_s, live
-    return {"accel_A2": -given["accel_A2"], "rate_A2": -given["rate_A2"]}
-
-
-def _accelerometers() -> Iterator[Case]:
-    yield Case("accelerometers in m/s²", "m/s²", _times(9.80665, "accel"))
-    yield Case("accelerometers dead", "not being measured|measures nothing", _times(0.0, "accel"))
-    yield Case("accelerometers with a gain of 1.1", r"1\.10 times what gravity is", _times(1.1, "accel"))
-    yield Case("sign of accelerometer A turned", "sign of its accelerometer A", _times(-1.0, "accel_A2"))
-    swapped = _exchanged(("accel_A1", "accel_B1"), ("accel_A2", "accel_B2"))
-    yield Case("accelerometers A and B exchanged", "accelerometers A and B are exchanged", swapped)
-    tilted = _set("accel_B2", lambda _t, v: v + 0.3)
-    yield Case("tilted by 17 degrees", "along B where", tilted)
-
-
-def _rates() -> Iterator[Case]:
-    yield Case("rates in rad/s", "sent in rad/s", _times(1.0 / 57.29578, "rate"))
-    yield Case("rates times 3600", "sent in deg/hr and read as deg/s", _times(3600.0, "rate"))
-    yield Case("rates per sample", "angle per sample", _times(0.05, "rate"))
-    yield Case("counts without scale", "counts without their scale", _times(1000.0 * 16.0, "rate"))
-    yield Case("RA dead", "not being measured", _times(0.0, "rate_A2"))
-    yield Case("RA stuck", "not being measured", _set("rate_A2", lambda _t, v: 0.0 * v + 42.0))
-    yield Case("RA saturated", "saturated|clipped", _set("rate_A2", lambda _t, v: 0.0 * v + 2147483.0))
-    yield Case("RA clipped", "clipped", _set("rate_A2", lambda _t, v: np.minimum(v, 30.0)))
-    yield Case("RA renewed at half the rate", "renewed less often", _set("rate_A2", _held))
-    copied: Tamper = lambda _t, given, _live: {"rate_A2": given["rate_B2"]}  # noqa: E731
-    yield Case("RA a copy of RB", "very same samples", copied)
-    yield Case("RA toggles one bit", "shows only", _set("rate_A2", _toggling))
-    yield Case("RA spikes in 0.1 % of the samples", "from the others, which move its mean", _set("rate_A2", _spiked))
-    yield Case("RA frozen for 20 of 60 s", "did not change for", _set("rate_A2", _frozen))
-    doubled = ("{at: 0 s, device: imu, kind: repeated_frames, size: 1.0}",)
-    yield Case("every frame twice", "frames came twice", None, doubled)
-    exchanged = ("{at: T1/S1/C2/collect, device: imu, kind: exchanged}",)
-    yield Case("another unit behind the port", "the unit says serial|is now .* S/N", None, exchanged)
-    jump = ("{at: T1/S1/C2/collect, device: clock, kind: jump, size: 2 h}",)
-    yield Case("the clock jumps by two hours", "the wall clock is off by", None, jump)
-
-
-def _temperatures() -> Iterator[Case]:
-    both = "23 degC, 50 degC"
-    for name, tamper, words in (
-        (
-            "rotor thermometers stuck at 23 °C",
-            _set("rotor_2_degC", lambda _t, v: 0.0 * v + 23.0),
-            "does not follow|thermometer",
-        ),
-        (
-            "rotor thermometer 20 °C too high",
-            _set("rotor_2_degC", lambda _t, v: v + 20.0),
-            "thermometers of sensors 1 and 2",
-        ),
-        (
-            "rotor thermometer 20 °C too low",
-            _set("rotor_2_degC", lambda _t, v: v - 20.0),
-            "less than the air|thermometers of",
-        ),
-    ):
-        yield Case(name, words, tamper, temperatures=both)
-
-
-def _rows() -> Iterator[Case]:
-    """What only the other runs can show: rates of whole collects."""
-    many = {"temperatures": "23 degC, 50 degC", "runs": 3}
-    off = _in_collect(3, 2, lambda _t, given, _live: {n: v + 300.0 for n, v in given.items() if n.startswith("rate")})
-    yield Case("one collect off by 300 deg/hr", "from what the other runs show", off, **many)  # type: ignore[arg-type]
-    turned = _in_collect(3, None, _times(-1.0, "rate"))
-    yield Case("rates of one run with the other sign", "minus|from what the other runs show", turned, **many)  # type: ignore[arg-type]
-    plugs = _in_collect(3, None, _exchanged(("rate_A1", "rate_A2")))
-    yield Case("RA of both sensors exchanged in one run", "from what the other runs show", plugs, **many)  # type: ignore[arg-type]
-    loud = _noisy(1150.0)
-    yield Case("rates with standard errors of 33 deg/hr", "not measured well enough|scatter about", loud)
-
-
-def _noisy(sigma: float) -> Tamper:
-    def tamper(times_s: FloatArray, given: Signals, live: LiveBench) -> Mapping[str, FloatArray]:
-        del live
-        rng = np.random.default_rng(int(1e3 * times_s[0]))
-        return {n: v + rng.normal(0.0, sigma, len(v)) for n, v in given.items() if n.startswith("rate")}
-
-    return tamper
-
-
-def _in_collect(run: int, collect: int | None, change: Tamper) -> Tamper:
-    """Change what is sent while the unit stays for the given run and collect (None: all three)."""
-
-    def tamper(times_s: FloatArray, given: Signals, live: LiveBench) -> Mapping[str, FloatArray]:
-        legs = live.simulators.unit._timeline.legs if live.simulators else []
-        here = [leg for leg in legs if leg.run == run and np.isfinite(leg.begins_s)]
-        if not here or (collect is not None and len(here) != collect) or times_s[0] < here[-1].ends_s:
-            return {}
-        return change(times_s, given, live)
-
-    return tamper
 
 
 def clean(nights: int, seed: int) -> Iterator[Told]:

@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -143,12 +144,18 @@ def flipped_bytes(judge: Judge, every: int, seed: int, only: str = "*", part: st
         yield name
 
 
-def changed_rows(judge: Judge) -> Iterator[str]:
-    """Edit every cell, delete, exchange and double every row of every table; yield each table's name."""
+def changed_rows(judge: Judge, every: int) -> Iterator[str]:
+    """Edit every cell, delete, exchange and double every row of every table; yield each table's name.
+
+    Only one such change in `every` is tried.
+    """
+    turns = count()
     path = judge.folder / JOURNAL_NAME
     good = path.read_bytes()
 
     def tried(what: str, *statements: tuple[Any, ...]) -> None:
+        if next(turns) % every:
+            return
         path.write_bytes(good)
         try:
             with closing(sqlite3.connect(path, isolation_level=None)) as connection:
@@ -193,7 +200,7 @@ def main() -> None:
     """Change what was asked for, and print what became of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("bytes", "rows"))
-    parser.add_argument("--every", type=int, default=1, help="only one byte in so many")
+    parser.add_argument("--every", type=int, default=1, help="only one change in so many")
     parser.add_argument("--only", default="*", help="only files of such a name")
     parser.add_argument("--part", default="1/1", help="only this share of them, such as 1/2")
     parser.add_argument("--without", choices=sorted(_WITHOUT), help="break the program on purpose: leave this out")
@@ -207,7 +214,7 @@ def main() -> None:
     try:
         judge = Judge(smallest_night(base))
         flips = flipped_bytes(judge, asked.every, asked.seed, asked.only, asked.part)
-        work = changed_rows(judge) if asked.kind == "rows" else flips
+        work = changed_rows(judge, asked.every) if asked.kind == "rows" else flips
         for name in work:
             print(name, dict(judge.seen), f"{time.monotonic() - began_s:.0f} s", file=sys.stderr)
     except KeyboardInterrupt:

@@ -94,6 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("memory", "descriptors"))
     parser.add_argument("--steps", nargs="*", help="only these")
+    parser.add_argument("--every", type=int, default=1, help="only one number of descriptors in so many")
     asked = parser.parse_args()
     wrong, ends, tried = list[str](), Counter[str](), 0
     with tempfile.TemporaryDirectory(prefix="hil-starved-") as scratch:
@@ -101,7 +102,7 @@ def main() -> None:
         steps = asked.steps or [step.key for step in make_plan(nights.sweep().procedure()).steps]
         cases: list[tuple[str, float]] = [(step, margin) for step in steps for margin in MARGINS_KB]
         if asked.what == "descriptors":
-            cases = [("descriptors", most) for most in DESCRIPTORS]
+            cases = [("descriptors", most) for most in DESCRIPTORS[:: asked.every]]
         for name, size in cases:
             night, tried = Path(scratch) / f"night-{tried}", tried + 1
 

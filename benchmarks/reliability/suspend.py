@@ -87,6 +87,7 @@ def main() -> None:
     """Sleep in each step and print what became of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=1.0)
+    parser.add_argument("--shares", type=float, nargs="*", default=SHARES, help="how far into each step")
     parser.add_argument("--all", action="store_true", help="print every night, not only what was wrong")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="hil-suspend-") as base:
@@ -96,7 +97,7 @@ def main() -> None:
         found = {
             f"{key} at {share:.0%}": suspended(Path(base), key, share, lasts_s, 3600.0 * asked.hours)
             for key, lasts_s in lasted.items()
-            for share in SHARES
+            for share in asked.shares
         }
     wrong = [f"{key}: {each}" for key, what in found.items() for each in what["wrong"]]
     print(json.dumps({"nights": len(found), "found": found if asked.all else {}, "problems": wrong}, indent=1))

@@ -71,8 +71,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
     with build_bench(bench, ask=ask, unopened=closed.__setitem__) as live:
         findings = [
             *_ports(live, closed),
-            *([] if "imu.port" in closed else _unit_and_stream(live)),
-            *([] if {"chamber.port", "chamber.ramp_port"} & set(closed) else _guarded(live, "chamber", _chamber)),
+            *look_at_devices(live, closed),
             _limits(sweep, live),
             *_wear(plan, sweep, bench),
             _disk(left, live, folder),
@@ -82,6 +81,14 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
             *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
     return Preflight(findings)
+
+
+def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[Finding]:
+    """Yield what is found of unit, stream and chamber, but for those whose port is one of the `closed`."""
+    if "imu.port" not in closed:
+        yield from _unit_and_stream(live)
+    if not {"chamber.port", "chamber.ramp_port"} & set(closed):
+        yield from _guarded(live, "chamber", _chamber)
 
 
 def check_document(found: Preflight, *, simulated: bool) -> dict[str, Any]:

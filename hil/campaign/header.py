@@ -57,7 +57,7 @@ def read_header(path: Path) -> Header:
         sensors=_sensors(path, keys),
         conditions={str(name): str(unit) for name, unit in _mapping(path, keys, "conditions").items()},
         site={str(k): _number(path, f"site.{k}", v) for k, v in _mapping(path, keys, "site").items()},
-        simulated=_flag(path, keys, "simulated"),
+        simulated=_flag(path, keys, "simulated") or str(keys.get("notes")).startswith("SIMULATED"),
         centrifuge=_flag(path, keys, "centrifuge"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),

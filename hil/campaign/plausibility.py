@@ -4,38 +4,39 @@
     campaign.verdicts[5]     # FAIL: collects 13 and 14: position 3 was asked for, but the unit lies as in position 2
 
 Each check asks what one record should be, given the others, and how far it may be off: the pose by the unit's own
-accelerometers, the earth rate by latitude and vertical, a thermometer by the air around it and by its neighbour. What
-is further off is said in words with its collects, and the runs that rest on them FAIL, wherever they are shown.
+accelerometers, and by the laws of `hil.campaign.laws` whatever is one number. What is further off is said in words with
+its collects, and the runs that rest on them FAIL, wherever they are shown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray
+from hil.campaign.laws import laws, soaked
 from procedures.pose import PoseTable
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered
 
-_EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
 _RIGID_G = 0.1  # in products of f: six degrees
-_SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
-_COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
-_WARMER_DEGC = 40.0
-_NEIGHBOURS_DEGC = 10.0  # two sensors of one unit
 _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
+_SAME_ROWS = 3
+_DIGITS, _ROUNDING = 300.0, 1e-6
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
 
 
-def judged_by_its_records(campaign: Campaign) -> Campaign:
-    """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other."""
-    found = [*_poses(campaign), *_tables(campaign), *_earth_rate(campaign), *_thermometers(campaign)]
+def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] | None = None) -> Campaign:
+    """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other.
+
+    `series` holds mean and standard error of each channel, (2, c), by the number of each collect that has its samples.
+    """
+    found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_laws(campaign, series or {})]
     verdicts = dict(campaign.verdicts)
     said = []
     for sensors, rows, words in found:
@@ -101,72 +102,61 @@ def _tables(campaign: Campaign) -> Iterator[_Found]:
                 yield [first, other], np.isin(position, [labels[int(i)], labels[int(j)]]), words
 
 
-def _earth_rate(campaign: Campaign) -> Iterator[_Found]:
-    """Compare what w has along the vertical, which f points out, with the earth rate at the latitude."""
-    latitude_deg = campaign.site.get("latitude_deg")
-    if latitude_deg is None or campaign.centrifuge:
+def _copies(campaign: Campaign) -> Iterator[_Found]:
+    """Look for rates that stand in two places: one channel's in another, or one collect's in another."""
+    for group in _together(campaign, campaign.sensors.values()):
+        columns = [
+            (each, name, each.rates_deg_per_hr[:, k])
+            for each in group
+            for k, name in enumerate(each.conditions.sensor.channels)
+        ]
+        for (one, name, rates), (other, another, others) in combinations(columns, 2):
+            if len(rates) >= _SAME_ROWS and np.ptp(rates) > 0.0 and np.array_equal(rates, others):
+                numbers = [each.conditions.sensor.number for each in (one, other)]
+                words = f"{name} of sensor {numbers[0]} and {another} of sensor {numbers[1]} show the very same rates"
+                yield list({id(each): each for each in (one, other)}.values()), np.isfinite(rates), words
+    for number, collects in campaign.sensors.items():
+        rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
+        if np.isnan(errors).all():
+            continue
+        step = 10.0 ** np.ceil(np.log10(np.nanmin(errors) / _DIGITS))  # in such steps two may agree by chance
+        known = np.isfinite(rates).all(axis=1)
+        _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
+        twice = np.zeros_like(known)
+        twice[known] = (times > 1)[first.ravel()]
+        if twice.any() and np.any(np.abs(rates[twice] / step - np.round(rates[twice] / step)) > _ROUNDING):
+            yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
+
+
+def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:
+    """Hold every record against those that it follows from, and each thermometer against how the air went."""
+    for group in _together(campaign, campaign.sensors.values()):
+        for collects, beside in zip(group, [*group[1:], group[0]], strict=True):
+            name = f"sensor {collects.conditions.sensor.number}"
+            yield from _lost(collects, name)
+            for law in laws(collects, campaign.site, beside if beside is not collects else None, series):
+                if law.broken.any():
+                    yield [collects], law.broken, f"{name}: {law.words}"
+
+
+def _lost(collects: Collects, name: str) -> Iterator[_Found]:
+    """Yield where a thermometer has lost the air: in one run, if the others follow it, or in all."""
+    columns, run = collects.conditions.columns, collects.conditions.run
+    if not {"temperature_degC", "chamber_degC"} <= columns.keys():
         return
-    vertical = EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg))
-    for number, collects in campaign.sensors.items():
-        f_g, w = collects.conditions.f_g, collects.conditions.w_deg_per_hr
-        found = np.sum(w * f_g, axis=1) / np.linalg.norm(f_g, axis=1)
-        wrong = np.any(w != 0.0, axis=1) & (np.abs(found - vertical) > _EARTH_RATE_TOLERANCE)
-        if wrong.any():
-            words = (
-                f"sensor {number}: along the vertical w is {found[wrong][0]:.2f} deg/hr, and the earth rate at "
-                f"latitude {latitude_deg:g} deg {vertical:.2f}: f, w or the latitude is wrong"
-            )
-            yield [collects], wrong, words
-
-
-def _thermometers(campaign: Campaign) -> Iterator[_Found]:
-    """Compare each sensor's thermometer with the air, which it follows from above, and with the other sensors'."""
-    soaked: dict[int, tuple[FloatArray, BoolArray]] = {}
-    for number, collects in campaign.sensors.items():
-        columns = collects.conditions.columns
-        if not {"temperature_degC", "chamber_degC", "time_since_setpoint_s"} <= columns.keys():
-            continue
-        shown, air = columns["temperature_degC"], columns["chamber_degC"]
-        rows = np.isfinite(shown + air) & (columns["time_since_setpoint_s"] > _SOAKED_S)
-        if not rows.any():
-            continue
-        soaked[number] = shown, rows
-        above = np.where(rows, shown - air, 0.0)
-        if (lost := _lost(shown, air, rows, collects.conditions.run)).any():
-            words = (
-                f"sensor {number}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
-                f"the air went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
-            )
-            yield [collects], lost, words
-        elif (wrong := (above < -_COLDER_DEGC) | (above > _WARMER_DEGC)).any():
-            most = float(above[np.argmax(np.abs(above))])
-            words = (
-                f"sensor {number}: its thermometer shows {abs(most):.1f} °C {'more' if most > 0.0 else 'less'} than "
-                "the air around the unit, after a soak"
-            )
-            yield [collects], wrong, words
-    numbers = list(soaked)
-    for one, other in pairwise(numbers):
-        (first, rows), (second, others) = soaked[one], soaked[other]
-        if len(first) == len(second) and (both := rows & others).any():
-            apart = np.where(both, first - second, 0.0)
-            if (wrong := np.abs(apart) > _NEIGHBOURS_DEGC).any():
-                words = (
-                    f"the thermometers of sensors {one} and {other}, of one unit, are "
-                    f"{np.abs(apart).max():.1f} °C apart after a soak"
-                )
-                yield [campaign.sensors[one], campaign.sensors[other]], np.asarray(wrong), words
-
-
-def _lost(shown: FloatArray, air: FloatArray, rows: BoolArray, run: IntArray) -> BoolArray:
-    """Return in which of the `rows`, (n,), a thermometer has lost the air: in one run, if the others follow, or all."""
+    shown, air = columns["temperature_degC"], columns["chamber_degC"]
+    rows = np.isfinite(shown + air) & soaked(collects.conditions)
 
     def follows(chosen: BoolArray) -> float:
         known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False
         return float(np.polyfit(air[chosen], shown[chosen], 1)[0]) if known else np.nan
 
-    if not follows(rows) < _FOLLOWS:
-        return np.zeros_like(rows)
-    without = {one: follows(rows & (run != one)) for one in np.unique(run[rows]).tolist()}
-    wrong = [one for one, slope in without.items() if slope >= _FOLLOWS]
-    return rows & (run == min(wrong, key=lambda one: abs(without[one] - 1.0))) if wrong else rows
+    if follows(rows) < _FOLLOWS:
+        without = {one: follows(rows & (run != one)) for one in np.unique(run[rows]).tolist()}
+        wrong = [one for one, slope in without.items() if slope >= _FOLLOWS]
+        lost = rows & (run == min(wrong, key=lambda one: abs(without[one] - 1.0))) if wrong else rows
+        words = (
+            f"{name}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
+            f"the air went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
+        )
+        yield [collects], lost, words

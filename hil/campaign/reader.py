@@ -28,6 +28,7 @@ from hil.files.tables import read_csv, read_parquet
 HEADER_FILE = "campaign.yaml"
 COLLECTS_FILE = "collects.csv"
 SERIES_FOLDER = "series"
+_FEW = 10  # rows of a series, whose mean says nothing
 
 IDENTITY = ("collect", "run", "sensor", "position", "start_s", "duration_s")
 
@@ -108,9 +109,17 @@ def read_campaign(folder: Path | str) -> Campaign:
         pose=header.pose,
         largest_se=header.largest_se,
     )
-    for collect in series:  # nothing partial is imported: a bad cell is refused now, not when somebody needs it
-        read_series(campaign, collect)
-    return judged_by_its_records(campaign)
+    # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.
+    return judged_by_its_records(campaign, {collect: _mean(read_series(campaign, collect)) for collect in series})
+
+
+def _mean(series: Series | None) -> FloatArray:
+    """Return mean and standard error of each channel, (2, c); NaN where there are too few rows to tell."""
+    rates = np.empty((0, 1)) if series is None else series.rates_deg_per_hr
+    known = np.isfinite(rates).all(axis=1)
+    if np.count_nonzero(known) < _FEW:
+        return np.full((2, rates.shape[1]), np.nan)
+    return np.stack([rates[known].mean(axis=0), rates[known].std(axis=0, ddof=1) / np.sqrt(np.count_nonzero(known))])
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:

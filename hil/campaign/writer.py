@@ -2,14 +2,13 @@
 
     write_campaign(campaign, "my-campaign")
 
-The folder appears whole or not at all: it is made under a temporary name beside its place, synchronised and renamed.
+The folder appears whole or not at all (hil.files.folder).
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -32,7 +31,8 @@ from hil.campaign.reader import (
     w_columns,
 )
 from hil.errors import InputError
-from hil.files.durable import PARTIAL, RealDisk
+from hil.files.durable import RealDisk
+from hil.files.folder import is_new, whole_or_nothing
 from procedures.pose import PoseTolerance
 
 SeriesFormat = Literal["csv", "parquet"]
@@ -46,29 +46,17 @@ def write_campaign(
 ) -> Path:
     """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
 
-    Values are written so that they read back to the last bit. Raises InputError where `folder` already exists or cannot
+    Values are written so that they read back to the last bit. Raises InputError where `folder` holds anything or cannot
     be made, or a series belongs to no collect.
     """
     target = Path(folder)
-    if target.exists():
-        raise InputError(f"{target}: it already exists; name a new folder")
+    if not is_new(target):
+        raise InputError(f"{target}: it exists and is not empty; name a new folder")
     disk = RealDisk()
-    partial = target.with_name(f"{PARTIAL}{target.name}")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be made ({error.strerror})") from None
-    try:
+    with whole_or_nothing(target) as partial:
         disk.write(partial / HEADER_FILE, _header(campaign).encode())
         disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())
         _write_series(disk, campaign, partial / SERIES_FOLDER, series, series_format)
-        disk.synchronise_folder(partial)
-        disk.rename(partial, target)
-        disk.synchronise_folder(target.parent)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
     return target
 
 

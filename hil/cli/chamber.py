@@ -5,7 +5,6 @@ Only the chamber's port is opened. A night that runs on the bench holds that por
 
 from __future__ import annotations
 
-import getpass
 import math
 import sys
 from enum import StrEnum
@@ -120,9 +119,10 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import LoggedChamber, StreamLog
+    from hil.night.log import StreamLog, logged
+    from hil.records.requests import user
 
-    return LoggedChamber(live.chamber, StreamLog(sys.stderr, live.clock, getpass.getuser()))
+    return logged(live.chamber, StreamLog(sys.stderr, live.clock, user()))
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:

@@ -99,7 +99,7 @@ def run(
     from hil.bench.assemble import clock_of
     from hil.config import load_bench, load_sweep
     from hil.night import Remarks
-    from hil.night.folder import refuse_existing
+    from hil.records.reader import refuse_existing
     from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)

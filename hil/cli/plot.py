@@ -12,7 +12,7 @@ from hil.cli.output import results, warn
 
 plot_app = typer.Typer(
     name="plot",
-    help="Draw a collect, a night, an Allan deviation or parameters against temperature, as SVG or PNG.",
+    help="Draw a collect, a night or parameters against temperature, as SVG or PNG.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -72,26 +72,4 @@ def parameters(source: Source, out: Out, sensor: OfSensor = None) -> None:
     results().print(f"plot: {out}")
 
 
-def allan(
-    source: Annotated[Path, typer.Argument(help="A night, a campaign folder or a table.", show_default=False)],
-    out: Out,
-    sensor: OfSensor = None,
-    channel: Annotated[
-        str | None, typer.Option("--channel", help="Which channel, such as RA.", show_default=False)
-    ] = None,
-    collect: Annotated[
-        int | None, typer.Option("--collect", help="One collect; without it, all of them.", show_default=False)
-    ] = None,
-) -> None:
-    """Draw the Allan deviation of a recording; `hil allan` says in words what it means."""
-    from hil.analysis.allan.document import analyse
-    from hil.analysis.allan.figure import write_figure
-    from hil.analysis.allan.sources import read_recording
-    from hil.files.figure import check_name
-
-    check_name(out)
-    write_figure(analyse(read_recording(source, channel=channel, sensor=sensor, collect=collect)), out)
-    results().print(f"plot: {out}")
-
-
-COMMANDS = (series, temperatures, parameters, allan)
+COMMANDS = (series, temperatures, parameters)

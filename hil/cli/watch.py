@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
@@ -154,7 +155,9 @@ def _without(said: list[str], text: str) -> str:
 
 def _cut(line: str) -> str:
     """Return what can be read at a glance: how it begins and how it ends; what a device said is between."""
-    return line if len(line) <= _HEAD + _TAIL else f"{line[:_HEAD]} … {line[-_TAIL:]}"
+    if len(line) <= _HEAD + _TAIL:
+        return line
+    return re.sub(r"\s\S{0,15}$", "", line[:_HEAD]) + " … " + re.sub(r"^\S{0,15}\s", "", line[-_TAIL:])
 
 
 def _asked(folder: Path, status: dict[str, Any]) -> str:

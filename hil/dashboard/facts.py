@@ -24,6 +24,7 @@ from hil.dashboard.results import ResultsSoFar
 from hil.files.lock import Owner, living_owner
 from hil.records import JournalReader, reading
 from hil.records.heartbeat import read_heartbeat
+from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.records.reader import JOURNAL_NAME
 from hil.records.rows import Event
@@ -52,7 +53,7 @@ class NightFacts:
         self._live: Part | None = None
         self._live_stamp: object = None
         self._status: Part = {}
-        self._about: Part = {}
+        self._bench = ""
         self._steps: Mapping[str, str] = {}
         self._curves = NightCurves(folder)
         self._parts: Part = {}
@@ -79,9 +80,11 @@ class NightFacts:
         return {**fresh, **self._curves.changes()}
 
     @property
-    def report(self) -> Path:
-        """Where `hil report` leaves the night's report."""
-        return self.folder / "report.html"
+    def report(self) -> Path | None:
+        """The report that `hil report` left in the night's folder; None where there is none since the last record."""
+        path = self.folder / "report.html"
+        made, recorded = _stamp(path), _stamp(self.folder / HEAD_NAME)
+        return path if made and recorded and made[2] >= recorded[2] else None
 
     def _verdict(self) -> Part:
         if self._results.damage:
@@ -102,8 +105,9 @@ class NightFacts:
         self._owner = owner
         self._status = night_status(self.folder)
         with reading(self.folder) as journal:
-            if not self._about:
-                self._about = _about(journal)
+            if not self._steps:
+                bench = understood(journal.night.configuration).get("bench")
+                self._bench = str(bench.get("name", "")) if isinstance(bench, dict) else ""
                 self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
             controllers = journal.controllers()
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
@@ -125,12 +129,12 @@ class NightFacts:
         silent_s, old = self._age(now)
         return {
             **status,
-            **self._about,
+            "bench": self._bench,
             "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
             "reason": self._results.damage or status["reason"],
             "working": self._owner is not None,
             "verdict": None if status["state"] in _WORKING else self._verdict(),
-            "report": self.report.is_file(),
+            "report": self.report is not None,
             "age_s": None if silent_s is None else round(silent_s),
             "old": old,
             "missing": status["missing"] if self._owner is None else [],
@@ -169,17 +173,6 @@ def _now(live: Part) -> Part:
     stream = {"ok": counts["ok"], "lost": counts["lost"], "damaged": damaged, "unread_bytes": counts["overflow_bytes"]}
     stream |= {"hz": live["stream_hz"], "nominal_hz": live["stream_nominal_hz"]}
     return {**{name: live[name] for name in names}, "unit_degC": live["unit_degC"], "rates": rates, "stream": stream}
-
-
-def _about(journal: JournalReader) -> Part:
-    """Return what stays the same all night."""
-    bench = understood(journal.night.configuration).get("bench")
-    return {
-        "title": journal.night.title,
-        "bench": str(bench.get("name", "")) if isinstance(bench, dict) else "",
-        "simulated": journal.night.simulated,
-        "began_utc": journal.night.began_utc.isoformat(),
-    }
 
 
 def _pausing(journal: JournalReader) -> str | None:

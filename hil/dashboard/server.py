@@ -4,7 +4,7 @@
 |---|---|
 | `GET /` and `GET /page/...` | the page and its files: nothing of any night |
 | `GET /api/stream` | server-sent events: everything, then once a second what changed |
-| `GET /report/KEY/NIGHT` | the report that `hil report` left in the night's folder; KEY stands in the stream |
+| `GET /report/KEY/NIGHT` | the report that `hil report` made since the last record; KEY stands in the stream |
 | `POST /api/ask` | pause, continue, abort, confirm, refuse: `{night, kind, who, why, prompt}` |
 
 There is nothing else, and no other method.
@@ -70,7 +70,8 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
             found = watcher.night(request.path_params["night"]).report
         except InputError as error:
             return _refused(str(error), 404)
-        return FileResponse(found, headers=_STILL) if found.is_file() else _refused("there is no report yet", 404)
+        none = "there is no report since the last record; hil report makes one"
+        return FileResponse(found, headers=_STILL) if found else _refused(none, 404)
 
     async def ask(request: Request) -> Response:
         if not access.may_ask(request.headers):

@@ -52,8 +52,10 @@ class Watcher:
         self._thread = threading.Thread(target=self._run, name="hil dashboard watcher", daemon=True)
 
     def start(self) -> None:
-        """Begin to look; called in the event loop that serves the pages."""
+        """Begin to look; called in the event loop that serves the pages, before it serves any."""
         self._loop = asyncio.get_running_loop()
+        with suppress(InputError):  # a page that was open before asks at once: its nights are there, if not yet read
+            self._discover()
         self._thread.start()
 
     def stop(self) -> None:

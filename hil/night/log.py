@@ -8,18 +8,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from inspect import signature
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, Protocol, TextIO, TypeVar, cast
 
 import structlog
 
-from drivers.chambers import Chamber, ChamberLimits, ChamberReading, SafeState
-from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import Clock
-from drivers.positioners.positioner import Positioner
 from hil.files.durable import RealDisk
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
+
+Device = TypeVar("Device")
+_COMMANDS = {
+    "prepare": "chamber: prepare",
+    "set_temperature": "chamber: set temperature",
+    "safe_state": "chamber: safe state",
+    "move_to": "positioner: move",
+}
 
 
 class Log(Protocol):
@@ -104,58 +110,22 @@ class NightLog:
             return
 
 
-class LoggedChamber:
-    """A chamber whose commands are logged before they are sent."""
-
-    def __init__(self, chamber: Chamber, log: Log) -> None:
-        self._chamber = chamber
-        self._log = log
-
-    @property
-    def limits(self) -> ChamberLimits:
-        """The limits given by the bench file."""
-        return self._chamber.limits
-
-    def identify(self) -> ChamberIdentity:
-        """Ask who is there."""
-        return self._chamber.identify()
-
-    def prepare(self) -> None:
-        """Set the native limits and start constant-temperature operation."""
-        self._log.say("chamber: prepare", {"low_degC": self.limits.low_degC, "high_degC": self.limits.high_degC})
-        self._chamber.prepare()
-
-    def read(self) -> ChamberReading:
-        """Read the chamber; not logged, the journal's heartbeats hold the readings."""
-        return self._chamber.read()
-
-    def set_temperature(self, setpoint_degC: float) -> None:
-        """Set the setpoint."""
-        self._log.say("chamber: set temperature", {"setpoint_degC": setpoint_degC})
-        self._chamber.set_temperature(setpoint_degC)
-
-    def safe_state(self) -> SafeState:
-        """Bring the chamber to its safe state."""
-        self._log.say("chamber: safe state", {})
-        return self._chamber.safe_state()
-
-    def close(self) -> None:
-        """Release the port."""
-        self._chamber.close()
+def logged(device: Device, log: Log) -> Device:
+    """Return a chamber or a positioner whose commands are logged, with what they are given, before they are sent."""
+    return cast(Device, _Logged(device, log))
 
 
-class LoggedPositioner:
-    """A positioner whose moves are logged before they begin."""
+class _Logged:
+    def __init__(self, device: object, log: Log) -> None:
+        self._device, self._log = device, log
 
-    def __init__(self, positioner: Positioner, log: Log) -> None:
-        self._positioner = positioner
-        self._log = log
+    def __getattr__(self, name: str) -> Any:
+        method = getattr(self._device, name)
+        if name not in _COMMANDS:  # it only asks: the journal's heartbeats hold what was read
+            return method
 
-    def move_to(self, position: str, timeout_s: float) -> None:
-        """Go to a position."""
-        self._log.say("positioner: move", {"position": position, "timeout_s": timeout_s})
-        self._positioner.move_to(position, timeout_s)
+        def sent(*given: object, **named: object) -> Any:
+            self._log.say(_COMMANDS[name], signature(method).bind(*given, **named).arguments)
+            return method(*given, **named)
 
-    def position(self) -> str | None:
-        """Return the confirmed position."""
-        return self._positioner.position()
+        return sent

@@ -5,13 +5,10 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any
 
 from hil.config import Bench
 from hil.night.notify import Notifier
 from hil.records import SqliteJournal
-from hil.records.journal import Listener
 from procedures.verdict import self_calibration_verdict
 
 
@@ -24,16 +21,6 @@ def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
 
     mark = " SIMULATED" if bench.simulated else ""
     return Notifier(bench.notify, f"{bench.name}{mark}, {journal.folder.name}", failed)
-
-
-def both(first: Listener, second: Listener) -> Listener:
-    """Return a listener that is two."""
-
-    def hear(what: str, facts: Mapping[str, Any]) -> None:
-        first(what, facts)
-        second(what, facts)
-
-    return hear
 
 
 def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:

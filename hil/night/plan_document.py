@@ -15,18 +15,5 @@ def plan_document(plan: Plan, *, simulated: bool) -> dict[str, Any]:
         "simulated": simulated,
         "total_s": plan.total_s,
         "self_calibrations": len(plan.self_calibrations),
-        "steps": [
-            {
-                "index": step.index,
-                "key": step.key,
-                "kind": step.kind.value,
-                "starts_s": step.starts_s,
-                "duration_s": step.duration_s,
-                "temperature_degC": step.temperature_degC,
-                "self_calibration": step.self_calibration,
-                "position": step.position,
-                "parameters": dict(step.parameters),
-            }
-            for step in plan.steps
-        ],
+        "steps": [{**vars(step), "kind": step.kind.value, "parameters": dict(step.parameters)} for step in plan.steps],
     }

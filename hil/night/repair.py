@@ -23,8 +23,8 @@ from drivers.given_file import opened
 from hil.config.recorded import CONFIGURATION, configuration_of
 from hil.errors import Damaged, InputError
 from hil.files.durable import RealDisk, write_durably
+from hil.files.folder import whole_or_nothing
 from hil.files.lock import living_owner
-from hil.night.folder import whole_or_nothing
 from hil.night.run import judge
 from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema

@@ -18,8 +18,6 @@ that is in it. The chamber is in its safe state at every way out.
 from __future__ import annotations
 
 import contextlib
-import getpass
-import os
 import platform
 import shutil
 import sqlite3
@@ -38,11 +36,11 @@ from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench
 from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
 from hil.errors import InputError
+from hil.files.folder import whole_or_nothing
 from hil.files.lock import FolderLock
 from hil.files.strict import NAME, one_line
-from hil.night.folder import refuse_existing, whole_or_nothing
-from hil.night.log import LoggedChamber, LoggedPositioner, NightLog
-from hil.night.notices import both, in_words_at_the_beginning, in_words_at_the_end, notifier_of
+from hil.night.log import NightLog, logged
+from hil.night.notices import in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.notify import LAST_WORDS_S
 from hil.night.remarks import Remarks, ask_serial
 from hil.records import SqliteJournal, reading
@@ -52,6 +50,8 @@ from hil.records.heartbeat import HeartbeatFile
 from hil.records.identity import night_identity
 from hil.records.ledger import read_key
 from hil.records.live import TRACE_NAME, LiveFiles
+from hil.records.reader import refuse_existing
+from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT
 from hil.records.witnesses import seal, sealed_log
@@ -111,7 +111,7 @@ def start_night(
     text = configuration_text(bench, sweep, seed)
     read_key(bench.record.key)  # or nothing begins
     plan = make_plan(sweep.procedure())
-    who = one_line("--operator", who or _user(), NAME)
+    who = one_line("--operator", who or user(), NAME)
     with bench_lock(bench, target):
         with whole_or_nothing(target) as partial:
             resolved, _ = configuration_of(text, partial / CONFIGURATION)
@@ -155,7 +155,7 @@ def resume_night(
     controller is working on, or one whose bench cannot be put together; `Damaged` where its journal is not what was
     written.
     """
-    folder, who, said = Path(folder), one_line("--operator", who or _user(), NAME), remarks or Remarks()
+    folder, who, said = Path(folder), one_line("--operator", who or user(), NAME), remarks or Remarks()
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
         damaged = damaged_self_calibrations(reader)
@@ -231,7 +231,8 @@ def _carry_out(
     every_s, announced_s = _looked_at_every_s(live, polling), polling.read_interval_s
     shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=every_s, announced_s=announced_s)
     try:
-        journal.listen(both(log.say, notifier.hear))
+        journal.listen(log.say)
+        journal.listen(notifier.hear)
         notifier.tell("started", in_words_at_the_beginning(journal, who))
         journal.describe_fields(field_meanings(live))
         if live.faults is not None:
@@ -240,8 +241,8 @@ def _carry_out(
             journal.plan,
             replace(
                 live.devices,
-                chamber=LoggedChamber(live.devices.chamber, log),
-                positioner=LoggedPositioner(live.devices.positioner, log),
+                chamber=logged(live.devices.chamber, log),
+                positioner=logged(live.devices.positioner, log),
             ),
             journal,
             stop,
@@ -345,10 +346,3 @@ def versions() -> dict[str, str]:
     """Return the versions of what a result may depend on."""
     libraries = {name: version(name) for name in ("hil", "numpy", "scipy", "pyarrow")}
     return {**libraries, "python": platform.python_version(), "sqlite": sqlite3.sqlite_version}
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a container whose user has no name
-        return f"uid {os.getuid()}"

@@ -199,7 +199,7 @@ def checked_bytes(folder: Path, block: Block) -> bytes:
     except InputError as error:
         if not os.path.lexists(folder / block.path):
             check_length(folder, block)
-        raise DamagedBlock(str(error)) from None
+        raise DamagedBlock(str(error).removeprefix(f"{folder}/")) from None
     if _sha256(data) != block.sha256:
         raise DamagedBlock(f"{block.path}: its hash is not the one recorded: the file was changed or is damaged")
     return data

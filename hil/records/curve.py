@@ -116,17 +116,24 @@ def rows_of(beats: Sequence[Heartbeat], columns: Sequence[str] = ()) -> tuple[li
     return columns, np.array(rows, dtype="<f4").reshape(-1, len(columns))
 
 
+def trace_damage(folder: Path, recorded: Mapping[str, Any]) -> list[str]:
+    """Return in words that a night's trace of full length is not what was `recorded` of it (`seal`)."""
+    found = seal(folder / TRACE_NAME, recorded["size"]) if recorded else {}
+    if found == recorded or found.get("size") != recorded["size"]:
+        return []
+    return [f"{TRACE_NAME}: is not what was written; without it the journal's marks are drawn"]
+
+
 def temperatures(
     folder: Path, beats: Sequence[Heartbeat], recorded: Mapping[str, Any] | None = None
 ) -> tuple[list[str], FloatArray, FloatArray]:
     """Return the names of a night's temperatures, times of the campaign, s, (n,), and values, °C, (n, names).
 
     They are those of its trace, a row a second, and of its signs of life, one a minute: a trace may be lost or cut off
-    with the power. Raises `Damaged` where one of full length is not what was `recorded` of it (`seal`).
+    with the power. Raises `Damaged` as `trace_damage` says.
     """
-    found = seal(folder / TRACE_NAME, recorded["size"]) if recorded else {}
-    if recorded and found.get("size") == recorded["size"] and found != recorded:
-        raise Damaged(f"{folder / TRACE_NAME}: is not what was written; without it the journal's marks are drawn")
+    for damage in trace_damage(folder, recorded or {}):
+        raise Damaged(f"{folder}/{damage}")
     trace = TraceReader(folder)
     rows = trace.read(_AT_MOST)
     traced = [name for name in trace.columns if name.endswith(TEMPERATURE)]

@@ -89,7 +89,6 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
     with reading(folder) as journal:
         bench = bench_of_record(journal.night.configuration)
         campaign, rows = _campaign(journal, bench)
-        _make_way(target)
         series = _series(folder, rows, campaign, bench.record.series_block)
         write_campaign(campaign, target, series, series_format)
     return Export(target, len(rows), tuple(campaign.notes.splitlines()))
@@ -164,13 +163,6 @@ def open_source(folder: Path | str) -> Source:
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
     raise InputError(f"{folder}: {neither}")
-
-
-def _make_way(target: Path) -> None:
-    if target.is_dir() and not any(target.iterdir()):
-        target.rmdir()  # an empty folder, made for this: the campaign takes its place in one step
-    elif target.exists():
-        raise InputError(f"{target}: it exists and is not empty; name a new folder")
 
 
 def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:

@@ -68,7 +68,7 @@ class SqliteJournal(JournalReader):
         self._lock = lock
         self._clock = clock
         self._system = SystemClock()
-        self._listener: Listener | None = None
+        self._listeners: list[Listener] = []
         self._others_commits = -1
         self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw, disk=disk)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
@@ -157,8 +157,8 @@ class SqliteJournal(JournalReader):
         return self._clock.utc() - timedelta(seconds=self.now_s())
 
     def listen(self, listener: Listener) -> None:
-        """Call `listener` after every commit from now on."""
-        self._listener = listener
+        """Call `listener`, too, after every commit from now on."""
+        self._listeners.append(listener)
 
     def now_s(self) -> float:
         """Return the seconds since the campaign began, across a resume."""
@@ -316,8 +316,8 @@ class SqliteJournal(JournalReader):
         return int(cursor.lastrowid or 0)
 
     def _tell(self, what: str, **facts: Any) -> None:
-        if self._listener is not None:
-            self._listener(what, facts)
+        for listener in self._listeners:
+            listener(what, facts)
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -21,6 +21,7 @@ from typing import Any, Self
 from urllib.parse import quote
 
 from hil.errors import Damaged, InputError
+from hil.files.folder import is_new
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
 from hil.records.ledger import HEAD_NAME, breaks
@@ -214,6 +215,13 @@ def is_night(folder: Path) -> bool:
     return any(os.path.lexists(folder / name) for name in (JOURNAL_NAME, HEAD_NAME)) or bool(
         next(folder.glob(f"{BLOCKS}/*{SUFFIXES[SAMPLES]}"), None)
     )
+
+
+def refuse_existing(folder: Path) -> None:
+    """Raise `InputError` where a night's new `folder` is there already and holds anything."""
+    if not is_new(folder):
+        what = "it holds a night already" if is_night(folder) else "it exists and is not empty"
+        raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
 
 
 def journal_of(folder: Path) -> Path:

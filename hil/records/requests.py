@@ -27,7 +27,7 @@ from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, open_rea
 from hil.records.rows import Event, RequestRow
 from procedures.requests import RequestKind
 
-__all__ = ["RequestKind", "request", "standing_prompt", "wait_for_answer", "who_asks"]
+__all__ = ["RequestKind", "request", "standing_prompt", "user", "wait_for_answer", "who_asks"]
 
 _BUSY_S = 10.0
 _LOOK_S = 0.1
@@ -79,13 +79,17 @@ def standing_prompt(folder: Path) -> Event | None:
         return journal.standing("prompt", "prompt-ended")
 
 
+def user() -> str:
+    """Return the name of who runs this process."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container whose user has no name
+        return f"uid {os.getuid()}"
+
+
 def who_asks() -> str:
     """Return who runs this process, as a request names them: user@host."""
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):  # a container whose user has no name
-        user = f"uid {os.getuid()}"
-    return f"{user}@{socket.gethostname()}"
+    return f"{user()}@{socket.gethostname()}"
 
 
 def forsaken_chamber(journal: JournalReader) -> str:

@@ -21,11 +21,12 @@ from hil.config.recorded import CONFIGURATION, key_file, lost_files
 from hil.errors import Damaged, InputError
 from hil.files.durable import PARTIAL
 from hil.records.blocks import BLOCKS, RAW, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.curve import trace_damage
 from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
 from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
-from hil.records.status import missing_in_words
+from hil.records.status import missing_in_words, recorded_end
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -56,6 +57,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
             if not problems:  # what is damaged cannot say what stood beside it
                 problems += [*journal.log_damage(), *lost_files(journal.night.configuration, folder / CONFIGURATION)]
+                problems += trace_damage(folder, recorded_end(journal).get("trace", {}))
                 signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]

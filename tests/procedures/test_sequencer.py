@@ -197,6 +197,7 @@ def test_a_soak_that_never_settles_is_skipped_where_the_sweep_says_so(bench):
     outcome = bench.run()
     assert outcome.state is SweepState.INCOMPLETE
     assert outcome.missing[0] == "T1/S1/restabilise"
+    assert outcome.reason.startswith("5 steps not done, the first is T1/S1/restabilise: not restabilised")
     assert outcome.counts[Outcome.TIMEOUT] == 1
     assert list(bench.collects()) == ["T2/S1/C1/collect", "T2/S1/C2/collect"]
     assert bench.record.kinds().count("skipped") == 4

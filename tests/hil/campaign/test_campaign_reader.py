@@ -153,9 +153,10 @@ def test_channels_may_be_listed_in_any_order(folder: Path) -> None:
     np.testing.assert_array_equal(read_campaign(folder).sensors[2].rates_deg_per_hr, before)
 
 
-def test_simulated_data_stays_marked(folder: Path) -> None:
-    """`simulated: true` is kept."""
-    (folder / "campaign.yaml").write_text(YAML + "simulated: true\n")
+@pytest.mark.parametrize("mark", ["simulated: true", "notes: 'SIMULATED: these are no measurements.'"])
+def test_simulated_data_stays_marked(folder: Path, mark: str) -> None:
+    """`simulated: true` is kept; where somebody took it away, the notes still say so."""
+    (folder / "campaign.yaml").write_text(f"{YAML}{mark}\n")
     assert read_campaign(folder).simulated
 
 

@@ -123,7 +123,7 @@ def test_a_missing_sample_is_a_null_in_parquet(campaign: Campaign, tmp_path: Pat
 def test_a_place_where_no_folder_can_be_made_is_bad_input(campaign: Campaign, tmp_path: Path) -> None:
     """The message names the folder that was asked for, not the one it is written in first."""
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file/out: cannot be made \(Not a directory\)"):
+    with pytest.raises(InputError, match=r"file: is not a folder, so nothing can be made in it"):
         write_campaign(campaign, tmp_path / "file" / "out")
 
 
@@ -131,7 +131,7 @@ def test_an_existing_folder_is_never_overwritten(campaign: Campaign, tmp_path: P
     """The data that is there stays."""
     folder = write_campaign(campaign, tmp_path / "out")
     before = (folder / "collects.csv").read_bytes()
-    with pytest.raises(InputError, match="already exists"):
+    with pytest.raises(InputError, match="exists and is not empty"):
         write_campaign(campaign, folder)
     assert (folder / "collects.csv").read_bytes() == before
 

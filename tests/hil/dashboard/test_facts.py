@@ -80,6 +80,19 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     return folder / "night", onlooker.seen, onlooker.facts
 
 
+def test_a_report_that_is_older_than_the_records_is_not_shown(night: Watched, tmp_path: Path) -> None:
+    """What was recorded since, by a resume say, may say otherwise."""
+    folder = tmp_path / "night"
+    shutil.copytree(night[0], folder)
+    facts, report = NightFacts(folder, "night"), folder / "report.html"
+    assert facts.report is None
+    report.write_text("PASS")
+    assert facts.report == report
+    (folder / HEAD_NAME).touch()
+    os.utime(report, (0.0, 0.0))
+    assert facts.report is None
+
+
 def test_a_running_night_is_told_with_what_its_controller_shows(night: Watched) -> None:
     """State, step, temperatures, stream and the first results, while it runs; and that it is simulated."""
     _, seen, _ = night

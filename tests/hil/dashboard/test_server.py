@@ -6,7 +6,7 @@ import json
 import socket
 import stat
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
@@ -136,6 +136,16 @@ def test_a_request_stands_in_the_journal_with_its_name_even_where_no_answer_come
     assert (answer.status, json.loads(body)["accepted"]) == (200, None)
     with open_readonly(nights / "night") as journal:
         assert ("pause", "ann (live page)", "tea") in [(row.kind, row.who, row.why) for row in journal.requests()]
+
+
+def test_a_night_is_there_before_anybody_has_looked_at_it(nights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page that was open before the server began again asks at once, and on a busy machine before the first look."""
+    monkeypatch.setattr("hil.dashboard.server._ANSWER_S", 0.0)
+    monkeypatch.setattr("hil.dashboard.watcher.Watcher.look", lambda _watcher: {})
+    with served(nights, Access(TOKEN, "127.0.0.1")) as port, closing(HTTPConnection("127.0.0.1", port)) as connection:
+        sent = json.dumps({"night": "night", "kind": "pause", "who": "bob"})
+        connection.request("POST", "/api/ask", sent, {"authorization": BEARER})
+        assert connection.getresponse().status == 200
 
 
 @pytest.mark.parametrize(

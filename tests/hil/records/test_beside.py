@@ -13,13 +13,13 @@ from drivers.clock import VirtualClock
 from hil.cli.app import run
 from hil.config import load_bench
 from hil.errors import Damaged, InputError
-from hil.night.folder import refuse_existing
 from hil.night.log import NightLog
 from hil.night.run import judge
 from hil.records import SqliteJournal, open_readonly
 from hil.records.blocks import BLOCKS
 from hil.records.ledger import HEAD_NAME, Ledger
-from hil.records.reader import JOURNAL_NAME, is_night
+from hil.records.live import TRACE_NAME
+from hil.records.reader import JOURNAL_NAME, is_night, refuse_existing
 from hil.records.rows import Night
 from hil.records.verify import verify_night
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
@@ -67,6 +67,19 @@ def test_every_other_line_is_sealed_with_the_verdict(full_night: Path, clock: Vi
             full_night
         )
     log.write_text(good + "and so on\n")
+    assert problems(full_night) == ""
+
+
+def test_a_trace_of_full_length_is_what_it_was_when_the_night_was_judged(full_night: Path, clock: VirtualClock) -> None:
+    """As the report says, which draws it; one that was lost or cut off with the power is none."""
+    trace = full_night / TRACE_NAME
+    trace.write_bytes(b"a head and rows")
+    with SqliteJournal.open(full_night, clock=clock) as journal:
+        judge(journal, "complete")
+    assert problems(full_night) == ""
+    trace.write_bytes(b"a head and rowS")
+    assert problems(full_night) == f"{TRACE_NAME}: is not what was written; without it the journal's marks are drawn"
+    trace.write_bytes(b"a head")
     assert problems(full_night) == ""
 
 

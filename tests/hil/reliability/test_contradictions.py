@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.reliability.contradictions import BY_HAND, Case, Yes, bench_of, cases, clean, sweep_of, told_of
+from benchmarks.reliability.contradicted import BY_HAND, Case, cases
+from benchmarks.reliability.contradictions import Yes, bench_of, clean, sweep_of, told_of
 from hil.config import parse_sweep
 from hil.night import start_night
 from hil.records import open_readonly
@@ -16,7 +17,12 @@ from procedures.journal_protocol import Outcome
 from procedures.verdict import Verdict
 
 _CASES = {case.name: case for case in cases()}
-_UNNAMED = {"sign of accelerometer A turned"}  # a unit turned over would show the same at the collects that are taken
+_UNNAMED = {
+    "sign of accelerometer A turned",  # a unit turned over would show the same at the collects that are taken
+    "latitude wrong, collects at two headings",  # residuals alone
+    "heading wrong, collects at two headings",
+}
+_ALIKE = "collect [1245] of 1, 3"
 _QUICK = (
     "by hand, collect 3 of 1, 2, 3: laid wrong",
     "indexed, collect 3 of 1, 2, 3: not turned",
@@ -41,9 +47,9 @@ def test_a_night_that_contradicts_itself_is_no_pass(name: str, tmp_path: Path) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(_CASES.keys() - set(_QUICK)))
+@pytest.mark.parametrize("name", [each for each in _CASES if each not in _QUICK and not re.search(_ALIKE, each)])
 def test_every_contradiction_is_caught_and_named(name: str, tmp_path: Path) -> None:
-    """Every case of the matrix."""
+    """Every case of the matrix, but of the longer sequences only two collects; `make reliability` has all."""
     check(_CASES[name], tmp_path)
 
 

@@ -23,7 +23,7 @@ def flipped(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(ended.stdout))
 
 
-@pytest.mark.parametrize("every", ["8001", pytest.param("251", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", ["8001", pytest.param("503", marks=pytest.mark.slow)])
 def test_no_flipped_bit_is_silent(every: str) -> None:
     """In journal, head, blocks, log and everything else of a complete night."""
     found = flipped("bytes", "--every", every, "--seed", "4")
@@ -33,15 +33,15 @@ def test_no_flipped_bit_is_silent(every: str) -> None:
 
 @pytest.mark.slow
 def test_no_changed_row_is_silent() -> None:
-    """Every cell edited, every row deleted, doubled and exchanged with the next."""
-    found = flipped("rows")
+    """A cell edited, a row deleted, doubled or exchanged with the next: every fourth; `make reliability` tries all."""
+    found = flipped("rows", "--every", "4")
     assert found["problems"] == []
-    assert found["named"] > 400
+    assert found["named"] > 100
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", ["breaks", "refuse_damaged_samples"])
 def test_without_its_proofs_the_same_changes_are_silent(gone: str) -> None:
     """A test that cannot fail proves nothing: without the chain rows, without the hashes blocks are believed."""
-    arguments = ("rows",) if gone == "breaks" else ("bytes", "--only", "*.parquet", "--every", "997")
+    arguments = ("rows", "--every", "8") if gone == "breaks" else ("bytes", "--only", "*.parquet", "--every", "997")
     assert any("SILENT" in each or "nobody" in each for each in flipped(*arguments, "--without", gone)["problems"])

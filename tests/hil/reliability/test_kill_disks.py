@@ -8,11 +8,15 @@ import resource
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from hil.night import resume_night
+from benchmarks.reliability import nights
+from benchmarks.reliability.kill import _in_fork
+from hil.errors import InputError
+from hil.night import resume_night, start_night
 from hil.records.verify import verify_night
 
 _ROOT = Path(__file__).resolve().parents[3]
@@ -35,22 +39,21 @@ def may_mount() -> bool:
 @pytest.mark.skipif(not may_mount(), reason="this system lets nobody have mounts of their own")
 def test_a_disk_that_is_really_full_read_only_or_rotten_costs_nothing() -> None:
     """Full at many places: safe, said, undamaged, carried on. Read-only: readable. A rotten block: seen, done again."""
-    command = [*_OWN_MOUNTS, sys.executable, "-m", "benchmarks.reliability.disks"]
+    command = [*_OWN_MOUNTS, sys.executable, "-m", "benchmarks.reliability.disks", "--every", "2"]
     ended = subprocess.run(command, cwd=_ROOT, env=_QUIET, stdout=subprocess.PIPE, check=False)
     found = json.loads(ended.stdout)
     assert found["problems"] == []
-    assert len(found["ended_full_kB"]) >= 5
+    assert len(found["ended_full_kB"]) >= 3
 
 
-_LIMITED = """
-import resource, sys
-from pathlib import Path
-from benchmarks.reliability import nights
-from hil.night import start_night
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
-outcome = start_night(Path(sys.argv[1]), nights.sweep(), nights.bench())
-print(outcome.state, outcome.reason)
-"""
+def _limited(night: Path, limit: int) -> list[str] | None:
+    """Return how a night ends where no file may be larger; None where it cannot begin."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    try:
+        outcome = start_night(night, nights.sweep(), nights.bench())
+    except InputError:
+        return None
+    return [outcome.state, outcome.reason]
 
 
 @pytest.mark.slow
@@ -59,13 +62,12 @@ def test_a_limit_of_the_file_size_ends_a_night_safely_and_it_can_be_carried_on(t
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[1] == resource.RLIM_INFINITY
     for limit in range(90_000, 130_000, 2_000):
         night = tmp_path / str(limit)
-        command = [sys.executable, "-c", _LIMITED, str(night), str(limit)]
-        ended = subprocess.run(command, cwd=_ROOT, env=_QUIET, capture_output=True, text=True, check=False)
-        if ended.returncode == 0:  # below, not even the plan has room, and no folder is left
+        ended = _in_fork(partial(_limited, night, limit))
+        if ended:  # below, not even the plan has room, and no folder is left
             break
         assert not night.exists()
-    assert ended.stdout.startswith("failed")
-    assert "NOT SAFE" not in ended.stdout
+    assert ended[0] == "failed"
+    assert "NOT SAFE" not in ended[1]
     assert [each for each in verify_night(night)["problems"] if not each.startswith("missing: ")] == []
     assert resume_night(night).state == "complete"
     assert verify_night(night)["problems"] == []

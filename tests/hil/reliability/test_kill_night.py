@@ -45,14 +45,13 @@ def test_a_night_killed_now_and_then_is_carried_on_as_if_nothing_had_happened() 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["3/16"])
-def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_had_happened(part: str) -> None:
-    """SIGKILL before every sixteenth call that changes a file (`make reliability`: all); each state is carried on."""
-    found = campaign("points", "--only-new", "--part", part)
+def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_had_happened() -> None:
+    """SIGKILL before every 32nd call that changes a file (`make reliability`: all); each state is carried on."""
+    found = campaign("points", "--only-new", "--part", "3/32")
     assert found["problems"] == []
-    assert found["kills"] + found["outlived"] >= found["operations"] // 17 > 25
+    assert found["kills"] + found["outlived"] >= found["operations"] // 33 > 15
     assert found["outlived"] < found["operations"] // 50
-    assert found["resumed"] > 00
+    assert found["resumed"] > 0
 
 
 @pytest.mark.slow
@@ -72,12 +71,11 @@ def test_a_night_killed_at_random_instants_is_carried_on() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("take", ["3", pytest.param("15", marks=pytest.mark.slow)])
-def test_a_power_failure_loses_nothing_that_was_reported(take: str) -> None:
+def test_a_power_failure_loses_nothing_that_was_reported() -> None:
     """What was not synchronised is lost, torn or has its former name: what the log reported is there."""
-    found = campaign("power", "--take", take, "--seed", "1")
+    found = campaign("power", "--take", "15", "--seed", "1")
     assert found["problems"] == []
-    assert found["kills"] == int(take)
+    assert found["kills"] == 15
 
 
 DEFECTS = {

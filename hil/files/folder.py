@@ -1,4 +1,4 @@
-"""A night's new folder: refused where there is one, and there as a whole or not at all."""
+"""A new folder that appears as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -13,16 +13,11 @@ from pathlib import Path
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, remove_folders
 from hil.files.lock import process_start
-from hil.records.reader import is_night
 
 
-def refuse_existing(folder: Path) -> None:
-    """Raise `InputError` where `folder` is there already and holds anything."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        return
-    if folder.exists():
-        what = "it holds a night already" if is_night(folder) else "it exists and is not empty"
-        raise InputError(f"{folder}: {what}; name a new folder, or carry the night on with hil resume")
+def is_new(folder: Path) -> bool:
+    """Tell whether there is no such folder yet, or an empty one."""
+    return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
 
 
 @contextlib.contextmanager
@@ -42,6 +37,7 @@ def whole_or_nothing(target: Path) -> Iterator[Path]:
         _clear_away(above, target.name)
         partial.mkdir()
         yield partial
+        RealDisk().synchronise_folder(partial)
         RealDisk().rename(partial, target)
     except (OSError, sqlite3.OperationalError) as error:
         raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error

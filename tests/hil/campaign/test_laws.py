@@ -1,0 +1,180 @@
+"""Every record of a collect is held against the others: what contradicts them fails its run, with its row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.night import Design
+from benchmarks.blind.physics import CATALOGUE
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.plausibility import judged_by_its_records
+from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
+from procedures.verdict import Verdict
+
+RUN = np.repeat([1, 2, 3], 3)
+AIR = np.repeat([20.0, 20.0, 60.0], 3)
+START_S = 3600.0 * RUN + 120.0 * np.tile([0, 1, 2], 3)
+
+
+def campaign(**changes: FloatArray) -> Campaign:
+    """Return two sensors of one unit in three runs of three collects, with every record; `changes` are of sensor 2."""
+    f_g = np.tile([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (3, 1))
+    columns = {
+        "n_samples": np.full(9, 1200.0),
+        "temperature_degC": AIR + 5.0 + np.tile([0.0, 0.1, 0.2], 3),
+        "case_degC": AIR + 1.0,
+        "chamber_degC": AIR + 0.2,
+        "setpoint_degC": AIR,
+        "dTdt_degC_per_min": np.full(9, 0.05),
+        "time_since_power_on_s": START_S - 600.0,
+        "time_since_setpoint_s": np.where(RUN == 3, START_S - 8000.0, START_S - 100.0),
+        "time_since_index_s": np.full(9, 60.0),
+        "supply_V": np.full(9, 28.0),
+        "spin_period_us": np.full(9, 1e4),
+    }
+    sensors = {}
+    for number in (1, 2):
+        changed = changes if number == 2 else {}
+        conditions = Conditions(
+            Sensor(number, ("A", "B", "S"), {"RA": "A", "RB": "B"}),
+            2 * np.arange(9) + number,
+            RUN,
+            np.tile(["1", "2", "3"], 3),
+            changed.get("start_s", START_S),
+            changed.get("duration_s", np.full(9, 60.0)),
+            f_g,
+            np.zeros((9, 3)),
+            columns | {name: values for name, values in changed.items() if name in columns},
+        )
+        rates = changed.get("rates", 10.0 * f_g[:, :2] + np.outer(np.arange(9.0), [1.0, 2.0]) + number / 8.0)
+        sensors[number] = Collects(conditions, rates, changed.get("errors", np.full((9, 2), 0.7)))
+    return Campaign("made", "", sensors)
+
+
+def shown(name: str) -> FloatArray:
+    """Return what sensor 2 shows where nothing is wrong."""
+    c = campaign().sensors[2].conditions
+    return np.array({"start_s": c.start_s, "duration_s": c.duration_s, **c.columns}[name], dtype=np.float64)
+
+
+def with_one(name: str, row: int, change: Callable[[float], float]) -> dict[str, FloatArray]:
+    """Return the column with one cell changed."""
+    values = shown(name)
+    values[row] = change(values[row])
+    return {name: values}
+
+
+def test_what_agrees_is_left_alone() -> None:
+    """Neither is a time that was written by intention, nor a power cut, nor a column that is not there."""
+    for changes in (
+        {},
+        {"time_since_setpoint_s": np.full(9, 3600.0)},
+        {"time_since_power_on_s": START_S - 3500.0 * RUN},
+    ):
+        assert judged_by_its_records(campaign(**changes)).warnings == ()
+    bare = campaign()
+    for number, rows in bare.sensors.items():
+        rows = replace(rows, conditions=replace(rows.conditions, columns={}))
+        assert judged_by_its_records(replace(bare, sensors={number: rows})).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("temperature_degC", lambda _: -10.0, "by the air around the unit"),
+        ("temperature_degC", lambda v: v + 11.0, "by the thermometer of sensor 1, in the same unit"),
+        ("temperature_degC", lambda v: v - 3.0, "by dTdt_degC_per_min and the collect before it"),
+        ("dTdt_degC_per_min", lambda _: 9.0, "by dTdt_degC_per_min and the collect before it"),
+        ("case_degC", lambda v: v + 30.0, "by the thermometer of the sensor"),
+        ("case_degC", lambda v: v - 6.0, "by the air around the unit"),
+        ("chamber_degC", lambda v: v - 11.0, "by its setpoint"),
+        ("setpoint_degC", lambda _: 60.0, "by its setpoint"),
+        ("duration_s", lambda _: 600.0, "by the collect before it"),
+        ("start_s", lambda v: v - 120.0, "by the collect before it"),
+        ("n_samples", lambda _: 700.0, "n_samples per second is 11.667, where 16 to 25 belongs"),
+        ("supply_V", lambda _: 5.0, "by what is usual in its run"),
+        ("spin_period_us", lambda _: 9000.0, "by what is usual in its run"),
+        ("time_since_power_on_s", lambda _: 5.0, "time_since_power_on_s is 6840, where -90 to 195 belongs"),
+        ("time_since_setpoint_s", lambda v: v + 4000.0, "by the collect before it"),
+        ("time_since_index_s", lambda _: 4000.0, "time_since_index_s is 4000, where"),
+    ],
+)
+def test_a_record_that_the_others_contradict_fails_its_run(
+    name: str, change: Callable[[float], float], words: str
+) -> None:
+    """One cell of one sensor, in the second collect of run 2."""
+    judged = judged_by_its_records(campaign(**with_one(name, 4, change)))
+    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
+    assert words in " ".join(judged.warnings)
+    assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
+
+
+@pytest.mark.parametrize(("digits", "said"), [(9, True), (1, False)])
+def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> None:
+    """One collect's in another, unless they are rounded so far that two may agree; one channel's in another, always."""
+    rates = np.round(np.random.default_rng(2).normal(0.0, 5.0, (9, 2)), digits)
+    rates[7] = rates[1]
+    judged = judged_by_its_records(campaign(rates=rates))
+    assert judged.warnings == (
+        ("collects 4, 16: sensor 2: show the very same rates: one was copied from another",) if said else ()
+    )
+    rates[:, 1], rates[7] = rates[:, 0], 1.0
+    judged = judged_by_its_records(campaign(rates=rates))
+    assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
+    assert list(judged.verdicts) == [1, 2, 3]
+
+
+def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
+    """It would carry the whole solution of its run."""
+    errors = np.full((9, 2), 0.7)
+    errors[4, 1] = 0.01
+    judged = judged_by_its_records(campaign(errors=errors))
+    assert list(judged.verdicts) == [2]
+    assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.verdicts[2].reason
+
+
+@pytest.mark.parametrize("edited", [False, True])
+def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edited: bool) -> None:
+    """Read from a folder, whose collects.csv somebody has edited."""
+    write_campaign(campaign(), tmp_path / "campaign")
+    series = tmp_path / "campaign" / "series"
+    series.mkdir()
+    noise = np.random.default_rng(1).normal(0.0, 5.0, (60, 2))
+    noise -= noise.mean(axis=0)
+    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f}" for t, (a, b) in enumerate(noise)]
+    (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr", *lines]))
+    table = tmp_path / "campaign" / "collects.csv"
+    if edited:
+        table.write_text(table.read_text().replace(",14.25,8.25,", ",114,8.25,"))
+    judged = read_campaign(tmp_path / "campaign")
+    assert list(judged.verdicts) == ([2] if edited else [])
+    assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited
+
+
+DESIGNS: tuple[dict[str, Any], ...] = (
+    {"power_cycles": 4},
+    {"missing": 0.2, "jitter": 0.3},
+    {"restabilisation_s": 0.0},
+    {"restabilisation_s": 300.0, "runs_per_temperature": 8},
+    {"collect_s": 600.0, "positions": ("1", "2", "3", "4")},
+    {"rest_s": 7200.0, "headings_deg": (30.0, 120.0)},
+)
+
+
+@pytest.mark.parametrize("design", DESIGNS, ids=lambda design: " ".join(design))
+@pytest.mark.parametrize("seeds", [1, pytest.param(20, marks=pytest.mark.slow)])
+def test_no_law_speaks_of_a_sound_night(tmp_path: Path, design: dict[str, Any], seeds: int) -> None:
+    """Nights of another simulator, each with another hidden effect: power cuts, missing collects, no soak at all."""
+    effects = sorted(CATALOGUE)
+    for seed in range(seeds):
+        hidden = effects[(seed + len(design) * 7) % len(effects)]
+        case = make_case(seed, (hidden,), 1.0, model="matrix-6", design=Design(**design))
+        assert read_campaign(write_case(case, tmp_path / str(seed))).warnings == ()
