@@ -51,7 +51,8 @@ class Truth:
 class SimulatedUnit:
     """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`.
 
-    Raises `InputError` where the bench has no simulation, or begins at a position that it does not have.
+    Raises `InputError` where the bench has no simulation or begins at a position that it does not have, or a term of
+    the model needs a condition that is not simulated.
     """
 
     def __init__(
@@ -110,6 +111,9 @@ class SimulatedUnit:
         self._scatters = [n for n, one in self._sensors.items() if model.scatter_for(one.sensor)]
         self._scatter: dict[int, ScatterRates] = {}  # once there is a grid point
         self._streams = settings.seed, session, sample_rate_hz
+        self._grid.advance(begins_s)
+        for number in self._terms:  # or the night would end at its first sample
+            model.rates(self._rows[number].at(self._rest(number, self._timeline.legs[0]), np.zeros(1, dtype=np.int64)))
 
     def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
         """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""
