@@ -184,6 +184,7 @@ class Reconciliation:
     picture: Mapping[str, Any] = field(default_factory=dict)
     follows: Sequence[tuple[str, float]] = ()
     noise: Sequence[Mapping[str, Any]] = ()
+    twin: Mapping[str, Any] | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -207,6 +208,7 @@ class Reconciliation:
             "notes": list(self.notes),
             "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
             "noise": [dict(channel) for channel in self.noise],
+            **({"twin": dict(self.twin)} if self.twin else {}),
         }
         return dict(_plain(document))
 
