@@ -41,6 +41,7 @@ from hil.solve.temperatures import same_temperature
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
+_NO_NOISE = 1e-6  # (deg/hr)²
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
 
@@ -85,7 +86,7 @@ def likeness(
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
     form = model.model_copy(update={"sensors": {}})
     known = model if own else fitted(source.campaign, form, calibrated=follows)
-    known = _with_white_noise(known, source.campaign)
+    known = with_white_noise(known, source.campaign)
     document = configuration(source)
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed])
     keep.mkdir(parents=True, exist_ok=True)
@@ -162,18 +163,15 @@ def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator
 
 def _scattered(rows: Collects, model: Model, rng: np.random.Generator) -> Collects:
     """Return the collects as the model's rates with all noise that it states and that the errors state."""
-    own = rows.conditions
+    own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
     stated = model.stated_covariance(own)
-    noise = np.nan_to_num(rows.rates_se_deg_per_hr) * rng.standard_normal(rows.rates_se_deg_per_hr.shape)
-    if stated is not None and len(stated):
-        values, vectors = np.linalg.eigh(stated)
-        along = np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values))
-        noise = noise + (vectors @ along).reshape(noise.shape)
+    whole = np.diag(errors.ravel() ** 2 + _NO_NOISE) + (0.0 if stated is None else stated)
+    noise = (np.linalg.cholesky(whole) @ rng.standard_normal(errors.size)).reshape(errors.shape)
     rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
     return replace(rows, rates_deg_per_hr=rates)
 
 
-def _with_white_noise(model: Model, campaign: Campaign) -> Model:
+def with_white_noise(model: Model, campaign: Campaign) -> Model:
     """Return the model with the white noise that the standard errors show, where it states none."""
     noise = dict(model.noise)
     for number, rows in campaign.sensors.items():
