@@ -27,7 +27,7 @@ from hil.likeness import likeness
 from hil.likeness.draws import drawn_model, fitted, night_of_averages
 from hil.likeness.features import features
 from hil.likeness.verdict import verdict
-from hil.model import Model, load_model
+from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import reconcile
 from hil.records.export import Source, open_source

@@ -21,16 +21,17 @@ from hil.model.earth import Site
 from hil.records import reading
 from hil.records.export import Source
 from hil.records.reader import is_night
-from hil.solve.temperatures import level_degC
+from hil.solve.temperatures import level_degC, same_temperature
 
 _LOOKED_AT = {"interval": "90 s", "read_interval": "90 s"}  # seldom: simulated devices keep every byte
 _FRAME_BYTES, _STATUS_BYTES = 7, 4  # sync, id and checksum of an MFS frame; its status, counter and position
+_INFERRED = "inferred"
 _MARGIN_DEGC = 20.0
 _UP = 0.2  # deg/hr of horizontal earth rate: below it nothing tells how a sensor lies about the vertical
 
 
-def configuration(source: Source) -> dict[str, Any]:
-    """Return hil.configuration/1 of the night to be simulated, without its model.
+def configuration(source: Source) -> tuple[dict[str, Any], bool]:
+    """Return hil.configuration/1 of the night to be simulated, without its model; and whether its devices are assumed.
 
     Raises `InputError` where the plan of a campaign cannot be inferred from its collects.
     """
@@ -50,10 +51,11 @@ def configuration(source: Source) -> dict[str, Any]:
     bench |= {"clock": "virtual", "record": {"raw": False}, "polling": dict(_LOOKED_AT)}
     first = str(next(iter(document["sweep"].get("positions", ["1"]))))
     start = {"temperature": document["sweep"].get("start", "23 degC"), "position": first}
+    assumed = document["bench_file"] == _INFERRED or "simulation" not in bench
     bench["simulation"] = {"start": start, **bench.get("simulation", {}), "seed": 0, "model": "model"}
     for key in ("imu_faults", "chamber_faults"):
         bench["simulation"].pop(key, None)
-    return document
+    return document, assumed
 
 
 def _inferred(campaign: Campaign) -> dict[str, Any]:
@@ -101,7 +103,7 @@ def _inferred(campaign: Campaign) -> dict[str, Any]:
         "chamber": {"driver": "espec", "port": "sim://chamber", "limits": limits, "safe_state": {"action": "standby"}},
         "simulation": {"noise": {"new_run_after_rest": f"{0.5 * rest_s} s"}},
     }
-    texts = {"schema": SCHEMA, "bench_file": "inferred", "sweep_file": "inferred", "bench": bench, "sweep": sweep}
+    texts = {"schema": SCHEMA, "bench_file": _INFERRED, "sweep_file": _INFERRED, "bench": bench, "sweep": sweep}
     return {**texts, "imu": yaml.safe_dump(stream, sort_keys=False)}
 
 
@@ -140,17 +142,18 @@ def _axes(site: Site, rows: Conditions, position: str) -> FloatArray:
 
 def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]:
     """Return the sweep of which these are the collects, and how long it rests between two runs, s."""
-    level = level_degC(rows)
+    station, level = same_temperature(rows), rows.columns.get("temperature_degC", level_degC(rows))
     runs = [np.flatnonzero(rows.run == run) for run in dict.fromkeys(rows.run.tolist())]
     positions = rows.position[runs[0]].tolist()
-    levels = [23.0 if level is None else round(float(np.nanmean(level[own])), 1) for own in runs]
-    for own, at in zip(runs, levels, strict=True):
-        if rows.position[own].tolist() != positions or not np.isfinite(at):
+    for own in runs:
+        if rows.position[own].tolist() != positions or station[own].min() < 0:
             raise InputError(
                 f"{campaign.folder}: run {rows.run[own][0]}: its collects are not those of run {rows.run[0]} "
                 f"({', '.join(positions)}), or its temperature is not known, so the plan cannot be inferred"
             )
-    plateaus = [0, *(k for k in range(1, len(runs)) if abs(levels[k] - levels[k - 1]) > 1.0)]
+    stands = [int(station[own[0]]) for own in runs]
+    plateaus = [0, *(k for k in range(1, len(runs)) if stands[k] != stands[k - 1])]
+    levels = [23.0 if level is None else float(np.nanmean(level[station == stands[k]])) for k in plateaus]
     times = {int(each) for each in np.diff([*plateaus, len(runs)])}
     if len(times) != 1:
         raise InputError(f"{campaign.folder}: its temperatures were not measured equally often: no plan says so")
@@ -163,7 +166,7 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
     collect = {"settle": f"{settle_s} s", "duration": f"{float(np.median(rows.duration_s))} s"}
     sweep = {
         "title": campaign.title,
-        "temperatures": [f"{levels[k]} degC" for k in plateaus],
+        "temperatures": [f"{each:.1f} degC" for each in levels],
         "self_calibrations_per_temperature": times.pop(),
         "positions": positions,
         "restabilisation": soak,

@@ -41,6 +41,7 @@ from hil.solve.temperatures import same_temperature
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
+_ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
 _NO_NOISE = 1e-6  # (deg/hr)²
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
@@ -84,10 +85,11 @@ def likeness(
         model.check_sensor(sensor)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
+    follows &= all(same_temperature(rows.conditions).max() > 0 for rows in source.campaign.sensors.values())
     form = model.model_copy(update={"sensors": {}})
     known = model if own else fitted(source.campaign, form, calibrated=follows)
     known = with_white_noise(known, source.campaign)
-    document = configuration(source)
+    document, assumed = configuration(source)
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed])
     keep.mkdir(parents=True, exist_ok=True)
     make = partial(
@@ -109,7 +111,7 @@ def likeness(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
-    return {**head, "model": model.title, "draws": draws, "seed": seed, **verdict(nights)}
+    return {**head, "model": model.title, "draws": draws, "seed": seed, **verdict(nights, _ASSUMED if assumed else 1.0)}
 
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:

@@ -7,7 +7,7 @@ is taken from the simulated nights too.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,15 @@ from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.series import blocked
 from hil.reconcile.search.problem import SensorProblem, pose
 from hil.records.export import Source
+from hil.records.reader import is_night
 from hil.solve.temperatures import same_temperature
 
 PARTS = ("averages", "run_scatter", "series", "conditions")
 RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "hr": 0.02}
 """Differences that count as none, by the unit that ends a name: no bench repeats its conditions better."""
 
-_CONDITIONS = ("temperature_degC", "chamber_degC", "case_degC", "dTdt_degC_per_min", "time_since_setpoint_s")
+_CONDITIONS = ("temperature_degC", "dTdt_degC_per_min", "time_since_setpoint_s")
+_OF_A_BENCH = ("chamber_degC", "case_degC")  # which a campaign's is not known to have
 _NORMAL = 2.0 / 3.0  # to this power a root mean square is nearly normal (Wilson, Hilferty)
 _FEWEST = 8  # blocks of a series
 
@@ -47,7 +49,7 @@ def features(source: Source, form: Model, *, calibrated: bool) -> dict[str, floa
             ]
             for part, where, name, value in found:
                 out[json.dumps([part, {**at, **where}, name])] = value
-        for where, name, value in _conditions(rows):
+        for where, name, value in _conditions(rows, _OF_A_BENCH if is_night(source.folder) else ()):
             out[json.dumps(["conditions", {"sensor": number, **where}, name])] = value
     return {key: float(value) for key, value in out.items() if np.isfinite(value)}
 
@@ -134,10 +136,10 @@ def _inside(source: Source, rows: Conditions, channel: int) -> Iterator[tuple[st
         yield "series", {}, name, _mean(values)
 
 
-def _conditions(rows: Conditions) -> Iterator[tuple[dict[str, Any], str, float]]:
+def _conditions(rows: Conditions, also: Sequence[str]) -> Iterator[tuple[dict[str, Any], str, float]]:
     for where, here in _levels(rows):
         if "temperature_degC" in where:
-            for name in set(_CONDITIONS) & set(rows.columns):
+            for name in {*_CONDITIONS, *also} & set(rows.columns):
                 yield where, name, _mean(rows.columns[name][here])
             yield where, "duration_s", _mean(rows.duration_s[here])
     yield {}, "the whole night_hr", float(np.ptp(rows.start_s)) / 3600.0

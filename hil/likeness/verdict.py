@@ -23,15 +23,16 @@ SMALLEST = 1e-6
 """Below it a p-value is not said: so few draws cannot vouch for it."""
 
 
-def verdict(nights: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[str, Any]:
     """Return `p_value`, `parts` and `places` of the first night among others that are alike, for hil.twin/1.
 
-    All are corrected together: `p_value` is the smallest of its parts', each compared with the smallest of a draw's.
+    Conditions may differ by `coarse` times their resolution. All are corrected together: `p_value` is the smallest of
+    its parts', each compared with the smallest of a draw's.
     """
     keys = sorted(set(nights[0]).intersection(*nights[1:]))
     values = np.array([[night[key] for key in keys] for night in nights])
     told = [json.loads(key) for key in keys]
-    floor = np.array([RESOLUTION.get(name.split("_")[-1], 0.01) for _, _, name in told])
+    floor = np.array([coarse * RESOLUTION.get(name.split("_")[-1], 0.01 / coarse) for _, _, name in told])
     chances = unlike(values, floor)
     parts = {part: [k for k, each in enumerate(told) if each[0] == part] for part in PARTS}
     places: dict[str, list[int]] = {}
@@ -74,6 +75,5 @@ def corrected(chances: Mapping[str, FloatArray]) -> dict[str, float]:
 
 def _placed(chance: float, others: FloatArray) -> float:
     rank = int(np.searchsorted(others, chance))
-    below, above = (0.0, *others.tolist(), max(1.0, chance))[rank : rank + 2]
-    share = (chance - below) / max(above - below, 1e-300)
-    return float(np.clip((rank + share) / (len(others) + 1), SMALLEST, 1.0))
+    share = 1.0 if rank else chance / others[0]
+    return max(float((rank + share) / (len(others) + 1)), SMALLEST)
