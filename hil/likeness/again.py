@@ -46,6 +46,7 @@ def configuration(source: Source) -> tuple[dict[str, Any], bool]:
     for section, key in (("imu", "port"), ("chamber", "port"), ("chamber", "ramp_port")):
         if key in bench[section]:
             bench[section][key] = f"sim://{key if key == 'ramp_port' else section}"
+    bench["chamber"].pop("model", None)  # which the simulated one is not
     if bench["unit"]["serial"] in ("", "ask"):
         bench["unit"]["serial"] = "SIM-0001"
     bench |= {"clock": "virtual", "record": {"raw": False}, "polling": dict(_LOOKED_AT)}

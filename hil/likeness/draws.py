@@ -30,7 +30,7 @@ from hil.likeness.again import configuration
 from hil.likeness.features import features
 from hil.likeness.verdict import verdict
 from hil.model import Model
-from hil.model.curve import Constant, Table, TableRows
+from hil.model.curve import Constant, Table
 from hil.model.model_file import save_model
 from hil.model.stated_noise import SensorNoise
 from hil.night import start_night
@@ -43,10 +43,11 @@ SCHEMA = "hil.twin/1"
 FEWEST = 3
 _ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
 _NO_NOISE = 1e-6  # (deg/hr)²
+_WHITE = "deg/sqrt(hr)"
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
 
-class _Agrees:
+class Agrees:
     """Who stands at the simulated bench, and lays the unit as asked."""
 
     def put(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
@@ -126,35 +127,26 @@ def drawn_model(model: Model, campaign: Campaign, form: Model, rng: np.random.Ge
     Terms, and sizes of scatter, are drawn by their standard errors.
     """
     base = fitted(night_of_averages(campaign, model, rng), form, calibrated=calibrated).sensors
-    terms = tuple(
-        term.model_copy(update={"parameters": {n: _drawn_curve(c, rng) for n, c in term.parameters.items()}})
-        for term in model.terms
+    document = model.model_copy(update={"sensors": {**model.sensors, **base}}).model_dump(
+        by_alias=True, exclude_unset=True
     )
-    noise = {
-        number: stated.model_copy(
-            update={
-                "scatter": tuple(
-                    each.model_copy(
-                        update={"parameters": {n: _drawn_curve(c, rng, size=True) for n, c in each.parameters.items()}}
-                    )
-                    for each in stated.scatter
-                )
-            }
-        )
-        for number, stated in model.noise.items()
-    }
-    return model.model_copy(update={"sensors": {**model.sensors, **base}, "terms": terms, "noise": noise})
+    drawn = {key: _drawn_values(document.get(key, {}), rng, size=key == "noise") for key in ("terms", "noise")}
+    return Model.model_validate({**document, **drawn, "terms": tuple(drawn["terms"])})
 
 
-def _drawn_curve(curve: Any, rng: np.random.Generator, *, size: bool = False) -> Any:
-    rows = curve.table if isinstance(curve, Table) else curve
-    key = "polynomial" if hasattr(rows, "polynomial") else "value"
-    value, error = np.asarray(getattr(rows, key)), np.asarray(0.0 if rows.se is None else rows.se)
-    standard = rng.standard_normal(value.shape)
-    relative = error / np.maximum(np.abs(value), 1e-12)
-    new = value * np.exp(standard * relative) if size else value + error * standard  # a size is never negative
-    told = rows.model_copy(update={key: tuple(new.tolist()) if new.shape else float(new)})
-    return curve.model_copy(update={"table": told}) if rows is not curve else told
+def _drawn_values(entry: Any, rng: np.random.Generator, *, size: bool) -> Any:
+    """Return a part of a model file with all that has a standard error drawn anew; a `size` stays positive."""
+    if isinstance(entry, list | tuple):
+        return [_drawn_values(each, rng, size=size) for each in entry]
+    if not isinstance(entry, Mapping):
+        return entry
+    out = {key: _drawn_values(each, rng, size=size) for key, each in entry.items()}
+    if entry.get("se") is not None:
+        key = "value" if "value" in entry else "polynomial"
+        value, error = np.asarray(entry[key]), np.asarray(entry["se"]) * rng.standard_normal(np.shape(entry[key]))
+        relative = np.exp(error / np.maximum(np.abs(value), 1e-12))
+        out[key] = (value * relative if size else value + error).tolist()
+    return out
 
 
 def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator) -> Campaign:
@@ -182,16 +174,12 @@ def with_white_noise(model: Model, campaign: Campaign) -> Model:
             continue
         white = np.nanmedian(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None], axis=1)
         white = np.where(np.isfinite(white), white, _ANGLE_RANDOM_WALK)
-        station = same_temperature(own)
-        temperature = own.columns.get("temperature_degC", np.full(len(own), np.nan))
+        station, inside = same_temperature(own), own.columns.get("temperature_degC", np.full(len(own), np.nan))
         at = {
-            float(np.nanmean(temperature[station == k])): float(np.median(white[station == k]))
-            for k in set(station.tolist())
+            float(np.nanmean(inside[station == k])): float(np.median(white[station == k])) for k in np.unique(station)
         }
-        levels = sorted(at)
-        table = TableRows(temperature_degC=tuple(levels), value=tuple(at[k] for k in levels)) if len(at) > 1 else None
-        unit = "deg/sqrt(hr)"
-        curve = Table(unit=unit, table=table) if table else Constant(unit=unit, value=next(iter(at.values())))
+        told = {"temperature_degC": [*at], "value": [*at.values()]} if len(at) > 1 else next(iter(at.values()))
+        curve = Table(unit=_WHITE, table=told) if len(at) > 1 else Constant(unit=_WHITE, value=told)
         noise[number] = stated.model_copy(update={"angle_random_walk": curve})
     return model.model_copy(update={"noise": noise})
 
@@ -221,7 +209,7 @@ def _drawn(
         text = yaml.safe_dump({**document, "model": read_text(folder / "model.yaml")}, sort_keys=False)
         bench, sweep = configuration_of(text, folder / "files")
         ended = start_night(
-            folder / "night", sweep, bench, seed=int(rng.integers(2**31)), terminal=_Agrees(), who="the twin"
+            folder / "night", sweep, bench, seed=int(rng.integers(2**31)), terminal=Agrees(), who="the twin"
         )
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
