@@ -25,7 +25,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve
-from hil.model.effects.base import Base, Described, Effect, VarianceEffect
+from hil.model.effects.base import Base, Described, Effect, Scatter, VarianceEffect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, variance_effect_by_id
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
@@ -106,15 +106,14 @@ class Model(_Section):
         noise = self.noise.get(sensor.number)
         return () if noise is None else noise.scatter_for(sensor)
 
-    def stated_covariance(self, conditions: Conditions) -> FloatArray | None:
-        """Return what n collects scatter by beside their own standard errors, (n·c, n·c), rows (n, c) flattened.
+    def stated_scatter(self, conditions: Conditions) -> Sequence[Scatter]:
+        """Return what n collects scatter by beside their own standard errors, deg/hr, as independent parts.
 
         All that the noise section states but the angle random walk, which shows inside the collects and so in their
-        errors; None where it states nothing of the sensor. Raises `InputError` where a size follows a temperature that
-        rows lack.
+        errors. Raises `InputError` where a size follows a temperature that rows lack.
         """
         noise = self.noise.get(conditions.sensor.number)
-        return None if noise is None else noise.covariance(conditions, value_form(self.form, conditions.sensor))
+        return () if noise is None else noise.parts(conditions, value_form(self.form, conditions.sensor))
 
     def check_sensor(self, sensor: Sensor, source: str | Path = "") -> None:
         """Raise `InputError` where the model does not fit a sensor of this layout: names, units, shapes, effects.

@@ -7,7 +7,8 @@ scatter, and files that have them keep them; whatever else scatters stands in `s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,28 +79,28 @@ class SensorNoise(BaseModel):
             matrix[first, second] = matrix[second, first] = value
         return np.asarray(np.linalg.cholesky(matrix))
 
-    def covariance(self, conditions: Conditions, form: LinearForm) -> FloatArray:
-        """Return the covariance beside the standard errors of n collects, (n·c, n·c); see `Model.stated_covariance`.
+    def parts(self, conditions: Conditions, form: LinearForm) -> Sequence[Scatter]:
+        """Return what scatters n collects beside their standard errors, deg/hr; see `Model.stated_scatter`.
 
         Raises `InputError` where a size follows a temperature that rows lack.
         """
         temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
-        channels = len(conditions.sensor.channels)
         names = sorted(self.run_to_run)
         columns = form.columns(conditions)[:, :, [form.names.index(name) for name in names]]
         for place, name in enumerate(names):
             columns[:, :, place] *= _at(self.run_to_run[name], temperature, name)[:, None]
-        total = Scatter(columns @ self.correlation_factor(), group=conditions.run).covariance(conditions)
+        out = [Scatter(columns @ self.correlation_factor(), group=conditions.run)] if names else []
         older = [
             (ScatterTerm(effect=effect.id, parameters={effect.parameters[0].name: getattr(self, key)}), effect)
             for key, effect in _OLDER.items()
             if effect.id != "arw"  # it shows inside the collects, and so in their standard errors
         ]
         for term, effect in (*older, *self.scatter_for(conditions.sensor)):
-            size = np.repeat(term.size_at(temperature), channels)
+            size = term.size_at(temperature)
             if size.any():
-                total += np.multiply.outer(size, size) * effect.covariance(conditions, term.shape)
-        return total
+                parts = effect.scatter(conditions, term.shape)
+                out += [replace(part, columns=size[:, None, None] * part.columns) for part in parts]
+        return out
 
     def mistake(self, units: Mapping[str, str]) -> str:
         """Say what is wrong with the older keys, "key: what"; empty where nothing is.

@@ -88,7 +88,7 @@ class Screen:
         for search in found.values():
             search.terms = [term for term in search.terms if not term.is_mistake]
             for block in search.blocks:
-                block.choose_for([_rates(unit, block, conditions) for unit in some])
+                block.choose([np.zeros((len(block.y), 0))], [_rates(unit, block, conditions) for unit in some])
                 block.scanned = np.arange(len(block.points))  # what a screen calls is not weighed again
             search.forget()
         return cls(chosen, conditions, found)
@@ -146,7 +146,7 @@ class Screen:
 
     def _scanned(self, search: SensorSearch, campaign: Campaign) -> FloatArray:
         for block in search.blocks:
-            block.y = _rates(campaign, block, self.conditions) / block.unit
+            block.measure(_rates(campaign, block, self.conditions) / block.unit)
         return search.scan(())
 
 

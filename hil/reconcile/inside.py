@@ -5,7 +5,7 @@ smallest, corrected for how many were asked. What is the same from collect to co
 settling or a tone that no single collect proves shows there. All effects share one rate of false alarms.
 
     findings = within_collects(campaign, SERIES_EFFECTS, 0.01)
-    inside = named_within(findings, SERIES_EFFECTS)        # effects for the result, each with its rivals
+    inside = named_within(findings, SERIES_EFFECTS, 0.01)  # effects for the result, each with its rivals
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
 _CERTAIN = 0.8
+_ODDS = 0.05
+"""Prior odds that one effect shows inside the collects, as of one that shows in the averages."""
 RAMP = Ramp.id
 """A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
@@ -103,12 +105,16 @@ def _finding(asked: _Asked, alpha: float, tests: int) -> dict[str, Any] | None:
 
 
 def named_within(
-    findings: Sequence[dict[str, Any]], effects: Sequence[SeriesEffect], in_averages: Collection[str] = ()
+    findings: Sequence[dict[str, Any]],
+    effects: Sequence[SeriesEffect],
+    alpha: float,
+    in_averages: Collection[str] = (),
 ) -> list[FoundEffect]:
     """Return what the findings are called: per sensor, the strongest of each group that can be taken for one another.
 
-    The share of a name among its rivals is that of its Bayes factor's bound, 1/(−e p ln p) (Sellke, Bayarri, Berger). A
-    slope inside the collects is the slow effect's that the averages show (`in_averages`), and ambiguous where none is.
+    The share of a name among its rivals is that of its prior odds and its Bayes factor's bound, 1/(−e p ln p) (Sellke,
+    Bayarri, Berger); what is nothing with a probability above `alpha` has no name. A slope inside the collects is the
+    slow effect's that the averages show (`in_averages`), and ambiguous where none is.
     """
     by_id = {effect.id: effect for effect in effects}
     out = []
@@ -117,7 +123,8 @@ def named_within(
         while left:
             leader = left[0]
             alike = [f for f in left if f["id"] == leader["id"] or _confusable(by_id, leader["id"], f["id"])]
-            out.append(_named(leader, alike, by_id))
+            named, nothing = _named(leader, alike, by_id)
+            out += [named] if nothing <= alpha else []
             left = [f for f in left if f not in alike]
     return out
 
@@ -126,18 +133,21 @@ def _confusable(by_id: dict[str, SeriesEffect], first: str, second: str) -> bool
     return second in by_id[first].confusable_with or first in by_id[second].confusable_with
 
 
-def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[str, SeriesEffect]) -> FoundEffect:
+def _named(
+    leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[str, SeriesEffect]
+) -> tuple[FoundEffect, float]:
+    """Return an effect with its rivals, and the probability that nothing is there."""
     weight: dict[str, float] = {}
     for finding in alike:
         p = min(max(finding["q_value"], _LEAST_P), 0.3)
-        weight[finding["id"]] = max(weight.get(finding["id"], 0.0), -1.0 / (np.e * p * np.log(p)))
+        weight[finding["id"]] = max(weight.get(finding["id"], 0.0), -_ODDS / (np.e * p * np.log(p)))
     total = 1.0 + sum(weight.values())  # 1: that nothing is there
     effect = by_id[leader["id"]]
     if effect.id == RAMP:
         slow = {name: weight[RAMP] for name in effect.confusable_with if name not in weight}
         weight, total = {**weight, **slow}, total + sum(slow.values())
     probability = float(weight.pop(effect.id) / total)
-    return FoundEffect(
+    found = FoundEffect(
         id=effect.id,
         title=effect.title,
         equation=effect.equation,
@@ -150,6 +160,7 @@ def _named(leader: dict[str, Any], alike: Sequence[dict[str, Any]], by_id: dict[
         experiment=effect.experiment,
         inside_collects=True,
     )
+    return found, float(1.0 / total)
 
 
 def _title(name: str, by_id: Mapping[str, SeriesEffect]) -> str:

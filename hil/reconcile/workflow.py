@@ -132,7 +132,7 @@ def _result(
     wrong = mistakes.mistakes_found(reading, campaign)
     within = [
         effect
-        for effect in named_within(inside, SERIES_EFFECTS, [n.name for n in names])
+        for effect in named_within(inside, SERIES_EFFECTS, alpha, [n.name for n in names])
         if not model.knows_inside(effect.id, effect.sensors)
     ]
     verdict = findings.verdict_of(
@@ -153,7 +153,7 @@ def _result(
             for n, js in named.terms.items()
             for j in js
         ]
-        calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.point["calibration"])
+        calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
         after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
@@ -183,7 +183,7 @@ def _result(
         as_it_stands=standing,
         notes=notes,
         simulated=campaign.simulated,
-        calibration="per temperature" if any(b.point["calibration"] for b in fit.blocks) else "one set",
+        calibration="per temperature" if any(b.calibrated for b in fit.blocks) else "one set",
         picture=findings.picture(fit, before, conditions),
         follows=reading.follows,
         noise=noise,

@@ -15,12 +15,12 @@ import numpy as np
 from scipy.special import gammaln
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.noise import Points
-from hil.solve.identifiability import independent_columns
+from hil.reconcile.search.noise import Noise, Points
 
-HOLDS = ((18.0, 18.0, 0.6), (0.3, 0.3, 0.4))
+Scale = tuple[float, float, float]
+HOLDS: tuple[Scale, ...] = ((18.0, 18.0, 0.6), (0.3, 0.3, 0.4))
 """Inverse-gamma (a, b) of s² in stated variances, and weight: errors are right to 17 %, or nobody knows how wrong."""
-UNKNOWN = ((0.3, 0.3, 1.0),)
+UNKNOWN: tuple[Scale, ...] = ((0.3, 0.3, 1.0),)
 """Of s² in the variance that a rough fit leaves, where no errors are stated."""
 SEEN = 1e-6
 """A direction of which less is left beside the base is the base's."""
@@ -42,15 +42,35 @@ class Amplitude:
 
 
 @dataclass(frozen=True)
+class Options:
+    """Every size that the amplitudes (q,) of a term may have: log weights (o,), means and deviations (o, q)."""
+
+    log_weights: FloatArray
+    mean: FloatArray
+    deviation: FloatArray
+
+    @classmethod
+    def of(cls, amplitudes: Sequence[Amplitude]) -> Options:
+        """Lay the priors of a term out, size by size."""
+        return cls(
+            np.concatenate([a.log_weights for a in amplitudes]),
+            np.concatenate([np.repeat(a.mean[None], len(a.sizes), axis=0) for a in amplitudes]),
+            np.concatenate([np.outer(a.sizes, a.deviation) for a in amplitudes]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.log_weights)
+
+
+@dataclass(frozen=True)
 class Beside:
     """Rows whitened at every point, (t, N), with a base projected out, and what is left of the data there.
 
-    `basis` (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_base` (t,) the
-    log determinants.
+    `basis` (t, N, p) spans the base, what follows temperature by as much as that may, `residual` (t, N) is what it
+    leaves, `rss` (t,) its square, `log_base` (t,) the log determinants of noise and base.
     """
 
-    points: Points
-    scales: Sequence[tuple[float, float, float]]
+    scales: Sequence[Scale]
     basis: FloatArray
     residual: FloatArray
     rss: FloatArray
@@ -58,43 +78,46 @@ class Beside:
     freedom: int
 
     @classmethod
-    def of(
-        cls, points: Points, scales: Sequence[tuple[float, float, float]], y: FloatArray, base: FloatArray
-    ) -> Beside:
-        """Project a base (N, p), made independent, out of data y (N,)."""
-        base = independent_columns(base, SEEN)
-        white = points.factor @ np.column_stack([base, y])
-        if base.shape[1]:
-            own, triangle = np.linalg.qr(white[:, :, :-1])
-            log_base = -np.sum(np.log(np.abs(np.diagonal(triangle, axis1=1, axis2=2))), axis=1)
-        else:
-            own, log_base = white[:, :, :0], np.zeros(len(points))
-        left = white[:, :, -1]
-        left = left - (own @ (np.swapaxes(own, 1, 2) @ left[..., None]))[..., 0]
+    def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], y: FloatArray, base: FloatArray) -> Beside:
+        """Project the base (N, p) and its values over temperature out of data y (N,), in the block's order of rows."""
+        values = noise.by_station.shape[1]
+        white = noise.whiten(points, np.column_stack([noise.by_station, base[noise.order], y[noise.order]]))
+        factor = np.array([noise.factor(int(p)) for p in points.profile])
+        acting = np.any(factor, axis=(0, 1))
+        seen = white.columns[:, :, :values] @ factor[:, :, acting]
+        inner = np.eye(seen.shape[2]) + np.swapaxes(seen, 1, 2) @ seen
+        triangle = np.linalg.cholesky(inner)
+        basis = np.swapaxes(np.linalg.solve(triangle, np.swapaxes(seen, 1, 2)), 1, 2)
+        half_log_det = white.half_log_det + np.sum(np.log(np.diagonal(triangle, axis1=1, axis2=2)), axis=1)
+        y_left = _less(basis, white.columns[:, :, -1:])
+        nothing = cls(scales, basis, y_left[:, :, 0], np.zeros(len(points)), -half_log_det, len(y))
+        return nothing.beside(_less(basis, white.columns[:, :, values:-1]))
+
+    def beside(self, columns: FloatArray) -> Beside:
+        """Add projected columns (t, N, q) to the base, those that are combinations of others left out."""
+        values, vectors = np.linalg.eigh(np.swapaxes(columns, 1, 2) @ columns)
+        usable = values > SEEN**2 * values.max(axis=1, initial=LEAST, keepdims=True)
+        size = np.where(usable, values, 1.0)
+        own = columns @ (vectors * np.where(usable, size**-0.5, 0.0)[:, None, :])
+        left = _less(own, self.residual[:, :, None])[:, :, 0]
         rss = np.maximum(np.einsum("tn,tn->t", left, left), LEAST)
-        return cls(points, scales, own, left, rss, log_base - points.half_log_det, len(y) - base.shape[1])
+        log_base = self.log_base - 0.5 * np.sum(np.log(size), axis=1)
+        freedom = self.freedom - int(usable.sum(axis=1).max(initial=0))
+        return Beside(self.scales, np.concatenate([self.basis, own], axis=2), left, rss, log_base, freedom)
 
     def at(self, index: IntArray | slice) -> Beside:
         """Return some of the points."""
-        if isinstance(index, slice):
-            return self
         values = (self.basis[index], self.residual[index], self.rss[index], self.log_base[index])
-        return Beside(self.points, self.scales, *values, self.freedom)
+        return Beside(self.scales, *values, self.freedom)
 
-    def products(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return inner products (t, k, k) of whitened columns (t, N, k) beside the base, and with the data (t, k)."""
-        across = np.swapaxes(self.basis, 1, 2) @ white
-        gram = np.swapaxes(white, 1, 2) @ white - np.swapaxes(across, 1, 2) @ across
-        return gram, np.einsum("tnk,tn->tk", white, self.residual)
+    def project(self, white: FloatArray) -> FloatArray:
+        """Return whitened columns (t, N, k) less what the base can do."""
+        return _less(self.basis, white)
 
     def student(self, left: FloatArray, half_log_det: FloatArray, scale: int) -> FloatArray:
         """Log evidence for a quadratic form `left` (t, …) under one of the scales' priors, prior of the point apart."""
-        a, b, weight = self.scales[scale]
-        power = a + 0.5 * self.freedom
-        constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
         shape = (len(self.rss),) + (1,) * (left.ndim - 1)
-        log_point = self.log_base.reshape(shape)
-        return np.asarray(constant + log_point - power * np.log(b + 0.5 * left) - half_log_det)
+        return student(left, self.log_base.reshape(shape), self.scales[scale], self.freedom) - half_log_det
 
     def scale_left(self, left: FloatArray, scale: int) -> FloatArray:
         """Return what s² most probably is where a fit leaves `left`."""
@@ -105,6 +128,18 @@ class Beside:
         """Log evidence of the base alone at every point, (t,), the point's prior apart."""
         zero = np.zeros(len(self.rss))
         return log_sum(np.array([self.student(self.rss, zero, k) for k in range(len(self.scales))]))
+
+
+def student(left: FloatArray, log_base: FloatArray, scale: Scale, freedom: int) -> FloatArray:
+    """Log evidence for a quadratic form `left` (…) with log determinants `log_base`, under one prior of the scale."""
+    a, b, weight = scale
+    power = a + 0.5 * freedom
+    constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
+    return np.asarray(constant + log_base - power * np.log(b + 0.5 * left))
+
+
+def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    return np.asarray(columns - basis @ (np.swapaxes(basis, 1, 2) @ columns))
 
 
 @dataclass(frozen=True)
@@ -148,14 +183,30 @@ class Group:
         return out
 
 
-def log_factors(beside: Beside, groups: Sequence[tuple[Group, FloatArray]], count: int) -> FloatArray:
+@dataclass(frozen=True)
+class Laid:
+    """A group's columns at some points, less what the base can do, (t, N, j·q), and the products within each."""
+
+    group: Group
+    columns: FloatArray
+    gram: FloatArray
+
+    @classmethod
+    def of(cls, group: Group, columns: FloatArray) -> Laid:
+        """Lay projected columns (t, N, j·q) out."""
+        return cls(group, columns, _grams(columns, columns.shape[2] // len(group.places)))
+
+
+def log_factors(beside: Beside, laid: Sequence[Laid], added: FloatArray, count: int) -> FloatArray:
     """Log evidence of each of `count` candidates at every point, (t, count), the point's prior apart.
 
-    `groups` come with their whitened columns (t, N, j·q).
+    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with.
     """
     out = np.repeat(beside.log_null()[:, None], count, axis=1)
-    for group, white in groups:
-        gram, score = _within(beside, white, len(group.places))
+    for own in laid:
+        group, (points, _, size, _) = own.group, own.gram.shape
+        score = (beside.residual[:, None, :] @ own.columns).reshape(points, -1, size)
+        gram = own.gram - _grams(np.swapaxes(added, 1, 2) @ own.columns, size) if added.shape[2] else own.gram
         terms = _weighed(beside, gram[:, group.owner], score[:, group.owner], group)
         if len(group.owner) > len(group.places):
             terms = np.stack(
@@ -165,20 +216,11 @@ def log_factors(beside: Beside, groups: Sequence[tuple[Group, FloatArray]], coun
     return out
 
 
-def _within(beside: Beside, white: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Inner products within each of `count` candidates (t, j, q, q) beside the base, and scores (t, j, q)."""
-    points, _, wide = white.shape
-    size = wide // count
-    across = np.swapaxes(beside.basis, 1, 2) @ white
-    score = np.einsum("tnk,tn->tk", white, beside.residual).reshape(points, count, size)
-    if size == 1:
-        gram = np.einsum("tnk,tnk->tk", white, white) - np.einsum("tpk,tpk->tk", across, across)
-        return gram[..., None, None], score
-    return _grams(white, size) - _grams(across, size), score
-
-
 def _grams(columns: FloatArray, size: int) -> FloatArray:
+    """Inner products within each of several candidates of `size` columns, (t, j, q, q) of (t, N, j·q)."""
     points, rows, wide = columns.shape
+    if size == 1:
+        return np.asarray(np.einsum("tnk,tnk->tk", columns, columns)[:, :, None, None])
     apart = np.ascontiguousarray(columns.reshape(points, rows, wide // size, size).transpose(0, 2, 1, 3))
     return np.asarray(np.swapaxes(apart, 2, 3) @ apart)
 

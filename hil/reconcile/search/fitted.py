@@ -35,6 +35,11 @@ class FittedBlock:
     deviation: FloatArray
 
     @property
+    def calibrated(self) -> bool:
+        """Whether a value of the base follows temperature."""
+        return any(far for far, _ in self.search.noise.profiles[int(self.point["profile"])])
+
+    @property
     def whitening(self) -> FloatArray:
         """W with W'W = V^-1, (N, N), per deg/hr."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
@@ -42,7 +47,7 @@ class FittedBlock:
     def noise_alone(self) -> FloatArray:
         """Return the covariance (N, N) without values per temperature, which are no noise."""
         own, point = self.search.noise, self.point
-        values = own.by_temperature(point["calibration"], point["roughness"])
+        values = own.by_temperature(int(point["profile"]))
         return np.asarray(self.covariance - own.unit * self.scale * values)
 
     def predictive(self) -> FloatArray:
@@ -114,9 +119,9 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
     _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
     scale = weighed.left_at(t)[1]
-    names_of = ("kind", "amount", "offset", "calibration", "roughness", "level")
+    names_of = ("kind", "amount", "offset", "level", "profile")
     point = {name: float(getattr(own.points, name)[t]) for name in names_of}
-    rest = [point[name] for name in names_of[1:]]
+    rest = point["amount"], point["offset"], point["level"], int(point["profile"])
     covariance = own.noise.covariance(int(point["kind"]), *rest) * own.noise.unit * scale
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])

@@ -46,18 +46,12 @@ def _search(
     calibrated: bool,
 ) -> SensorSearch:
     conditions = sensor.collects.conditions
-    stated = problem.model.stated_covariance(conditions)
+    stated = problem.model.stated_scatter(conditions)
     testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
     laid = []
     for block in blocks:
-        place = block.rows * len(conditions.sensor.channels) + block.channel
-        own = None if stated is None else stated[np.ix_(place, place)]
-        laid.append(
-            BlockSearch.of(
-                block,
-                Noise(block, conditions, scatter if testable else (), calibrated=calibrated and testable, stated=own),
-            )
-        )
+        own = Noise(block, conditions, scatter if testable else (), calibrated=calibrated and testable, stated=stated)
+        laid.append(BlockSearch.of(block, own))
     if not testable:
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]

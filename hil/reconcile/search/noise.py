@@ -2,22 +2,25 @@
 
 The covariance of a block of rows is, up to one unknown scale s²,
 
-    V = D + o² O + t² T + a² C
+    V = D + o² O + a² C + Σ t² T
 
-with D the stated white noise, O an offset of each run, T values of the base's own parameters at each temperature, and C
-one effect on the scatter. D with O is ordinary noise; C is a hypothesis with prior odds, as an effect on the mean is.
+with D the stated white noise, O an offset of each run, C one effect on the scatter, and T values of one of the base's
+parameters at each temperature. D with O is ordinary noise; C is a hypothesis with prior odds, as one on the mean is.
+All but T is handed on from row to row; T is as many columns as there are temperatures, with sizes that are known.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.effects.base import Parameter, Scatter, VarianceEffect
+from hil.reconcile.search.chains import Chain, Whitened, chain_of, grouped, in_time, joined, whitened
 from hil.solve.rows import Block
 
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
@@ -27,26 +30,37 @@ AMOUNTS = (0.7, 1.4, 2.8, 5.6, 11.0)
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the mean variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
-"""How far the base's values follow temperature, in white noises: wide priors of what the data then settle."""
-ROUGHNESS = (0.01, 0.1)
-"""Share of that which each temperature has for itself; the rest is a straight line and a smooth curve."""
+"""How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
+SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
+"""Shares of a straight line, of a smooth curve, and of what each temperature has for itself."""
+FIXED = (0.0, 0)
+FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
+"""What one value of the base may do over temperature: how far it follows, and in what shape."""
+ALONE = 0.5
+"""How probably a value follows temperature in its own way, not in that of the unit's others."""
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 FEWEST_RUNS = 4
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
+LARGEST = 4e6
+"""Numbers that are whitened at once: some tens of megabytes, and still in step with the processor's cache."""
+COMPARED = 256
+"""Rows by which covariances are compared: what is the same in so many is the same in all."""
+Profile = tuple[tuple[float, int], ...]
+"""Of every value of the base, how far it follows temperature, and in which of the shapes."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """An effect on the scatter at one shape, as a block of rows shows it.
+    """An effect on the scatter at one shape, as a block of rows shows it: states that make a mean variance of one.
 
-    `covariance` (N, N) has a mean diagonal of one; `unit_deg_per_hr` is the deviation that it had at unit size.
+    `unit_deg_per_hr` is the deviation that they had at unit size.
     """
 
     effect: VarianceEffect
     shape: Mapping[str, float]
-    covariance: FloatArray
+    chain: Chain
     unit_deg_per_hr: float
     parameter: Parameter
 
@@ -55,18 +69,15 @@ class Kind:
 class Points:
     """Models of a block's noise, (t,) each: which kind (-1: ordinary), what of everything, and the log prior within it.
 
-    `factor` (t, N, N) whitens: W'W = V^-1; `half_log_det` is that of V.
+    `profile` is a place in the noise's profiles.
     """
 
     kind: IntArray
     amount: FloatArray
     offset: FloatArray
-    calibration: FloatArray
-    roughness: FloatArray
     level: FloatArray
+    profile: IntArray
     log_prior: FloatArray
-    factor: FloatArray
-    half_log_det: FloatArray
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -77,7 +88,7 @@ class Points:
 
 
 class Noise:
-    """The parts of a block's covariance, in units of its mean white variance."""
+    """The parts of a block's covariance, in units of its mean white variance; rows are in the order of time."""
 
     def __init__(
         self,
@@ -86,104 +97,133 @@ class Noise:
         effects: Sequence[VarianceEffect],
         *,
         calibrated: bool,
-        stated: FloatArray | None = None,
+        stated: Sequence[Scatter] = (),
     ) -> None:
-        """`calibrated`: the base has values at each temperature. `stated` (N, N) is what the model states beside D."""
+        """`calibrated`: the base has values at each temperature. `stated` is what the model states beside D."""
         self.block = block
-        variance = block.sigma**2
-        self.unit = float(np.mean(variance))
-        self.white = np.diag(variance / self.unit) + (0.0 if stated is None else stated / self.unit)
-        same_channel = block.channel[:, None] == block.channel[None, :]
-        self.offset = np.where(same_channel & (block.run[:, None] == block.run[None, :]), 1.0, 0.0)
-        stations = len(np.unique(block.station))
-        seen = block.base @ block.base.T
-        seen = seen / max(float(np.mean(np.diag(seen))), 1e-12)
-        self.rough = seen * (block.station[:, None] == block.station[None, :])
-        self.smooth = seen * _smooth(block, conditions)
-        self.calibrated = calibrated and stations > 2
-        runs = len(np.unique(block.run))
-        rows = len(block.y) / runs / len(np.unique(block.channel))
-        self.has_offsets = runs >= FEWEST_RUNS and rows > 1.5
-        self.kinds = list(self._kinds(conditions, effects)) if self.has_offsets else []
+        self.order = in_time(conditions, block.rows)
+        rows, channel, run = (own[self.order] for own in (block.rows, block.channel, block.run))
+        self.unit = float(np.mean(block.sigma**2))
+        self.white = block.sigma[self.order] ** 2 / self.unit
+        apart = np.equal.outer(channel, np.unique(channel)).astype(np.float64)
+        self.offset = grouped(apart, run)
+        known = [chain_of(part, conditions, rows, channel) for part in stated]
+        self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
+        self.calibrated = calibrated and len(np.unique(block.station)) > 2 and bool(block.base.shape[1])
+        self.by_station, self._shapes = _by_station(block, conditions, self.order)
+        self._known: dict[int, FloatArray] = {}
+        self.profiles: list[Profile] = [(FIXED,) * block.base.shape[1]]
+        runs = len(np.unique(run))
+        self.has_offsets = runs >= FEWEST_RUNS and len(rows) / runs / apart.shape[1] > 1.5
+        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
 
-    def _kinds(self, conditions: Conditions, effects: Sequence[VarianceEffect]) -> Iterator[Kind]:
+    def _kinds(
+        self, conditions: Conditions, effects: Sequence[VarianceEffect], rows: IntArray, channel: IntArray
+    ) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and from each other."""
-        channels = len(conditions.sensor.channels)
-        place = self.block.rows * channels + self.block.channel
-        known = [np.eye(len(place)), self.white, self.offset]
+        few = min(len(rows), COMPARED)
+        known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance()]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
             for shape in effect.shape_grid(conditions):
-                covariance = effect.covariance(conditions, shape)[np.ix_(place, place)]
-                size = float(np.mean(np.diag(covariance)))
+                parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
+                chain = joined(parts, len(rows))
+                size = float(np.mean(chain.variance()))
+                covariance = chain.first(few).covariance()
                 if size <= 0.0 or any(_cosine(covariance, other) > ALIKE for other in known):
                     continue
                 known.append(covariance)
                 (parameter,) = effect.parameters_for(conditions)[:1]
-                yield Kind(effect, shape, covariance / size, float(np.sqrt(size)), parameter)
+                yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
-    def by_temperature(self, calibration: float, roughness: float) -> FloatArray:
-        """Return the covariance (N, N) of a base whose values follow temperature, a smooth curve with a roughness."""
-        return np.asarray(calibration**2 * ((1.0 - roughness) * self.smooth + roughness * self.rough))
-
-    def covariance(
-        self, kind: int, amount: float, offset: float, calibration: float, roughness: float, level: float
-    ) -> FloatArray:
-        """Return V of one point, (N, N), in units of the mean white variance."""
-        mean = np.mean(np.diag(self.white))
-        out = (1.0 - level) * self.white + level * mean * np.eye(len(self.white)) + offset**2 * self.offset
-        out = out + self.by_temperature(calibration, roughness) if calibration else out
-        return out + amount**2 * self.kinds[kind].covariance if kind >= 0 else out
-
-    def ordinary(self) -> Points:
-        """Return the points of ordinary noise."""
+    def grid(self) -> Points:
+        """Return ordinary noise and every effect on the scatter beside it, with a base that stands."""
         offsets = OFFSETS if self.has_offsets else OFFSETS[:1]
-        unequal = np.ptp(np.diag(self.white)) > 1e-6
-        levels = LEVELS if unequal else {1.0: 1.0}
-        wide = list(product(CALIBRATIONS, ROUGHNESS)) if self.calibrated else [(0.0, 0.0)]
-        rows = []
-        for offset, (level, share), values in product(offsets, levels.items(), wide):
-            log_prior = -_log_offset(offset) + float(np.log(share / len(offsets) / len(wide)))
-            rows.append((-1, 0.0, offset, *values, level, log_prior))
-        return self._points(rows)
-
-    def scattering(self, ordinary: Points) -> Points:
-        """Return the points with an effect on the scatter, beside some of the ordinary ones: every offset anew."""
-        beside = sorted(set(zip(ordinary.level, ordinary.calibration, ordinary.roughness, strict=True)))
-        rows = []
+        levels = LEVELS if np.ptp(self.white) > 1e-6 else {1.0: 1.0}
+        rows = [
+            (-1, 0.0, offset, level, 0, float(np.log(share / len(offsets))) - _log_offset(offset))
+            for offset, (level, share) in product(offsets, levels.items())
+        ]
         for kind, entry in enumerate(self.kinds):
             of_one = [k for k in self.kinds if k.effect is entry.effect]
-            for amount, offset, (level, calibration, roughness) in product(AMOUNTS, OFFSETS[:-1], beside):
+            for amount, offset, (level, share) in product(AMOUNTS, OFFSETS[:-1], levels.items()):
                 value = amount * np.sqrt(self.unit) / entry.unit_deg_per_hr
                 log_prior = entry.parameter.log_density(value) + float(np.log(np.log(2.0) / len(of_one)))
-                at = (ordinary.level == level) & (ordinary.calibration == calibration)
-                at &= ordinary.roughness == roughness
-                share = float(
-                    np.max(ordinary.log_prior[at] + np.log1p((ordinary.offset[at] / 4.0) ** 2))
-                ) - _log_offset(offset)
-                rows.append((kind, amount, offset, calibration, roughness, level, log_prior + share))
-        return self._points(rows)
+                log_prior += float(np.log(share / len(offsets))) - _log_offset(offset)
+                rows.append((kind, amount, offset, level, 0, log_prior))
+        kind_of, amount, offset, level, profile, log_prior = np.array(rows, dtype=np.float64).T
+        return Points(kind_of.astype(np.int64), amount, offset, level, profile.astype(np.int64), log_prior)
 
-    def _points(self, rows: Sequence[tuple[float, ...]]) -> Points:
-        size = len(self.block.y)
-        if not rows:
-            none = np.zeros(0)
-            return Points(none.astype(int), none, none, none, none, none, none, np.zeros((0, size, size)), none)
-        columns = np.array(rows, dtype=np.float64).T
-        kind = columns[0].astype(np.int64)
-        covariances = np.array([self.covariance(int(k), *row[1:6]) for k, row in zip(kind, rows, strict=True)])
-        factor = np.linalg.cholesky(covariances)
-        half = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-        amount, offset, calibration, roughness, level, log_prior = columns[1:7]
-        inverse = np.asarray(np.linalg.inv(factor), dtype=np.float64)
-        return Points(kind, amount, offset, calibration, roughness, level, log_prior, inverse, half)
+    def whiten(self, points: Points, columns: FloatArray) -> Whitened:
+        """Make rows of columns (N, k), in the order of time, independent at every point, the base's values apart."""
+        out, half_log_det = np.empty((len(points), *columns.shape)), np.empty(len(points))
+        for at, found in self._whitened(points, columns):
+            out[at], half_log_det[at] = found.columns, found.half_log_det
+        return Whitened(out, half_log_det)
+
+    def products(self, points: Points, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return inner products (t, k, k) of whitened columns (N, k), and half the log determinants (t,)."""
+        gram, half_log_det = np.empty((len(points), *[columns.shape[1]] * 2)), np.empty(len(points))
+        for at, found in self._whitened(points, columns):
+            gram[at] = np.swapaxes(found.columns, 1, 2) @ found.columns
+            half_log_det[at] = found.half_log_det
+        return gram, half_log_det
+
+    def _whitened(self, points: Points, columns: FloatArray) -> Iterator[tuple[IntArray, Whitened]]:
+        """Yield places among the points with what they whiten, no piece larger than some tens of megabytes."""
+        most = max(1, int(LARGEST / columns.size))
+        for kind in np.unique(points.kind).tolist():
+            parts = [(self.stated, None), (self.offset, points.offset)]
+            parts += [(self.kinds[kind].chain, points.amount)] if kind >= 0 else []
+            chain = joined([own for own, _ in parts], len(columns))
+            of_kind = np.flatnonzero(points.kind == kind)
+            for at in (of_kind[first : first + most] for first in range(0, len(of_kind), most)):
+                sizes = [np.ones(len(at)) if size is None else size[at] for _, size in parts]
+                each = [np.repeat(size[:, None], len(own), axis=1) for size, (own, _) in zip(sizes, parts, strict=True)]
+                yield at, whitened(chain, np.hstack(each), self._white(points.level[at]), columns)
+
+    def factor(self, profile: int) -> FloatArray:
+        """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
+        if profile not in self._known:
+            parts = [far * self._shapes[shape] for far, shape in self.profiles[profile]]
+            size, stations = len(parts), len(self._shapes[0])
+            out = np.zeros((size, stations, size, stations))
+            for k, part in enumerate(parts):
+                out[k, :, k, :] = part
+            self._known[profile] = out.reshape(size * stations, -1)
+        return self._known[profile]
+
+    def place(self, profile: Profile) -> int:
+        """Return the place of a profile, which is kept from now on."""
+        if profile not in self.profiles:
+            self.profiles.append(profile)
+        return self.profiles.index(profile)
+
+    def covariance(self, kind: int, amount: float, offset: float, level: float, profile: int) -> FloatArray:
+        """Return V of one point, (N, N), in units of the mean white variance, in the block's own order of rows."""
+        out = np.diag(self._white(np.array([level]))[0]) + self.stated.covariance()
+        out += offset**2 * self.offset.covariance()
+        out += amount**2 * self.kinds[kind].chain.covariance() if kind >= 0 else 0.0
+        back = np.argsort(self.order)
+        return np.asarray(out[np.ix_(back, back)] + self.by_temperature(profile))
+
+    def by_temperature(self, profile: int) -> FloatArray:
+        """Return what base values that follow temperature add to V, (N, N), in the block's own order of rows."""
+        seen = (self.by_station @ self.factor(profile))[np.argsort(self.order)]
+        return np.asarray(seen @ seen.T)
+
+    def _white(self, level: FloatArray) -> FloatArray:
+        share = level[:, None]
+        return np.asarray((1.0 - share) * self.white + share * np.mean(self.white))
 
 
-def joined_points(first: Points, second: Points) -> Points:
-    """Return the points of both."""
-    pairs = ((getattr(first, name), getattr(second, name)) for name in first.__dataclass_fields__)
-    return Points(*(np.concatenate(pair) for pair in pairs))
+@cache
+def log_profile(profile: Profile) -> float:
+    """Log prior of what the values of the base do: some way that is the unit's, of which some of them depart."""
+    alone = ALONE / len(FOLLOWS)
+    alike = [np.prod([alone + (1.0 - ALONE) * (own == way) for own in profile]) for way in FOLLOWS]
+    return float(np.log(np.mean(alike)))
 
 
 def _log_offset(offset: float) -> float:
@@ -191,16 +231,30 @@ def _log_offset(offset: float) -> float:
     return float(np.log1p((offset / 4.0) ** 2))
 
 
-def _smooth(block: Block, conditions: Conditions) -> FloatArray:
-    """Correlation of rows by temperature: a straight line and a smooth curve, (N, N); one where nobody knows it."""
+def _by_station(block: Block, conditions: Conditions, order: IntArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the base's columns anew at each temperature (N, r), and factors (S, S) of every shape over temperature.
+
+    Where nobody knows the temperature, all shapes but the last are one value.
+    """
+    stations = np.unique(block.station)
+    columns = block.base / np.maximum(np.sqrt(np.mean(block.base**2, axis=0)), 1e-12)
+    here = np.equal.outer(block.station, stations).astype(np.float64)
+    laid = (columns[:, :, None] * here[:, None, :]).reshape(len(block.y), -1)[order]
     temperature = conditions.columns.get("temperature_degC")
-    if temperature is None or not np.all(np.isfinite(temperature[block.rows])):
-        return np.ones((len(block.y), len(block.y)))
-    own = temperature[block.rows]
-    centre = np.array([np.mean(own[block.station == k]) for k in block.station.tolist()])
-    line = (centre - centre.mean()) / max(float(centre.std()), 1.0)
+    known = temperature is not None and bool(np.all(np.isfinite(temperature[block.rows])))
+    own = temperature[block.rows] if known and temperature is not None else np.zeros(len(block.y))
+    centre = np.array([np.mean(own[block.station == k]) for k in stations])
+    mean, spread = float(np.average(centre, weights=here.sum(axis=0))), float(own.std())
+    line = (centre - mean) / max(spread, 1.0)
     curve = np.exp(-0.5 * (np.subtract.outer(centre, centre) / SMOOTH_DEGC) ** 2)
-    return np.asarray(0.5 * np.multiply.outer(line, line) + 0.5 * curve)
+    of_all = [np.outer(line, line), curve, np.eye(len(stations))]
+    return laid, [_root(sum(share * part for share, part in zip(shape, of_all, strict=True))) for shape in SHAPES]
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Return F with FF' a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _cosine(one: FloatArray, other: FloatArray) -> float:

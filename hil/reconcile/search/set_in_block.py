@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Beside, decoupled, explained, log_sum
+from hil.reconcile.search.evidence import LEAST, Beside, Options, decoupled, explained, log_sum
 from hil.reconcile.search.noise import Points
-from hil.reconcile.search.terms import Term
+from hil.reconcile.search.terms import Part
 from hil.reconcile.search.tied import AtBest
 
 ROUNDS = 4
@@ -26,7 +27,7 @@ class SetInBlock:
     gram: FloatArray
     score: FloatArray
     owner: list[tuple[int, int]]
-    options: list[list[tuple[float, FloatArray, FloatArray]]]
+    options: list[Options]
     places: list[IntArray]
     members: list[int]
     terms_log: FloatArray
@@ -34,58 +35,57 @@ class SetInBlock:
     slack: Sequence[FloatArray]
 
     @classmethod
-    def of(cls, beside: Beside, points: Points, unit: float, members: Sequence[tuple[int, Term]], b: int) -> SetInBlock:
-        """Weigh the members' parts in block `b` together, whose white noise is `unit` deg/hr."""
-        columns: list[FloatArray] = []
-        owner: list[tuple[int, int]] = []
-        options, places, present = [], [], []
-        for j, term in members:
-            part = term.parts[b]
-            if part is None:
-                continue
-            first = len(owner)
-            columns.append(part.columns)
-            owner += [(j, int(k)) for k in part.parameters]
-            places.append(np.arange(first, len(owner)))
-            present.append(j)
-            options.append(
-                [
-                    (float(a.log_weights[u]), a.mean, a.deviation * a.sizes[u])
-                    for a in term.amplitudes[b]
-                    for u in range(len(a.sizes))
-                ]
-            )
-        stacked = np.hstack([np.zeros((points.factor.shape[1], 0)), *columns])
-        gram, score = beside.products(points.factor @ (stacked / unit))
-        out = cls(beside, points, gram, score, owner, options, places, present, np.zeros(0), [], [])
+    def of(cls, beside: Beside, points: Points, members: Sequence[tuple[int, Part, Options, FloatArray]]) -> SetInBlock:
+        """Weigh members together: their places, what they are here, their sizes, and projected columns (t, N, q)."""
+        owner = [(j, int(k)) for j, part, _, _ in members for k in part.parameters]
+        ends = np.cumsum([0, *(len(part.parameters) for _, part, _, _ in members)])
+        columns = np.concatenate([np.zeros((*beside.residual.shape, 0)), *(own for *_, own in members)], axis=2)
+        gram = np.swapaxes(columns, 1, 2) @ columns
+        score = (beside.residual[:, None, :] @ columns)[:, 0]
+        places = [np.arange(first, end) for first, end in pairwise(ends)]
+        options = [own for _, _, own, _ in members]
+        out = cls(beside, points, gram, score, owner, options, places, [j for j, *_ in members], np.zeros(0), [], [])
         out._weigh()
         return out
 
     def _weigh(self) -> None:
-        """Sum over sizes about the best of each term: they are nearly independent given the data."""
+        """Sum over sizes about the best of each term: they are nearly independent given the data, and of the noise."""
         if not self.options:
             self.terms_log = self.beside.log_null()
             return
         # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
         starts = [self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in self._with_and_without()]
-        heights = self._at(starts) + self.points.log_prior
-        self.best = starts[int(np.argmax(heights.max(axis=1)))]
+        heights = self._at(starts)
+        first = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
+        self.best, self.terms_log = starts[first], heights[first]
         for _ in range(ROUNDS):
-            t = np.array([int(np.argmax(self._at([self.best])[0] + self.points.log_prior))])
-            before = self.best
-            for e in range(len(self.options)):
-                near = self._near(e)
-                self.best = self._with(e, near[int(np.argmax(self._at([self._with(e, o) for o in near], t)[:, 0]))])
-            if self.best == before:
+            t = np.array([int(np.argmax(self.terms_log + self.points.log_prior))])
+            tried = self._tried()
+            found = self._at([self._with(e, o) for e, o in tried], t)[:, 0].tolist()
+            most = [max((f, o) for (i, o), f in zip(tried, found, strict=True) if i == e)[1] for e in self._all()]
+            leaps = [most, self._with(*tried[int(np.argmax(found))])]
+            if leaps[1] == self.best:
                 break
-        base = self._at([self.best])[0]
-        self.slack = [
-            log_sum(self._at([self._with(e, o) for o in self._near(e)])) - base for e in range(len(self.best))
-        ]
-        self.terms_log = base + np.sum(self.slack, axis=0)
+            heights = self._at(leaps)
+            better = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
+            self.best, self.terms_log = leaps[better], heights[better]
+        tried = self._tried()
+        found = self._at([self._with(e, o) for e, o in tried])
+        of = np.array([e for e, _ in tried])
+        self.slack = [log_sum(found[of == e]) - self.terms_log for e in self._all()]
+        self.terms_log = self.terms_log + np.sum(self.slack, axis=0)
 
-    def _near(self, e: int) -> range:
-        return range(max(0, self.best[e] - 2), min(len(self.options[e]), self.best[e] + 3))
+    def _tried(self) -> list[tuple[int, int]]:
+        """Every term with the sizes about its best."""
+        return [
+            (e, o)
+            for e in self._all()
+            for o in range(max(0, self.best[e] - 2), self.best[e] + 3)
+            if o < len(self.options[e])
+        ]
+
+    def _all(self) -> range:
+        return range(len(self.options))
 
     def _with(self, e: int, option: int) -> list[int]:
         return [*self.best[:e], option, *self.best[e + 1 :]]
@@ -104,19 +104,18 @@ class SetInBlock:
         freedom = max(self.beside.freedom - len(fit), 1)
         values = np.diag(inverse) * max((self.beside.rss[t] - fit @ self.score[t]) / freedom, 1e-9)
         best = []
-        for options, places in zip(self.options, self.places, strict=True):
-            logs = []
-            for log_weight, mean, deviation in options:
-                variance = deviation**2 + values[places]
-                logs.append(log_weight - 0.5 * float(np.sum((fit[places] - mean) ** 2 / variance + np.log(variance))))
-            best.append(int(np.argmax(logs)))
+        for own, places in zip(self.options, self.places, strict=True):
+            variance = own.deviation**2 + values[places]
+            misfit = np.sum((fit[places] - own.mean) ** 2 / variance + np.log(variance), axis=1)
+            best.append(int(np.argmax(own.log_weights - 0.5 * misfit)))
         return best
 
     def prior_at(self, chosen: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
         """Return log weight, mean (k,) and deviation (k,) of a choice of sizes."""
-        picked = [options[o] for options, o in zip(self.options, chosen, strict=True)]
-        mean, deviation = (np.concatenate([p[i] for p in picked]) for i in (1, 2))
-        return sum(p[0] for p in picked), mean, deviation
+        pairs = list(zip(self.options, chosen, strict=True))
+        mean = np.concatenate([np.zeros(0), *(own.mean[o] for own, o in pairs)])
+        deviation = np.concatenate([np.zeros(0), *(own.deviation[o] for own, o in pairs)])
+        return float(sum(own.log_weights[o] for own, o in pairs)), mean, deviation
 
     def _at(self, choices: Sequence[Sequence[int]], at: IntArray | slice = slice(None)) -> FloatArray:
         """Log evidence (o, t) of several choices of sizes, at some points."""

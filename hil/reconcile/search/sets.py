@@ -15,24 +15,28 @@ import numpy as np
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import (
     HOLDS,
+    SEEN,
     UNKNOWN,
     Beside,
     Group,
+    Laid,
+    Options,
+    Scale,
     log_factors,
     log_sum,
 )
-from hil.reconcile.search.noise import Noise, Points, joined_points
+from hil.reconcile.search.likely_noise import likely_points
+from hil.reconcile.search.noise import Noise, Points
 from hil.reconcile.search.set_in_block import SetInBlock
-from hil.reconcile.search.terms import Term
+from hil.reconcile.search.terms import Part, Term
 from hil.reconcile.search.tied import AtBest, tied_gain
+from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
-POINTS = 32
-"""Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 SCANNED = 10
-"""And of these, at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
-DEPTH = 9.0
-"""Noise this much (in log probability) below the best is left out: one part in eight thousand."""
+"""Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
+DENSE = 256
+"""Rows up to which whitening is one matrix: from there on the filter costs less."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
 Set = tuple[int, ...]
@@ -44,52 +48,48 @@ class BlockSearch:
 
     block: Block
     noise: Noise
-    every: Points
     points: Points
-    scales: Sequence[tuple[float, float, float]]
+    scales: Sequence[Scale]
     y: FloatArray
     unit: float
     beside: Beside
     scanned: IntArray
+    _whitening: FloatArray | None = None
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
-        """Lay out the noise: ordinary first, then every scatter beside what of the ordinary may be."""
+        """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
-        y = block.y / unit
         scales = HOLDS if block.sigma_stated else UNKNOWN
-        ordinary = noise.ordinary()
-        beside = Beside.of(ordinary, scales, y, block.base)
-        log_null = ordinary.log_prior + beside.log_null()
-        good = log_null > log_null.max() - 2.0 * DEPTH
-        some = ordinary.take(np.flatnonzero(good))
-        every = joined_points(ordinary, noise.scattering(some)) if noise.kinds else ordinary
-        out = cls(block, noise, every, every, scales, y, unit, beside, np.zeros(0, dtype=np.int64))
-        out.choose([np.zeros((len(y), 0))])
+        nothing = Beside(scales, np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0)
+        out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
+        out.choose([np.zeros((len(block.y), 0))])
         return out
 
-    def choose(self, extras: Sequence[FloatArray]) -> None:
-        """Keep the points that are probable with one of several further columns (N, q) in the base."""
-        log_null = [self._log_posterior(self.y, np.hstack([self.block.base, extra])) for extra in extras]
-        self._keep(np.max([own - own.max() for own in log_null], axis=0))
+    def choose(self, extras: Sequence[FloatArray], units: Sequence[FloatArray] = ()) -> None:
+        """Keep the points that are probable with one of several further columns (N, q) in the base.
 
-    def choose_for(self, units: Sequence[FloatArray]) -> None:
-        """Keep the points that are probable for one of several units, whose rates are (N,) deg/hr each."""
-        log_null = [self._log_posterior(y / self.unit, self.block.base) for y in units]
-        self._keep(np.max([own - own.max() for own in log_null], axis=0))
+        For one of several `units`, whose rates are (N,) deg/hr each, where such are given.
+        """
+        data = [y / self.unit for y in units] or [self.y]
+        self.points, best = likely_points(self.noise, self.scales, data, self.block.base, extras)
+        self.scanned = np.argsort(-best)[:SCANNED]
+        self.measure(self.y)
 
-    def _log_posterior(self, y: FloatArray, base: FloatArray) -> FloatArray:
-        return self.every.log_prior + Beside.of(self.every, self.scales, y, base).log_null()
+    def measure(self, y: FloatArray) -> None:
+        """Take other data (N,), in units of the noise."""
+        self.y, self._whitening = y, None
+        self.beside = Beside.of(self.noise, self.points, self.scales, y, independent_columns(self.block.base, SEEN))
 
-    def _keep(self, best: FloatArray) -> None:
-        """Keep the best points, and the quiet ones, whatever the base alone says of them."""
-        quiet = (self.every.kind < 0) & (self.every.level == self.every.level.max()) & (self.every.offset < 1.0)
-        quiet &= self.every.calibration == self.every.calibration[int(np.argmax(best))]
-        order = np.argsort(-best)[:POINTS]
-        kept = np.unique(np.concatenate([order[best[order] > -DEPTH], np.flatnonzero(quiet)]))
-        self.points = self.every.take(kept)
-        self.beside = Beside.of(self.points, self.scales, self.y, self.block.base)
-        self.scanned = np.argsort(-best[kept])[:SCANNED]
+    def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
+        """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
+        own = columns[self.noise.order] / self.unit
+        if len(own) > DENSE:
+            index = np.arange(len(self.points))[at]
+            return self.beside.at(at).project(self.noise.whiten(self.points.take(index), own).columns)
+        if self._whitening is None:
+            self._whitening = self.noise.whiten(self.points, np.eye(len(own))).columns
+        return self.beside.at(at).project(self._whitening[at] @ own)
 
 
 @dataclass
@@ -100,7 +100,8 @@ class SensorSearch:
     terms: list[Term]
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
-    _laid: list[list[tuple[Group, FloatArray]]] = field(default_factory=list)
+    _laid: list[list[Laid]] = field(default_factory=list)
+    _members: dict[tuple[int, int], tuple[Options, FloatArray]] = field(default_factory=dict)
 
     def leading(self) -> list[int]:
         """Return the places of the terms that explain most, one of each name."""
@@ -119,30 +120,33 @@ class SensorSearch:
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms or the points of the noise are others."""
-        self._laid, self._known, self._weighed = [], {}, {}
+        self._laid, self._known, self._weighed, self._members = [], {}, {}, {}
+        for block in self.blocks:
+            block.measure(block.y)
 
     @property
     def log_odds(self) -> FloatArray:
         """Log prior odds of every term, (j,)."""
         return np.array([term.log_odds for term in self.terms])
 
-    def _groups(self) -> list[list[tuple[Group, FloatArray]]]:
+    def _groups(self) -> list[list[Laid]]:
         if not self._laid:
             for b, search in enumerate(self.blocks):
-                factor, empty = search.points.factor[search.scanned], np.zeros((len(search.y), 0))
-                columns = [empty if (p := t.parts[b]) is None else p.columns / search.unit for t in self.terms]
+                empty = np.zeros((len(search.y), 0))
+                columns = [empty if (p := t.parts[b]) is None else p.columns for t in self.terms]
                 groups = Group.several(columns, [t.amplitudes[b] for t in self.terms])
-                self._laid.append([(group, factor @ group.columns) for group in groups])
+                self._laid.append([Laid.of(g, search.projected(g.columns, search.scanned)) for g in groups])
         return self._laid
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
         total = np.zeros(len(self.terms))
-        for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
-            points = search.points.take(search.scanned)
-            own = [part.columns for j in given if (part := self.terms[j].parts[b]) is not None]
-            beside = Beside.of(points, search.scales, search.y, np.hstack([search.block.base, *own]))
-            by_point = log_factors(beside, groups, len(self.terms)) + points.log_prior[:, None]
+        for b, (search, laid) in enumerate(zip(self.blocks, self._groups(), strict=True)):
+            points, base = search.points.take(search.scanned), search.beside.at(search.scanned)
+            own = [self._member(j, b, p)[1][search.scanned] for j in given if (p := self.terms[j].parts[b]) is not None]
+            beside = base.beside(np.concatenate(own, axis=2)) if own else base
+            added = beside.basis[:, :, base.basis.shape[2] :]
+            by_point = log_factors(beside, laid, added, len(self.terms)) + points.log_prior[:, None]
             total += log_sum(by_point) - log_sum(beside.log_null() + points.log_prior)
         return total
 
@@ -156,10 +160,17 @@ class SensorSearch:
         """Return a set weighed in one block."""
         own = self.blocks[b]
         if (chosen, b) not in self._weighed:
-            self._weighed[chosen, b] = SetInBlock.of(
-                own.beside, own.points, own.unit, [(j, self.terms[j]) for j in chosen], b
-            )
+            parts = {j: part for j in chosen if (part := self.terms[j].parts[b]) is not None}
+            members = [(j, part, *self._member(j, b, part)) for j, part in parts.items()]
+            self._weighed[chosen, b] = SetInBlock.of(own.beside, own.points, members)
         return self._weighed[chosen, b]
+
+    def _member(self, j: int, b: int, part: Part) -> tuple[Options, FloatArray]:
+        """Return every size that a term may have in a block, and its projected columns there (t, N, q)."""
+        if (j, b) not in self._members:
+            options = Options.of(self.terms[j].amplitudes[b])
+            self._members[j, b] = options, self.blocks[b].projected(part.columns)
+        return self._members[j, b]
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:
         out, ties = [], any(self.terms[j].ties for j in chosen)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.reconcile.search.evidence import Options
 
 
 @dataclass(frozen=True)
@@ -19,17 +20,16 @@ class AtBest:
     score: FloatArray
     owner: Sequence[tuple[int, int]]
     members: Sequence[int]
-    options: Sequence[Sequence[tuple[float, FloatArray, FloatArray]]]
+    options: Sequence[Options]
     best: Sequence[int]
     slack: Mapping[int, float]
 
     def prior(self, instead: Mapping[int, int]) -> tuple[dict[int, float], FloatArray, FloatArray]:
         """Return log weight by member, mean (k,) and deviation (k,), with other sizes for some of the members."""
-        picked = [
-            (j, options[instead.get(j, o)]) for j, options, o in zip(self.members, self.options, self.best, strict=True)
-        ]
-        mean, deviation = (np.concatenate([np.zeros(0), *(p[i] for _, p in picked)]) for i in (1, 2))
-        return {j: p[0] for j, p in picked}, mean, deviation
+        picked = [(j, own, instead.get(j, o)) for j, own, o in zip(self.members, self.options, self.best, strict=True)]
+        mean = np.concatenate([np.zeros(0), *(own.mean[o] for _, own, o in picked)])
+        deviation = np.concatenate([np.zeros(0), *(own.deviation[o] for _, own, o in picked)])
+        return {j: float(own.log_weights[o]) for j, own, o in picked}, mean, deviation
 
 
 def tied_gain(blocks: Sequence[AtBest], tied: Sequence[int]) -> float:

@@ -34,9 +34,8 @@ def stating(tmp_path: Path, **noise: Any) -> Model:
 
 def stated(tmp_path: Path, **noise: Any) -> np.ndarray:
     """Return the covariance that it states of a short campaign."""
-    covariance = stating(tmp_path, **noise).stated_covariance(SHORT)
-    assert covariance is not None
-    return covariance
+    parts = stating(tmp_path, **noise).stated_scatter(SHORT)
+    return np.asarray(sum((part.covariance(SHORT) for part in parts), start=np.zeros((2 * len(SHORT),) * 2)))
 
 
 def test_what_the_older_keys_say_is_what_the_catalogue_says(tmp_path: Path) -> None:
@@ -68,12 +67,12 @@ def test_sizes_follow_temperature_row_by_row(tmp_path: Path) -> None:
     assert stated(tmp_path, scatter=[growing]) == pytest.approx(np.multiply.outer(size, size) * unit)
     for noise in ({"scatter": [growing]}, {"run_to_run": {"BA": curve}}):
         with pytest.raises(InputError, match="depends on temperature_degC"):
-            stating(tmp_path, **noise).stated_covariance(replace(SHORT, columns={}))
+            stating(tmp_path, **noise).stated_scatter(replace(SHORT, columns={}))
 
 
-def test_a_sensor_of_which_nothing_is_stated_has_no_covariance(tmp_path: Path) -> None:
-    """None is not zero: nothing is known of it."""
-    assert model(tmp_path).stated_covariance(SHORT) is None
+def test_a_sensor_of_which_nothing_is_stated_scatters_by_nothing(tmp_path: Path) -> None:
+    """Neither where the model has no noise section, nor where the section is empty."""
+    assert not model(tmp_path).stated_scatter(SHORT)
     assert model(tmp_path).scatter_for(ROTOR) == ()
     assert not stated(tmp_path).any()
 

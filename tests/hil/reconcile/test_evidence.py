@@ -17,6 +17,7 @@ from hil.model import load_model
 from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.reconcile.proof.held_out import _predicted, by_run
+from hil.reconcile.search.evidence import Options
 from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
@@ -97,7 +98,8 @@ def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: 
     stacked = beside.T @ np.hstack([np.zeros((len(own.y), 0)), *columns])
     out = np.full(len(own.noise.kinds) + 1, -np.inf)
     for t in range(len(points)):
-        noise = np.linalg.inv(points.factor[t].T @ points.factor[t])
+        point = (points.amount[t], points.offset[t], points.level[t])
+        noise = own.noise.covariance(int(points.kind[t]), *point, int(points.profile[t]))
         noise = beside.T @ noise @ beside
         white = np.linalg.inv(np.linalg.cholesky(noise))
         left = white @ y
@@ -184,8 +186,10 @@ def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
     x = np.hstack([x, rng.normal(size=(20, 1))])
     shared, alone, log_weight = 0.8, 1.7, -1.3
     y, v = x @ [0.9, -1.0] + rng.normal(size=20), z[:, 0] * 0.9 + rng.normal(size=12)
-    prior = [(log_weight, np.zeros(1), np.array([shared]))]
-    own = [(0.0, np.zeros(1), np.array([alone]))]
+    prior, own = (
+        Options(np.array([log]), np.zeros((1, 1)), np.array([[size]]))
+        for log, size in ((log_weight, shared), (0.0, alone))
+    )
     first = AtBest(x.T @ x, x.T @ y, [(0, 0), (1, 0)], [0, 1], [prior, own], [0, 0], {0: 0.3, 1: 0.0})
     second = AtBest(z.T @ z, z.T @ v, [(0, 0)], [0], [prior], [0], {0: 0.1})
 

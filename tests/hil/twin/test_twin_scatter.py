@@ -55,8 +55,7 @@ def misfit(folder: Path, effect: str, seeds: int, runs: int) -> tuple[FloatArray
         assert bench.simulation_model is not None
         model = load_model(bench.simulation_model)
         for conditions, rates in averages(bench, runs).values():
-            stated = model.stated_covariance(conditions)
-            assert stated is not None
+            stated = sum(part.covariance(conditions) for part in model.stated_scatter(conditions))
             if effect == "rrw":  # stated from the first row on; until then it has walked already
                 rates = rates - rates[0]
             values, vectors = np.linalg.eigh(stated)

@@ -1,0 +1,135 @@
+"""Noise as states that rows hand on in the order of time, and rates made independent of each other by a filter.
+
+Whatever scatters is a coefficient drawn anew for a run or a power cycle, or one that wanders and forgets: either way a
+state that each row keeps in part and adds to. Taking from every row what the rows before it predict (Kalman 1960) gives
+rates independent of each other, and the determinant of their covariance, in time that is linear in rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray, IntArray
+from hil.model.effects.base import Scatter, middle_hr
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Independent states of unit size: what each does to the rows, `columns` (N, s), and how they go on, (N, s) each.
+
+    At row i a state is `keep` times what it was, and `kick` times something new. Rows are in the order of time.
+    """
+
+    columns: FloatArray
+    keep: FloatArray
+    kick: FloatArray
+
+    def __len__(self) -> int:
+        return int(self.columns.shape[1])
+
+    def scaled(self, factor: float) -> Chain:
+        """Return the same states, each row moved by `factor` times as much."""
+        return replace(self, columns=factor * self.columns)
+
+    def first(self, rows: int) -> Chain:
+        """Return the chain of the first rows only."""
+        return Chain(self.columns[:rows], self.keep[:rows], self.kick[:rows])
+
+    def variance(self) -> FloatArray:
+        """Return the variance of every row, (N,)."""
+        own, out = np.zeros(self.columns.shape[1]), np.zeros(len(self.columns))
+        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
+            own = keep**2 * own + kick**2
+            out[i] = seen**2 @ own
+        return out
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of the rows, (N, N), in the order of time."""
+        rows = len(self.columns)
+        own, across = np.zeros(self.columns.shape[1]), np.zeros((rows, self.columns.shape[1]))
+        out = np.zeros((rows, rows))
+        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
+            across[:i] *= keep
+            own = keep**2 * own + kick**2
+            out[i, :i] = out[:i, i] = across[:i] @ seen
+            out[i, i] = seen**2 @ own
+            across[i] = seen * own
+        return out
+
+
+def in_time(conditions: Conditions, rows: IntArray) -> IntArray:
+    """Return the places of rows (N,) of the conditions in the order of time."""
+    return np.argsort(middle_hr(conditions)[rows], kind="stable")
+
+
+def chain_of(scatter: Scatter, conditions: Conditions, rows: IntArray, channel: IntArray) -> Chain:
+    """Return what scatters rows (N,), each of a channel (N,), given in the order of time, as a chain."""
+    columns = scatter.columns[rows, channel]
+    columns = columns[:, np.any(columns, axis=0)]
+    if scatter.group is not None:
+        return grouped(columns, scatter.group[rows])
+    hours = middle_hr(conditions)
+    keep, kick = scatter.step(np.diff(hours[rows]))
+    since = np.sqrt(hours[rows[0]] - hours.min()) if scatter.walk else 1.0
+    return _chain(columns, np.append(0.0, keep), np.append(since, kick))
+
+
+def grouped(columns: FloatArray, group: IntArray) -> Chain:
+    """Return states with columns (N, s) that are drawn anew for every label of a group (N,)."""
+    starts = np.append(True, group[1:] != group[:-1])
+    if starts.sum() > len(np.unique(group)):  # not together in time: a state for each, from the first row on
+        each = np.equal.outer(group, np.unique(group)).astype(np.float64)
+        columns = (columns[:, :, None] * each[:, None, :]).reshape(len(columns), -1)
+        starts = np.arange(len(group)) == 0
+    return _chain(columns, np.where(starts, 0.0, 1.0), np.where(starts, 1.0, 0.0))
+
+
+def _chain(columns: FloatArray, keep: FloatArray, kick: FloatArray) -> Chain:
+    wide = np.ones(columns.shape[1])
+    return Chain(np.asarray(columns), np.outer(keep, wide), np.outer(kick, wide))
+
+
+def joined(chains: Sequence[Chain], rows: int) -> Chain:
+    """Return one chain with the states of all, for `rows` rows."""
+    none = np.zeros((rows, 0))
+    parts = ([none, *(getattr(c, name) for c in chains)] for name in ("columns", "keep", "kick"))
+    return Chain(*(np.hstack(part) for part in parts))
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Columns with independent rows, (t, N, k), at t models of the noise; half the log determinant of each, (t,)."""
+
+    columns: FloatArray
+    half_log_det: FloatArray
+
+
+def whitened(chain: Chain, amounts: FloatArray, white: FloatArray, columns: FloatArray) -> Whitened:
+    """Whiten columns (N, k), in the order of time, at t models of the noise.
+
+    `amounts` (t, s) are the sizes of the chain's states, `white` (t, N) the variance of each row by itself.
+    """
+    points, states = amounts.shape
+    out = np.empty((points, *columns.shape))
+    scale = np.empty((points, len(columns)))
+    expected = np.zeros((points, states, columns.shape[1]))
+    covariance = np.zeros((points, states, states))
+    diagonal = np.einsum("tss->ts", covariance)
+    for i, row in enumerate(columns):
+        keep, kick = chain.keep[i], chain.kick[i]
+        if np.any(keep != 1.0):
+            expected *= keep[:, None]
+            covariance *= np.outer(keep, keep)
+        if kick.any():
+            diagonal += kick**2
+        seen = amounts * chain.columns[i]
+        gain = (covariance @ seen[:, :, None])[:, :, 0]
+        scale[:, i] = 1.0 / np.sqrt(np.einsum("ts,ts->t", seen, gain) + white[:, i])
+        gain *= scale[:, i, None]
+        out[:, i] = (row - (seen[:, None, :] @ expected)[:, 0]) * scale[:, i, None]
+        expected += gain[:, :, None] * out[:, i, None, :]
+        covariance -= gain[:, :, None] * gain[:, None, :]
+    return Whitened(out, -np.sum(np.log(scale), axis=1))

@@ -1,0 +1,145 @@
+"""Which noise a block of rows leaves probable: from every model of it to the few that are worth weighing sets at.
+
+What the rows are to every model of the noise is said once, by inner products of a few columns; how the base's values
+follow temperature then costs matrices of the size of a sweep, however many rows there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from hil.campaign import FloatArray, IntArray
+from hil.reconcile.search.evidence import LEAST, SEEN, Scale, log_sum, student
+from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
+from hil.solve.identifiability import independent_columns
+
+POINTS = 24
+"""Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
+DEPTH = 9.0
+"""Noise this much (in log probability) below the best is left out: one part in eight thousand."""
+PROFILES = 6
+"""Ways of following temperature that are weighed on: with a step of three between sizes, others add nothing."""
+ROUNDS = 3
+"""At most, in which a way of following temperature is climbed to; one more changes nothing that these rows show."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Inner products (κ, m, m) of columns by temperature (r), base, further columns and data, at every noise."""
+
+    noise: Noise
+    grid: Points
+    scales: Sequence[Scale]
+    gram: FloatArray
+    half_log_det: FloatArray
+    variants: Sequence[IntArray]
+    data: Sequence[int]
+
+    def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
+        """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
+        places = [self.noise.place(p) for p in profiles] if profiles else []
+        rest, half_log_det = self._without_values(at, places)
+        prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
+        own = self.grid.log_prior[at][:, None] + prior
+        return np.array(
+            [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
+        )
+
+    def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
+        values = self.noise.by_station.shape[1]
+        gram, half_log_det = self.gram[at], self.half_log_det[at]
+        rest = np.repeat(gram[:, None, values:, values:], len(places), axis=1)
+        logs = np.repeat(half_log_det[:, None], len(places), axis=1)
+        for f, place in enumerate(places):
+            factor = self.noise.factor(place)
+            acting = np.any(factor, axis=0)
+            if not acting.any():
+                continue
+            own = factor[:, acting].T @ gram[:, :values]
+            inner = np.eye(acting.sum()) + own[:, :, :values] @ factor[:, acting]
+            triangle = np.linalg.cholesky(inner)
+            seen = np.linalg.solve(triangle, own[:, :, values:])
+            rest[:, f] -= np.swapaxes(seen, 1, 2) @ seen
+            logs[:, f] += np.sum(np.log(np.diagonal(triangle, axis1=1, axis2=2)), axis=1)
+        return rest, logs
+
+    def _alone(self, rest: FloatArray, half_log_det: FloatArray, columns: IntArray, data: int) -> FloatArray:
+        """Log evidence (k, f) of the data beside some columns that are free."""
+        index = np.append(columns, data)
+        own = rest[:, :, index[:, None], index]
+        ridge = SEEN**2 * np.einsum("...ii->...i", own)
+        triangle = np.diagonal(np.linalg.cholesky(own + ridge[..., None] * np.eye(len(index))), axis1=2, axis2=3)
+        log_base = -np.sum(np.log(triangle[..., :-1]), axis=-1) - half_log_det
+        rss = np.maximum(triangle[..., -1] ** 2, LEAST)
+        freedom = len(self.noise.order) - len(columns)
+        return log_sum(np.array([student(rss, log_base, scale, freedom) for scale in self.scales]))
+
+    def climb(self, v: int) -> tuple[list[Profile], FloatArray]:
+        """Return the likeliest profiles of one variant, the likeliest first, and the heights (κ,) beside that."""
+        every = np.arange(len(self.grid))
+        one = _Rows(
+            self.noise, self.grid, self.scales, self.gram, self.half_log_det, [self.variants[v]], [self.data[v]]
+        )
+        best = self.noise.profiles[0]
+        if not self.noise.calibrated:
+            return [best], one.heights(every, [best])[0, :, 0]
+        ordinary = np.flatnonzero(self.grid.kind < 0)
+        alike = [(way,) * len(best) for way in FOLLOWS]
+        k, f = np.unravel_index(np.argmax(heights := one.heights(ordinary, alike)[0]), heights.shape)
+        best, at = alike[f], int(ordinary[k])
+        near: dict[Profile, float] = {}
+        for _ in range(ROUNDS):
+            before, near = (best, at), {}
+            for place in range(len(best)):
+                changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
+                near |= dict(zip(changed, one.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
+                best = max(changed, key=lambda p: near[p])
+            beside = one.heights(every, [best])[0, :, 0]
+            at = int(np.argmax(beside))
+            if (best, at) == before:
+                break
+        return sorted(near, key=lambda p: -near[p])[:PROFILES], beside
+
+
+def likely_points(
+    noise: Noise, scales: Sequence[Scale], data: Sequence[FloatArray], base: FloatArray, extras: Sequence[FloatArray]
+) -> tuple[Points, FloatArray]:
+    """Return the points that are probable for some data (N,) beside the base with some further columns (N, q).
+
+    With each how probable it is beside the best, log, (t,). Each of the data is weighed with each of the extras.
+    """
+    base = independent_columns(base, SEEN)
+    free = [independent_columns(np.hstack([base, extra]), SEEN)[:, base.shape[1] :] for extra in extras]
+    columns = np.column_stack([noise.by_station, *(own[noise.order] for own in (base, *free, *data))])
+    first, ends = base.shape[1], np.cumsum([base.shape[1], *(own.shape[1] for own in free)])
+    variants = [np.append(np.arange(first), np.arange(a, b)) for a, b in pairwise(ends)]
+    grid = noise.grid()
+    gram, half_log_det = noise.products(grid, columns)
+    pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
+    rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
+
+    found = [rows.climb(v) for v in range(len(pairs))]
+    profiles = list(dict.fromkeys(p for own, _ in found for p in own[: max(2, PROFILES // len(found))]))
+    near = np.flatnonzero(np.any([beside > beside.max() - 2.0 * DEPTH for _, beside in found], axis=0))
+    heights = rows.heights(near, profiles)
+    best = np.max(heights - heights.max(axis=(1, 2), keepdims=True), axis=0)
+    at, which = (part.ravel() for part in np.indices(best.shape))
+    every = grid.take(near[at])
+    places = np.array([noise.place(p) for p in profiles])[which]
+    prior = np.array([log_profile(p) if noise.calibrated else 0.0 for p in profiles])[which]
+    every = Points(every.kind, every.amount, every.offset, every.level, places, every.log_prior + prior)
+    return _kept(every, best.ravel())
+
+
+def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
+    """Keep the best points, and the quiet ones, whatever the base alone says of them."""
+    quiet = (every.kind < 0) & (every.level == every.level.max()) & (every.offset < 1.0)
+    quiet &= every.profile == every.profile[int(np.argmax(best))]
+    order = np.argsort(-best)[:POINTS]
+    kept = np.unique(np.concatenate([order[best[order] > -DEPTH], np.flatnonzero(quiet)]))
+    return every.take(kept), best[kept]

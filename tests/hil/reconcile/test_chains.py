@@ -1,0 +1,73 @@
+"""Noise as states handed on from row to row is the same noise as its covariance, in time that is linear in rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Conditions
+from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.catalogue import VARIANCE_EFFECTS
+from hil.reconcile.search.chains import chain_of, in_time, joined, whitened
+from tests.hil.model.effect_conditions import campaign
+
+CONDITIONS = campaign(temperatures=(0.0, 20.0, 40.0), runs_each=2)
+
+
+def laid(conditions: Conditions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, channels, and places in a covariance of all rates, of channel by channel, in the order of time."""
+    rows = np.tile(np.arange(len(conditions)), 2)
+    channel = np.repeat([0, 1], len(conditions))
+    order = in_time(conditions, rows)
+    rows, channel = rows[order], channel[order]
+    return rows, channel, 2 * rows + channel
+
+
+@pytest.mark.parametrize("effect", VARIANCE_EFFECTS, ids=lambda e: e.id)
+def test_a_chain_has_the_covariance_of_what_scatters(effect: VarianceEffect) -> None:
+    """Of every effect of the catalogue, at every shape that is searched, and of rows from the middle of a campaign."""
+    if effect.missing(CONDITIONS):
+        pytest.skip(f"{effect.id} needs {effect.missing(CONDITIONS)}")
+    rows, channel, place = laid(CONDITIONS)
+    for shape in effect.shape_grid(CONDITIONS):
+        dense = effect.covariance(CONDITIONS, shape)[np.ix_(place, place)]
+        scatter = effect.scatter(CONDITIONS, shape)
+        for first in (0, 7):
+            parts = [chain_of(part, CONDITIONS, rows[first:], channel[first:]) for part in scatter]
+            chain = joined(parts, len(rows) - first)
+            np.testing.assert_allclose(chain.covariance(), dense[first:, first:], atol=1e-9)
+            np.testing.assert_allclose(chain.variance(), np.diag(dense)[first:], atol=1e-9)
+
+
+def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
+    """What is drawn anew for every position comes back with it: a state for each."""
+    rows, channel, place = laid(CONDITIONS)
+    position = np.unique(CONDITIONS.position, return_inverse=True)[1]
+    part = Scatter(np.ones((len(CONDITIONS), 2, 1)), group=position)
+    chain = chain_of(part, CONDITIONS, rows, channel)
+    np.testing.assert_allclose(chain.covariance(), part.covariance(CONDITIONS)[np.ix_(place, place)])
+
+
+def test_filtered_rows_are_independent_and_keep_the_determinant() -> None:
+    """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states."""
+    rng = np.random.default_rng(1)
+    late = replace(CONDITIONS, start_s=CONDITIONS.start_s + 3600.0)
+    rows, channel, _ = laid(late)
+    parts = [
+        Scatter(rng.normal(size=(len(late), 2, 2)), group=late.run),
+        Scatter(rng.normal(size=(len(late), 2, 1)), tau_s=7200.0),
+        Scatter(rng.normal(size=(len(late), 2, 1)), walk=True),
+    ]
+    chains = [chain_of(part, late, rows, channel) for part in parts]
+    chain = joined(chains, len(rows))
+    amounts, white = rng.uniform(0.1, 5.0, (4, 4)), rng.uniform(0.5, 2.0, (4, len(rows)))
+    columns = rng.normal(size=(len(rows), 3))
+    found = whitened(chain, amounts, white, columns)
+    for t in range(4):
+        sized = replace(chain, columns=chain.columns * amounts[t])
+        covariance = sized.covariance() + np.diag(white[t])
+        inner = found.columns[t].T @ found.columns[t]
+        np.testing.assert_allclose(inner, columns.T @ np.linalg.solve(covariance, columns), rtol=1e-9)
+        assert found.half_log_det[t] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-10)
