@@ -42,7 +42,6 @@ from hil.solve.temperatures import same_temperature
 SCHEMA = "hil.twin/1"
 FEWEST = 3
 _ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
-_NO_NOISE = 1e-6  # (deg/hr)²
 _WHITE = "deg/sqrt(hr)"
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
@@ -158,9 +157,7 @@ def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator
 def _scattered(rows: Collects, model: Model, rng: np.random.Generator) -> Collects:
     """Return the collects as the model's rates with all noise that it states and that the errors state."""
     own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
-    stated = model.stated_covariance(own)
-    whole = np.diag(errors.ravel() ** 2 + _NO_NOISE) + (0.0 if stated is None else stated)
-    noise = (np.linalg.cholesky(whole) @ rng.standard_normal(errors.size)).reshape(errors.shape)
+    noise = errors * rng.standard_normal(errors.shape) + sum(each.draw(own, rng) for each in model.stated_scatter(own))
     rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
     return replace(rows, rates_deg_per_hr=rates)
 

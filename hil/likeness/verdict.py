@@ -51,9 +51,9 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
 
 
 def unlike(values: FloatArray, floor: FloatArray) -> FloatArray:
-    """Return how unlike the others each night is in each number, (N, K), as two-sided p-values.
+    """Return how unlike the others each night is in each number, (n, k), as two-sided p-values.
 
-    `values` (N, K), `floor` (K,): by how much nights may always differ.
+    `values` (n, k), `floor` (k,): by how much nights may always differ.
     """
     others = len(values) - 1
     mean = (values.sum(axis=0) - values) / others
@@ -63,12 +63,12 @@ def unlike(values: FloatArray, floor: FloatArray) -> FloatArray:
 
 
 def combined(chances: FloatArray) -> FloatArray:
-    """Return the harmonic mean of p-values over the last axis, (N, K) to (N,)."""
+    """Return the harmonic mean of p-values over the last axis, (n, k) to (n,)."""
     return np.asarray(chances.shape[1] / np.sum(1.0 / chances, axis=1))
 
 
 def corrected(chances: Mapping[str, FloatArray]) -> dict[str, float]:
-    """Return the first night's p-value by name, each against the smallest that every other night has, (N,) each."""
+    """Return the first night's p-value by name, each against the smallest that every other night has, (n,) each."""
     smallest = np.sort(np.min([each[1:] for each in chances.values()], axis=0))
     return {name: _placed(float(each[0]), smallest) for name, each in chances.items()}
 
