@@ -6,6 +6,7 @@ position from gravity and earth rate along the sensor's axes, and the stream is 
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 from typing import Any
 
@@ -145,19 +146,18 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
     """Return the sweep of which these are the collects, and how long it rests between two runs, s."""
     station, level = same_temperature(rows), rows.columns.get("temperature_degC", level_degC(rows))
     runs = [np.flatnonzero(rows.run == run) for run in dict.fromkeys(rows.run.tolist())]
-    positions = rows.position[runs[0]].tolist()
-    for own in runs:
-        if rows.position[own].tolist() != positions or station[own].min() < 0:
-            raise InputError(
-                f"{campaign.folder}: run {rows.run[own][0]}: its collects are not those of run {rows.run[0]} "
-                f"({', '.join(positions)}), or its temperature is not known, so the plan cannot be inferred"
-            )
+    taken = [tuple(rows.position[own].tolist()) for own in runs]
+    positions, often = Counter(taken).most_common(1)[0]
     stands = [int(station[own[0]]) for own in runs]
     plateaus = [0, *(k for k in range(1, len(runs)) if stands[k] != stands[k - 1])]
+    times, equally = Counter(np.diff([*plateaus, len(runs)]).tolist()).most_common(1)[0]
+    if 2 * often <= len(runs) or 2 * equally <= len(plateaus) or min(stands) < 0:
+        odd = next((rows.run[own[0]] for own, at in zip(runs, taken, strict=True) if at != positions), rows.run[0])
+        raise InputError(
+            f"{campaign.folder}: no plan can be inferred: most runs should have the same collects ("
+            f"{', '.join(positions)}, which run {odd} has not), and most temperatures, all known, {times} runs each"
+        )
     levels = [23.0 if level is None else float(np.nanmean(level[station == stands[k]])) for k in plateaus]
-    times = {int(each) for each in np.diff([*plateaus, len(runs)])}
-    if len(times) != 1:
-        raise InputError(f"{campaign.folder}: its temperatures were not measured equally often: no plan says so")
     settle_s = float(np.nanmedian(rows.columns.get("time_since_index_s", np.array([60.0]))))
     ends_s = rows.start_s + rows.duration_s
     rests = [rows.start_s[b[0]] - ends_s[a[-1]] for a, b in pairwise(runs)]
@@ -168,8 +168,8 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
     sweep = {
         "title": campaign.title,
         "temperatures": [f"{each:.1f} degC" for each in levels],
-        "self_calibrations_per_temperature": times.pop(),
-        "positions": positions,
+        "self_calibrations_per_temperature": times,
+        "positions": list(positions),
         "restabilisation": soak,
         "collect": {**collect, "drift_limit": "1000000 deg/hr/min"},
     }

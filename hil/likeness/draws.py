@@ -27,7 +27,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import read_text
 from hil.likeness.again import configuration
-from hil.likeness.features import features
+from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
 from hil.model import Model
 from hil.model.curve import Constant, Table
@@ -210,7 +210,8 @@ def _drawn(
         )
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
-        found = features(open_source(folder / "night"), form, calibrated=calibrated)
+        source = open_source(folder / "night")
+        found = features(source, form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}
     write_durably(RealDisk(), path, json.dumps(made).encode())
     return found

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.model import Model
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.series import blocked
 from hil.reconcile.search.problem import SensorProblem, pose
 from hil.records.export import Source
 from hil.records.reader import is_night
-from hil.solve.temperatures import same_temperature
+from hil.solve.temperatures import level_degC, same_temperature
 
 PARTS = ("averages", "run_scatter", "series", "conditions")
 RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "hr": 0.02}
@@ -31,11 +31,15 @@ _NORMAL = 2.0 / 3.0  # to this power a root mean square is nearly normal (Wilson
 _FEWEST = 8  # blocks of a series
 
 
-def features(source: Source, form: Model, *, calibrated: bool) -> dict[str, float]:
+def features(
+    source: Source, form: Model, *, calibrated: bool, levels_degC: Sequence[float] | None = None
+) -> dict[str, float]:
     """Return every compared number of a night by JSON of [part, place, name].
 
-    `form` is the model without its values; `calibrated` says that they are fitted at each temperature.
+    `form` is the model without its values; `calibrated` says that they are fitted at each temperature. Temperatures are
+    called as in the measured night, `levels_degC`, coldest first (its own where that is not given).
     """
+    called = levels(source.campaign) if levels_degC is None else levels_degC
     out: dict[str, float] = {}
     for number, problem in pose(source.campaign, form, ()).sensors.items():
         rows = problem.collects.conditions
@@ -43,13 +47,13 @@ def features(source: Source, form: Model, *, calibrated: bool) -> dict[str, floa
         for k, channel in enumerate(rows.sensor.channels):
             at = {"sensor": number, "channel": channel}
             found = [
-                *_averages(problem.collects, left[:, k], k),
+                *_averages(problem.collects, left[:, k], k, called),
                 *_scatter(rows, left[:, k]),
                 *_inside(source, rows, k),
             ]
             for part, where, name, value in found:
                 out[json.dumps([part, {**at, **where}, name])] = value
-        for where, name, value in _conditions(rows, _OF_A_BENCH if is_night(source.folder) else ()):
+        for where, name, value in _conditions(rows, called, _OF_A_BENCH if is_night(source.folder) else ()):
             out[json.dumps(["conditions", {"sensor": number, **where}, name])] = value
     return {key: float(value) for key, value in out.items() if np.isfinite(value)}
 
@@ -68,20 +72,29 @@ def residuals(problem: SensorProblem, *, calibrated: bool) -> FloatArray:
     return np.asarray(rates - columns @ fit)
 
 
-def _levels(rows: Conditions) -> Iterator[tuple[dict[str, Any], FloatArray]]:
+def levels(campaign: Campaign) -> list[float]:
+    """Return the temperatures of a campaign, coldest first, in whole °C."""
+    rows = next(iter(campaign.sensors.values())).conditions
+    level, station = level_degC(rows), same_temperature(rows)
+    known = np.zeros(len(rows)) if level is None else level
+    return [round(float(np.nanmean(known[station == k]))) for k in np.unique(station[station >= 0])]
+
+
+def _places(rows: Conditions, called: Sequence[float]) -> Iterator[tuple[dict[str, Any], FloatArray]]:
     """Yield the places of a night, each with its rows, (n,) true where they are."""
-    setpoint = rows.columns.get("setpoint_degC", rows.columns.get("temperature_degC", np.zeros(len(rows))))
     station = same_temperature(rows)
-    for k in np.unique(station):
-        yield {"temperature_degC": round(float(np.nanmean(setpoint[station == k])))}, station == k
+    for k, at in enumerate(called):
+        yield {"temperature_degC": at}, station == k
     for label in dict.fromkeys(rows.position.tolist()):
         yield {"position": label}, rows.position == label
 
 
-def _averages(collects: Collects, left: FloatArray, channel: int) -> Iterator[tuple[str, dict[str, Any], str, float]]:
+def _averages(
+    collects: Collects, left: FloatArray, channel: int, called: Sequence[float]
+) -> Iterator[tuple[str, dict[str, Any], str, float]]:
     rows, errors = collects.conditions, collects.rates_se_deg_per_hr[:, channel]
     station = same_temperature(rows)
-    for where, here in _levels(rows):
+    for where, here in _places(rows, called):
         yield "averages", where, "mean deg_per_hr", _mean(left[here])
         for label in dict.fromkeys(rows.position[here].tolist()) if "temperature_degC" in where else ():
             yield "averages", {**where, "position": label}, "mean", _mean(left[here & (rows.position == label)])
@@ -136,8 +149,10 @@ def _inside(source: Source, rows: Conditions, channel: int) -> Iterator[tuple[st
         yield "series", {}, name, _mean(values)
 
 
-def _conditions(rows: Conditions, also: Sequence[str]) -> Iterator[tuple[dict[str, Any], str, float]]:
-    for where, here in _levels(rows):
+def _conditions(
+    rows: Conditions, called: Sequence[float], also: Sequence[str]
+) -> Iterator[tuple[dict[str, Any], str, float]]:
+    for where, here in _places(rows, called):
         if "temperature_degC" in where:
             for name in {*_CONDITIONS, *also} & set(rows.columns):
                 yield where, name, _mean(rows.columns[name][here])
