@@ -90,13 +90,13 @@ def likeness(
     known = model if own else fitted(source.campaign, form, calibrated=follows)
     known = with_white_noise(known, source.campaign)
     document, assumed = configuration(source)
-    told = json.dumps([document, known.model_dump(mode="json"), follows, seed])
+    nights = [features(source, form, calibrated=follows)]
+    told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0])])
     keep.mkdir(parents=True, exist_ok=True)
     make = partial(
         _drawn, document, known, source.campaign, form, follows, seed, keep, sha256(told.encode()).hexdigest()
     )
     count = min(workers or os.cpu_count() or 1, draws)
-    nights = [features(source, form, calibrated=follows)]
     if count == 1:
         for number in range(draws):
             nights.append(make(number))
@@ -172,9 +172,9 @@ def with_white_noise(model: Model, campaign: Campaign) -> Model:
         white = np.nanmedian(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None], axis=1)
         white = np.where(np.isfinite(white), white, _ANGLE_RANDOM_WALK)
         station, inside = same_temperature(own), own.columns.get("temperature_degC", np.full(len(own), np.nan))
-        at = {
-            float(np.nanmean(inside[station == k])): float(np.median(white[station == k])) for k in np.unique(station)
-        }
+        known = np.flatnonzero(np.isfinite(inside) & (station >= 0))
+        own_of = {int(k): known[station[known] == k] for k in station[known]} or {0: np.arange(len(own))}
+        at = {float(np.nan_to_num(inside[of]).mean()): float(np.median(white[of])) for _, of in sorted(own_of.items())}
         told = {"temperature_degC": [*at], "value": [*at.values()]} if len(at) > 1 else next(iter(at.values()))
         curve = Table(unit=_WHITE, table=told) if len(at) > 1 else Constant(unit=_WHITE, value=told)
         noise[number] = stated.model_copy(update={"angle_random_walk": curve})

@@ -19,10 +19,11 @@ from hil.model.effects.series import blocked
 from hil.reconcile.search.problem import SensorProblem, pose
 from hil.records.export import Source
 from hil.records.reader import is_night
+from hil.solve.identifiability import orthonormal
 from hil.solve.temperatures import level_degC, same_temperature
 
 PARTS = ("averages", "run_scatter", "series", "conditions")
-RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "hr": 0.02}
+RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "hr": 0.02, "se": 0.03}
 """Differences that count as none, by the unit that ends a name: no bench repeats its conditions better."""
 
 _CONDITIONS = ("temperature_degC", "dTdt_degC_per_min", "time_since_setpoint_s")
@@ -53,6 +54,8 @@ def features(
             ]
             for part, where, name, value in found:
                 out[json.dumps([part, {**at, **where}, name])] = value
+        for name, value in _along(rows, np.nan_to_num(left)):
+            out[json.dumps(["averages", {"sensor": number}, name])] = value
         for where, name, value in _conditions(rows, called, _OF_A_BENCH if is_night(source.folder) else ()):
             out[json.dumps(["conditions", {"sensor": number, **where}, name])] = value
     return {key: float(value) for key, value in out.items() if np.isfinite(value)}
@@ -98,7 +101,7 @@ def _averages(
         yield "averages", where, "mean deg_per_hr", _mean(left[here])
         for label in dict.fromkeys(rows.position[here].tolist()) if "temperature_degC" in where else ():
             yield "averages", {**where, "position": label}, "mean", _mean(left[here & (rows.position == label)])
-        yield "series", where, "log se", _mean(np.log(np.maximum(errors[here], 1e-9)))
+        yield "series", where, "log_se", _mean(np.log(np.maximum(errors[here], 1e-9)))
         yield "run_scatter", where, "rms", _rms(left[here])
     interval_s = collect_interval_s(rows)
     place = place_in_run(rows, interval_s) if interval_s > 0.0 else np.zeros(len(rows))
@@ -106,6 +109,16 @@ def _averages(
         yield "averages", {}, f"mean at place {k:g}", _mean(left[place == k])
     warmer = np.append(0.0, np.sign(np.diff(station)))
     yield "averages", {}, "after a step of the temperature", _mean(left * warmer)
+
+
+def _along(rows: Conditions, left: FloatArray) -> Iterator[tuple[str, float]]:
+    """Yield which share of what is left, (n, c), follows the pose, the time or a condition: where an effect shows."""
+    said = {"f": rows.f_g, "f squared": rows.f_g**2, "time": rows.start_s, **rows.columns}
+    for name, values in said.items():
+        x = np.nan_to_num(np.stack([values, values**2], 1) if values.ndim == 1 else values)
+        x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
+        x = orthonormal(x - x.mean(axis=0))
+        yield f"share along {name}", float(np.sum((x.T @ left) ** 2) / max(float(np.sum(left**2)), 1e-9))
 
 
 def _scatter(rows: Conditions, left: FloatArray) -> Iterator[tuple[str, dict[str, Any], str, float]]:

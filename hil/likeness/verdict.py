@@ -1,10 +1,10 @@
 """Which of several nights is unlike the others: p-values of the first, from numbers that were taken of each alike.
 
 Each number of a night is held against the others' mean and spread (Student's t, so that it is smooth), a part's are
-combined by the harmonic mean of their p-values, and what comes of it is compared with what comes of every other night
-in the same way. Were the first night simulated too, each would be as likely to be the most unlike: its rank is exact
-whatever the numbers depend on. Beyond the most unlike draw the p-value is in proportion: of independent p-values the
-ratio of the smallest to the next is uniform.
+combined by the harmonic mean of their p-values, every question of the same weight in however many places it is asked,
+and what comes of it is compared with what comes of every other night in the same way. Were the first night simulated
+too, each would be as likely to be the most unlike: its rank is exact whatever the numbers depend on. Beyond the most
+unlike draw the p-value is in proportion: of independent p-values the ratio of the smallest to the next is uniform.
 """
 
 from __future__ import annotations
@@ -38,8 +38,11 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     places: dict[str, list[int]] = {}
     for k, (_, where, _) in enumerate(told):
         places.setdefault(json.dumps(where), []).append(k)
+    asked = [(part, name) for part, _, name in told]
+    weight = 1.0 / np.array([asked.count(each) for each in asked])
     of_parts, of_places = (
-        {name: combined(chances[:, own]) for name, own in groups.items() if own} for groups in (parts, places)
+        {name: combined(chances[:, own], weight[own]) for name, own in groups.items() if own}
+        for groups in (parts, places)
     )
     p_parts, p_places = (corrected(each) for each in (of_parts, of_places))
     where = [{"where": json.loads(name), "p_value": p} for name, p in p_places.items()]
@@ -62,9 +65,9 @@ def unlike(values: FloatArray, floor: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(2.0 * stdtr(others - 1, -np.abs(values - mean) / spread), 1e-300))
 
 
-def combined(chances: FloatArray) -> FloatArray:
-    """Return the harmonic mean of p-values over the last axis, (n, k) to (n,)."""
-    return np.asarray(chances.shape[1] / np.sum(1.0 / chances, axis=1))
+def combined(chances: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the harmonic mean of p-values over the last axis, (n, k) with weights (k,) to (n,)."""
+    return np.asarray(weight.sum() / np.sum(weight / chances, axis=1))
 
 
 def corrected(chances: Mapping[str, FloatArray]) -> dict[str, float]:
