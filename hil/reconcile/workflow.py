@@ -92,8 +92,8 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterio
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:
-    pair = [held_out(posterior, reading.nothing, reading.found, folds) for folds in (by_run, in_blocks)]
-    return None if pair[0] is None else (pair[0], pair[1] or pair[0])
+    runs, blocks = held_out(posterior, reading.nothing, reading.found, by_run, in_blocks)
+    return None if runs is None else (runs, blocks or runs)
 
 
 def _kept(reading: Reading, proof: tuple[HeldOut, HeldOut] | None) -> tuple[Reading, Sequence[Named]]:

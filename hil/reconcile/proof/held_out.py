@@ -8,7 +8,7 @@ the set is chosen that the other rows make most probable, and H is predicted wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,26 +69,35 @@ class HeldOut:
 
 
 def held_out(
-    posterior: Posterior, before: Found, lead: Found, folds: Callable[[FittedBlock], IntArray]
-) -> HeldOut | None:
-    """Predict every fold from the others, before and after; None where no row can be predicted.
+    posterior: Posterior, before: Found, lead: Found, *folds: Callable[[FittedBlock], IntArray]
+) -> list[HeldOut | None]:
+    """Predict every fold from the others, before and after, for each way to cut; None where no row can be predicted.
 
-    `folds` numbers the rows of a block, (N,). Rows that the lead calls wrong are predicted by nobody.
+    `folds` number the rows of a block, (N,). Rows that the lead calls wrong are predicted by nobody.
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
-    known: dict[tuple[object, ...], dict[int, Predicted]] = {}
-    numbers: set[int] = set()
+    known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
     for number, b, found in (
         (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
     ):
         key = (number, b, found.terms[number], found.kind)
-        if key not in known:
-            block = fitted_block(number, posterior.searches[number], found.terms[number], found.kind, b)
-            known[key] = dict(_predicted(block, folds(block), _wrong_rows(posterior, lead, number, b)))
-            numbers |= set(known[key])
+        if key in known[0]:
+            continue
+        block = fitted_block(number, posterior.searches[number], found.terms[number], found.kind, b)
+        wrong = _wrong_rows(posterior, lead, number, b)
+        precision = np.asarray(np.linalg.inv(block.predictive()), dtype=np.float64)
+        for own, cut in zip(known, folds, strict=True):
+            own[key] = dict(_predicted(block, precision, cut(block), wrong))
+    return [_together(posterior, sets, own) for own in known]
+
+
+def _together(
+    posterior: Posterior, sets: Sequence[Found], known: Mapping[tuple[object, ...], Mapping[int, Predicted]]
+) -> HeldOut | None:
+    """Choose a set in every fold by the rows that are not in it, and add up what it predicts for those that are."""
     blocks = [(n, b) for n, s in posterior.searches.items() for b in range(len(s.blocks))]
     rows = []
-    for fold in sorted(numbers):
+    for fold in sorted({fold for own in known.values() for fold in own}):
         at = [[known[(n, b, f.terms[n], f.kind)].get(fold) for n, b in blocks] for f in sets]
         usable = [all(a[k] is not None for a in at[:2]) for k in range(len(blocks))]
         if not any(usable):
@@ -130,10 +139,11 @@ def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[i
     return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
-def _predicted(block: FittedBlock, folds: IntArray, wrong: set[int]) -> Iterator[tuple[int, Predicted]]:
+def _predicted(
+    block: FittedBlock, precision: FloatArray, folds: IntArray, wrong: set[int]
+) -> Iterator[tuple[int, Predicted]]:
     """Yield of each fold what the other rows predict for it."""
     y = block.search.block.y - block.columns @ block.mean
-    precision = np.linalg.inv(block.predictive())
     pulled = precision @ y
     noise = np.diag(block.covariance)
     for fold in np.unique(folds):

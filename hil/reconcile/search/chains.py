@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -46,8 +47,9 @@ class Chain:
             out[i] = seen**2 @ own
         return out
 
+    @cached_property
     def covariance(self) -> FloatArray:
-        """Return the covariance of the rows, (N, N), in the order of time."""
+        """The covariance of the rows, (N, N), in the order of time."""
         rows = len(self.columns)
         own, across = np.zeros(self.columns.shape[1]), np.zeros((rows, self.columns.shape[1]))
         out = np.zeros((rows, rows))

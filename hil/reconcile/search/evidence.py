@@ -66,11 +66,13 @@ class Options:
 class Beside:
     """Rows whitened at every point, (t, N), with a base projected out, and what is left of the data there.
 
-    `basis` (t, N, p) spans the base, what follows temperature by as much as that may, `residual` (t, N) is what it
-    leaves, `rss` (t,) its square, `log_base` (t,) the log determinants of noise and base.
+    `values` (t, N, v) whitens what follows temperature by a known size: columns X become X − values values' X. `basis`
+    (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_base` (t,) the log
+    determinants of noise and base.
     """
 
     scales: Sequence[Scale]
+    values: FloatArray
     basis: FloatArray
     residual: FloatArray
     rss: FloatArray
@@ -79,40 +81,43 @@ class Beside:
 
     @classmethod
     def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], y: FloatArray, base: FloatArray) -> Beside:
-        """Project the base (N, p) and its values over temperature out of data y (N,), in the block's order of rows."""
-        values = noise.by_station.shape[1]
+        """Project the base (N, p) out of data y (N,), both in the block's order of rows."""
+        many = noise.by_station.shape[1]
         white = noise.whiten(points, np.column_stack([noise.by_station, base[noise.order], y[noise.order]]))
         factor = np.array([noise.factor(int(p)) for p in points.profile])
-        acting = np.any(factor, axis=(0, 1))
-        seen = white.columns[:, :, :values] @ factor[:, :, acting]
-        inner = np.eye(seen.shape[2]) + np.swapaxes(seen, 1, 2) @ seen
-        triangle = np.linalg.cholesky(inner)
-        basis = np.swapaxes(np.linalg.solve(triangle, np.swapaxes(seen, 1, 2)), 1, 2)
-        half_log_det = white.half_log_det + np.sum(np.log(np.diagonal(triangle, axis1=1, axis2=2)), axis=1)
-        y_left = _less(basis, white.columns[:, :, -1:])
-        nothing = cls(scales, basis, y_left[:, :, 0], np.zeros(len(points)), -half_log_det, len(y))
-        return nothing.beside(_less(basis, white.columns[:, :, values:-1]))
+        seen = white.columns[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
+        # 1 + seen seen' has the inverse root 1 − U (1 − (1 + λ)^-½) U', λ being the squares of what is seen.
+        squares, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
+        squares = np.maximum(squares, 0.0)
+        root = np.sqrt(1.0 + squares)
+        values = seen @ (vectors / np.sqrt(root * (1.0 + root))[:, None, :])
+        log_base = -white.half_log_det - np.sum(np.log(root), axis=1)
+        known = _less(values, white.columns[:, :, many:])
+        residual = known[:, :, -1]
+        nothing = cls(scales, values, known[:, :, :0], residual, np.zeros(len(points)), log_base, len(y))
+        return nothing.beside(known[:, :, :-1])
 
     def beside(self, columns: FloatArray) -> Beside:
         """Add projected columns (t, N, q) to the base, those that are combinations of others left out."""
-        values, vectors = np.linalg.eigh(np.swapaxes(columns, 1, 2) @ columns)
-        usable = values > SEEN**2 * values.max(axis=1, initial=LEAST, keepdims=True)
-        size = np.where(usable, values, 1.0)
+        squares, vectors = np.linalg.eigh(np.swapaxes(columns, 1, 2) @ columns)
+        usable = squares > SEEN**2 * squares.max(axis=1, initial=LEAST, keepdims=True)
+        size = np.where(usable, squares, 1.0)
         own = columns @ (vectors * np.where(usable, size**-0.5, 0.0)[:, None, :])
         left = _less(own, self.residual[:, :, None])[:, :, 0]
         rss = np.maximum(np.einsum("tn,tn->t", left, left), LEAST)
         log_base = self.log_base - 0.5 * np.sum(np.log(size), axis=1)
         freedom = self.freedom - int(usable.sum(axis=1).max(initial=0))
-        return Beside(self.scales, np.concatenate([self.basis, own], axis=2), left, rss, log_base, freedom)
+        basis = np.concatenate([self.basis, own], axis=2)
+        return Beside(self.scales, self.values, basis, left, rss, log_base, freedom)
 
     def at(self, index: IntArray | slice) -> Beside:
         """Return some of the points."""
-        values = (self.basis[index], self.residual[index], self.rss[index], self.log_base[index])
-        return Beside(self.scales, *values, self.freedom)
+        values, basis, residual = self.values[index], self.basis[index], self.residual[index]
+        return Beside(self.scales, values, basis, residual, self.rss[index], self.log_base[index], self.freedom)
 
     def project(self, white: FloatArray) -> FloatArray:
-        """Return whitened columns (t, N, k) less what the base can do."""
-        return _less(self.basis, white)
+        """Return columns (t, N, k), whitened but for what follows temperature, less what the base can do."""
+        return _less(self.basis, _less(self.values, white))
 
     def student(self, left: FloatArray, half_log_det: FloatArray, scale: int) -> FloatArray:
         """Log evidence for a quadratic form `left` (t, …) under one of the scales' priors, prior of the point apart."""
@@ -131,7 +136,7 @@ class Beside:
 
 
 def student(left: FloatArray, log_base: FloatArray, scale: Scale, freedom: int) -> FloatArray:
-    """Log evidence for a quadratic form `left` (…) with log determinants `log_base`, under one prior of the scale."""
+    """Return the log evidence (…) of a quadratic form `left` (…) with log determinants (…), under a scale's prior."""
     a, b, weight = scale
     power = a + 0.5 * freedom
     constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)

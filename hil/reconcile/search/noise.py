@@ -122,7 +122,7 @@ class Noise:
     ) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and from each other."""
         few = min(len(rows), COMPARED)
-        known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance()]
+        known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
@@ -130,7 +130,7 @@ class Noise:
                 parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance()))
-                covariance = chain.first(few).covariance()
+                covariance = chain.first(few).covariance
                 if size <= 0.0 or any(_cosine(covariance, other) > ALIKE for other in known):
                     continue
                 known.append(covariance)
@@ -202,9 +202,9 @@ class Noise:
 
     def covariance(self, kind: int, amount: float, offset: float, level: float, profile: int) -> FloatArray:
         """Return V of one point, (N, N), in units of the mean white variance, in the block's own order of rows."""
-        out = np.diag(self._white(np.array([level]))[0]) + self.stated.covariance()
-        out += offset**2 * self.offset.covariance()
-        out += amount**2 * self.kinds[kind].chain.covariance() if kind >= 0 else 0.0
+        out = np.diag(self._white(np.array([level]))[0]) + self.stated.covariance
+        out += offset**2 * self.offset.covariance
+        out += amount**2 * self.kinds[kind].chain.covariance if kind >= 0 else 0.0
         back = np.argsort(self.order)
         return np.asarray(out[np.ix_(back, back)] + self.by_temperature(profile))
 

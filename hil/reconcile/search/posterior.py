@@ -83,6 +83,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
                 further = tuple(sorted((*given, j)))
                 if further not in known and scores[j] > least:
                     grown.add(further)
+        search.lay({j for further in grown for j in further})
         for further in grown:
             known[further] = _alone(search, further)
         layer = list(grown)

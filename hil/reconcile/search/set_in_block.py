@@ -14,7 +14,7 @@ from hil.reconcile.search.noise import Points
 from hil.reconcile.search.terms import Part
 from hil.reconcile.search.tied import AtBest
 
-ROUNDS = 4
+ROUNDS = 8
 """At most, in which the sizes of a set are improved: two are enough unless columns are nearly the same."""
 
 
@@ -60,7 +60,7 @@ class SetInBlock:
         self.best, self.terms_log = starts[first], heights[first]
         for _ in range(ROUNDS):
             t = np.array([int(np.argmax(self.terms_log + self.points.log_prior))])
-            tried = self._tried()
+            tried = [(e, o) for e in self._all() for o in range(len(self.options[e]))]
             found = self._at([self._with(e, o) for e, o in tried], t)[:, 0].tolist()
             most = [max((f, o) for (i, o), f in zip(tried, found, strict=True) if i == e)[1] for e in self._all()]
             leaps = [most, self._with(*tried[int(np.argmax(found))])]
@@ -69,23 +69,17 @@ class SetInBlock:
             heights = self._at(leaps)
             better = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
             self.best, self.terms_log = leaps[better], heights[better]
-        tried = self._tried()
+        tried = [(e, o) for e in self._all() for o in self._near(e)]
         found = self._at([self._with(e, o) for e, o in tried])
         of = np.array([e for e, _ in tried])
         self.slack = [log_sum(found[of == e]) - self.terms_log for e in self._all()]
         self.terms_log = self.terms_log + np.sum(self.slack, axis=0)
 
-    def _tried(self) -> list[tuple[int, int]]:
-        """Every term with the sizes about its best."""
-        return [
-            (e, o)
-            for e in self._all()
-            for o in range(max(0, self.best[e] - 2), self.best[e] + 3)
-            if o < len(self.options[e])
-        ]
-
     def _all(self) -> range:
         return range(len(self.options))
+
+    def _near(self, e: int) -> range:
+        return range(max(0, self.best[e] - 2), min(len(self.options[e]), self.best[e] + 3))
 
     def _with(self, e: int, option: int) -> list[int]:
         return [*self.best[:e], option, *self.best[e + 1 :]]

@@ -7,8 +7,9 @@ search.likely_sets()           # the sets that are worth anything
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,14 +29,14 @@ from hil.reconcile.search.evidence import (
 from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import Noise, Points
 from hil.reconcile.search.set_in_block import SetInBlock
-from hil.reconcile.search.terms import Part, Term
+from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import AtBest, tied_gain
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
 SCANNED = 10
 """Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
-DENSE = 256
+DENSE = 400
 """Rows up to which whitening is one matrix: from there on the filter costs less."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
@@ -61,7 +62,8 @@ class BlockSearch:
         """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else UNKNOWN
-        nothing = Beside(scales, np.zeros((0, 0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0), 0)
+        cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
+        nothing = Beside(scales, cube, cube, flat, line, line, 0)
         out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
         return out
@@ -143,7 +145,7 @@ class SensorSearch:
         total = np.zeros(len(self.terms))
         for b, (search, laid) in enumerate(zip(self.blocks, self._groups(), strict=True)):
             points, base = search.points.take(search.scanned), search.beside.at(search.scanned)
-            own = [self._member(j, b, p)[1][search.scanned] for j in given if (p := self.terms[j].parts[b]) is not None]
+            own = [self._member(j, b)[1][search.scanned] for j in given if self.terms[j].parts[b]]
             beside = base.beside(np.concatenate(own, axis=2)) if own else base
             added = beside.basis[:, :, base.basis.shape[2] :]
             by_point = log_factors(beside, laid, added, len(self.terms)) + points.log_prior[:, None]
@@ -161,15 +163,24 @@ class SensorSearch:
         own = self.blocks[b]
         if (chosen, b) not in self._weighed:
             parts = {j: part for j in chosen if (part := self.terms[j].parts[b]) is not None}
-            members = [(j, part, *self._member(j, b, part)) for j, part in parts.items()]
+            members = [(j, part, *self._member(j, b)) for j, part in parts.items()]
             self._weighed[chosen, b] = SetInBlock.of(own.beside, own.points, members)
         return self._weighed[chosen, b]
 
-    def _member(self, j: int, b: int, part: Part) -> tuple[Options, FloatArray]:
+    def lay(self, places: Iterable[int]) -> None:
+        """Lay out what several terms are in every block, all at once: a filter costs as much for one as for many."""
+        for b, search in enumerate(self.blocks):
+            new = {j: part for j in places if (j, b) not in self._members and (part := self.terms[j].parts[b])}
+            ends = np.cumsum([0, *(part.columns.shape[1] for part in new.values())])
+            if new:
+                laid = search.projected(np.hstack([part.columns for part in new.values()]))
+                for j, (first, end) in zip(new, pairwise(ends), strict=True):
+                    self._members[j, b] = Options.of(self.terms[j].amplitudes[b]), laid[:, :, first:end]
+
+    def _member(self, j: int, b: int) -> tuple[Options, FloatArray]:
         """Return every size that a term may have in a block, and its projected columns there (t, N, q)."""
         if (j, b) not in self._members:
-            options = Options.of(self.terms[j].amplitudes[b])
-            self._members[j, b] = options, self.blocks[b].projected(part.columns)
+            self.lay((j,))
         return self._members[j, b]
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:

@@ -31,13 +31,17 @@ class AtBest:
         deviation = np.concatenate([np.zeros(0), *(own.deviation[o] for _, own, o in picked)])
         return {j: float(own.log_weights[o]) for j, own, o in picked}, mean, deviation
 
+    def at(self, mean: FloatArray) -> float:
+        """Return how much better than none the amplitudes `mean` (k,) explain the data, log."""
+        return float(mean @ (self.score - 0.5 * self.gram @ mean))
+
 
 def tied_gain(blocks: Sequence[AtBest], tied: Sequence[int]) -> float:
     """How much more probable the data are if tied parameters are one number in all blocks, not one in each (log)."""
     apart = 0.0
     for block in blocks:
         weights, mean, deviation = block.prior({})
-        apart += _gaussian(block.gram, block.score - block.gram @ mean, deviation)
+        apart += block.at(mean) + _gaussian(block.gram, block.score - block.gram @ mean, deviation)
         apart += sum(weights.get(j, 0.0) + block.slack.get(j, 0.0) for j in tied)
     apart -= sum(max(block.slack.get(j, 0.0) for block in blocks) for j in tied)
     tried = [sorted({b.best[b.members.index(j)] for b in blocks if j in b.members}) for j in tied]
@@ -51,15 +55,17 @@ def _one_number(blocks: Sequence[AtBest], sizes: Mapping[int, int]) -> float:
             keys.setdefault((j, k) if j in sizes else (j, k, b), len(keys))
     gram, score, deviation = np.zeros((len(keys), len(keys))), np.zeros(len(keys)), np.zeros(len(keys))
     weight: dict[int, float] = {}
+    known = 0.0
     for b, block in enumerate(blocks):
         weights, mean, own = block.prior(sizes)
+        known += block.at(mean)
         index = np.array([keys[(j, k) if j in sizes else (j, k, b)] for j, k in block.owner], dtype=np.int64)
         if len(index):
             gram[np.ix_(index, index)] += block.gram
             score[index] += block.score - block.gram @ mean
             deviation[index] = own
         weight |= {j: weights[j] for j in sizes if j in weights}
-    return _gaussian(gram, score, deviation) + sum(weight.values())
+    return known + _gaussian(gram, score, deviation) + sum(weight.values())
 
 
 def _gaussian(gram: FloatArray, score: FloatArray, deviation: FloatArray) -> float:

@@ -37,7 +37,7 @@ def test_a_chain_has_the_covariance_of_what_scatters(effect: VarianceEffect) -> 
         for first in (0, 7):
             parts = [chain_of(part, CONDITIONS, rows[first:], channel[first:]) for part in scatter]
             chain = joined(parts, len(rows) - first)
-            np.testing.assert_allclose(chain.covariance(), dense[first:, first:], atol=1e-9)
+            np.testing.assert_allclose(chain.covariance, dense[first:, first:], atol=1e-9)
             np.testing.assert_allclose(chain.variance(), np.diag(dense)[first:], atol=1e-9)
 
 
@@ -47,7 +47,7 @@ def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
     position = np.unique(CONDITIONS.position, return_inverse=True)[1]
     part = Scatter(np.ones((len(CONDITIONS), 2, 1)), group=position)
     chain = chain_of(part, CONDITIONS, rows, channel)
-    np.testing.assert_allclose(chain.covariance(), part.covariance(CONDITIONS)[np.ix_(place, place)])
+    np.testing.assert_allclose(chain.covariance, part.covariance(CONDITIONS)[np.ix_(place, place)])
 
 
 def test_filtered_rows_are_independent_and_keep_the_determinant() -> None:
@@ -67,7 +67,7 @@ def test_filtered_rows_are_independent_and_keep_the_determinant() -> None:
     found = whitened(chain, amounts, white, columns)
     for t in range(4):
         sized = replace(chain, columns=chain.columns * amounts[t])
-        covariance = sized.covariance() + np.diag(white[t])
+        covariance = sized.covariance + np.diag(white[t])
         inner = found.columns[t].T @ found.columns[t]
         np.testing.assert_allclose(inner, columns.T @ np.linalg.solve(covariance, columns), rtol=1e-9)
         assert found.half_log_det[t] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-10)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,13 +60,24 @@ class Unusual(Usual):
         return per_channel((conditions.columns["supply_V"] - 28.0) ** 3, conditions.sensor)
 
 
+def laid(model: str, *, calibrated: bool, **night: Any) -> SensorSearch:
+    """One sensor, a supply effect hidden, and little else to choose from."""
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 40.0, -36.0), **night)
+    problem = pose(campaign, load_model(model), (Usual(), Unusual(), effect_by_id("k2")))
+    scatter = (variance_effect_by_id("MU_rr"), variance_effect_by_id("rrw"))
+    return searches(problem, (), scatter, calibrated=calibrated)[2]
+
+
 @pytest.fixture(scope="module")
 def search() -> SensorSearch:
-    """One sensor of six runs, a supply effect hidden, and little else to choose from."""
-    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, 40.0, -36.0), **SMALL)
-    catalogue = (Usual(), Unusual(), effect_by_id("k2"))
-    problem = pose(campaign, load_model("matrix-6-thermal"), catalogue)
-    return searches(problem, (), (variance_effect_by_id("MU_rr"), variance_effect_by_id("rrw")))[2]
+    """Six runs, and a model that says how its values follow temperature."""
+    return laid("matrix-6-thermal", calibrated=False, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> SensorSearch:
+    """Six runs at three temperatures, and a base that may have values of its own at each."""
+    return laid("matrix-6", calibrated=True, **SMALL)
 
 
 def term(search: SensorSearch, name: str) -> int:
@@ -128,6 +140,18 @@ def test_the_evidence_is_the_marginal_likelihood(search: SensorSearch, names: tu
         assert np.any(seen)
         np.testing.assert_allclose(evidence[seen], expected[seen], atol=1e-6)
         np.testing.assert_allclose(evidence[seen], brute_force(search, chosen, b, near=False)[seen], atol=0.3)
+
+
+@pytest.mark.parametrize("names", [(), ("usual",)])
+def test_values_that_follow_temperature_are_in_the_evidence(calibrated: SensorSearch, names: tuple[str, ...]) -> None:
+    """Whatever way they follow it: the covariance of all rows says the same, and some points have such values."""
+    chosen = tuple(term(calibrated, name) for name in names)
+    for b, evidence in enumerate(calibrated.evidence(chosen)):
+        own = calibrated.blocks[b]
+        assert any(far for p in np.unique(own.points.profile) for far, _ in own.noise.profiles[p])
+        expected = brute_force(calibrated, chosen, b)
+        seen = np.isfinite(expected)
+        np.testing.assert_allclose(evidence[seen], expected[seen], atol=1e-5)
 
 
 def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> None:
@@ -213,7 +237,7 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
     seen = 0
-    for fold, predicted in _predicted(block, folds, set()):
+    for fold, predicted in _predicted(block, np.linalg.inv(block.predictive()), folds, set()):
         out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
         if len(predicted.error) != len(out):
             continue  # what the others say nothing about is left out of the fold
