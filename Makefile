@@ -62,6 +62,8 @@ reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in a few 
 	$(BIN)/python -m benchmarks.reliability.ledger_cost
 	$(BIN)/python -m benchmarks.reliability.long_night
 	$(BIN)/python -m benchmarks.reliability.rehearse --nights 1000 --seed 1
+	$(BIN)/python -m benchmarks.twin_calibration --nights 200
+	$(BIN)/python -m benchmarks.coverage run --keep coverage.jsonl
 
 pictures: $(VENV)/dev.stamp  ## pictures of report, reconciliation, plots and live page, in docs/pictures; needs Chromium
 	$(BIN)/python docs/pictures.py

@@ -1,24 +1,47 @@
-"""Commands about what a model lacks: reconcile, visibility, effects."""
+"""Commands about what a model lacks: reconcile, twin, visibility, effects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.progress import Progress
 
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, check_result_folder, listing, printed, results, warn
+from hil.cli.output import JsonFlag, check_result_folder, listing, messages, printed, results, warn
+
+if TYPE_CHECKING:
+    from hil.model import Model
 
 _SHOWN = 3
+_LEVEL = 0.05
+_PARTS = {
+    "averages": "averages, beside the fitted model",
+    "run_scatter": "scatter from run to run",
+    "series": "inside the collects",
+    "conditions": "temperatures and times",
+}
+_ModelName = Annotated[
+    str, typer.Option("--model", help="A model file, or the name of a built-in.", show_default=False)
+]
+_Draws = Annotated[int, typer.Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
 
 
 def reconcile(
     campaign: Source,
-    model: Annotated[str, typer.Option(help="A model file, or the name of a built-in.", show_default=False)],
+    model: _ModelName,
     out: Annotated[Path, typer.Option("--out", help="The folder for the result.", show_default=False)],
     alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
+    with_twin: Annotated[
+        bool, typer.Option("--twin", help="Also simulate nights before and after, as hil twin.")
+    ] = False,
+    draws: _Draws = 20,
+    seed: _Seed = 1,
     as_json: JsonFlag = False,
 ) -> None:
     """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
@@ -28,6 +51,19 @@ def reconcile(
     data = read_source(campaign)
     check_result_folder(out, "thermal.json", "thermal")
     result = search(data, model, alpha=alpha)
+    if with_twin:
+        each_temperature = True if result.calibration == "per temperature" else None
+        given, how = result.input_model, {"draws": draws, "seed": seed}
+        before = _likeness(campaign, given, out / "twin-before", calibrated=each_temperature, **how)
+        after = (
+            before
+            if result.model_after == given
+            else _likeness(campaign, result.model_after, out / "twin-after", **how)
+        )
+        halves = {
+            name: {key: of[key] for key in ("p_value", "parts")} for name, of in (("before", before), ("after", after))
+        }
+        result = replace(result, twin={**how, **halves})
     write_result(result, out)
     document = result.document()
     if printed(document, as_json):
@@ -58,6 +94,9 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
         floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
         yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
+    if twin_of := document.get("twin"):
+        halves = (f"{when} {_chance(twin_of[when]['p_value'])}" for when in ("before", "after"))
+        yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({twin_of['draws']} draws)"
     follows = [f"{each['driver'].replace('_', ' ')} {each['probability']:.2f}" for each in document["follows"][:3]]
     if follows:
         yield f"it follows: {', '.join(follows)}"
@@ -87,6 +126,60 @@ def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         lines.setdefault(f"{each['name']}{sensor}, {each['unit']}", []).append(f"{whole:.4g}{se}{at}{more}")
     for name, values in lines.items():
         yield f"  {name}: {'; '.join(values)}"
+
+
+def twin(
+    campaign: Source,
+    model: _ModelName,
+    draws: _Draws = 20,
+    seed: _Seed = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Keeps what was simulated; default: NIGHT-twin, beside it.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
+    from hil.model import load_model
+
+    keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
+    document = _likeness(campaign, load_model(model), keep, draws=draws, seed=seed)
+    if printed(document, as_json):
+        return
+    console = results()
+    mark = "  SIMULATED" if document["simulated"] else ""
+    console.print(f"{document['campaign']}{mark}, beside {draws} nights SIMULATED with {document['model']}")
+    told = "can be told from them" if document["p_value"] < _LEVEL else "cannot be told from them"
+    console.print(f"\nthe night {told}: p = {_chance(document['p_value'])}")
+    for part, words in _PARTS.items():
+        console.print(f"  {words}: {_chance(document['parts'][part])}")
+    for each in (place for place in document["places"][:_SHOWN] if place["p_value"] < _LEVEL):
+        where = ", ".join(f"{name} {value}" for name, value in each["where"].items()) or "the whole night"
+        console.print(f"  at {where}: {_chance(each['p_value'])}")
+    console.print(f"\nkept in {keep}: asked again, with more draws, these are not simulated again")
+
+
+def _chance(p_value: float | None) -> str:
+    return "not asked" if p_value is None else "below 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
+def _likeness(folder: Path, model: Model, keep: Path, *, draws: int, **how: Any) -> dict[str, Any]:
+    """Ask `hil.likeness`, and show how far it is."""
+    from hil.likeness import likeness
+
+    with _bar(draws) as done:
+        return likeness(folder, model, keep=keep, draws=draws, done=done, **how)
+
+
+@contextmanager
+def _bar(draws: int) -> Iterator[Callable[[int], None]]:
+    """Show how many nights are simulated, on a terminal as a bar."""
+    console = messages()
+    if not console.is_terminal:
+        yield lambda number: console.print(f"simulated night {number} of {draws}")
+        return
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("simulated nights", total=draws)
+        yield lambda number: bar.update(task, completed=number)
 
 
 def visibility(
@@ -125,4 +218,4 @@ def effects(as_json: JsonFlag = False) -> None:
     results().print(table)
 
 
-COMMANDS = (reconcile, visibility, effects)
+COMMANDS = (reconcile, twin, visibility, effects)

@@ -25,7 +25,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve
-from hil.model.effects.base import Base, Described, Effect, Scatter, VarianceEffect
+from hil.model.effects.base import Base, Described, Effect, Scatter
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, variance_effect_by_id
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
@@ -100,11 +100,6 @@ class Model(_Section):
         """Return the terms that act on a sensor, each with its effect."""
         pairs = ((term, effect_by_id(term.effect)) for term in self.terms if term.sensor in (None, sensor.number))
         return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
-
-    def scatter_for(self, sensor: Sensor) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
-        """Return the named effects that scatter a sensor's rates, each with its values."""
-        noise = self.noise.get(sensor.number)
-        return () if noise is None else noise.scatter_for(sensor)
 
     def stated_scatter(self, conditions: Conditions) -> Sequence[Scatter]:
         """Return what n collects scatter by beside their own standard errors, deg/hr, as independent parts.

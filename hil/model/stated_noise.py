@@ -65,9 +65,17 @@ class SensorNoise(BaseModel):
     correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     scatter: tuple[ScatterTerm, ...] = ()
 
-    def scatter_for(self, sensor: Sensor) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
-        """Return the named effects that scatter this sensor, each with its values."""
-        pairs = ((term, variance_effect_by_id(term.effect)) for term in self.scatter)
+    def scatter_for(self, sensor: Sensor, *, slow: bool = False) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
+        """Return the named effects that scatter this sensor, each with its values; `slow`: the older keys' too.
+
+        Of these not the angle random walk, which shows inside the collects, and so in their standard errors.
+        """
+        older = [
+            ScatterTerm(effect=effect.id, parameters={effect.parameters[0].name: getattr(self, key)})
+            for key, effect in _OLDER.items()
+            if slow and effect.id != "arw" and key in self.model_fields_set
+        ]
+        pairs = ((term, variance_effect_by_id(term.effect)) for term in (*older, *self.scatter))
         return tuple((term, effect) for term, effect in pairs if effect.applies_to(sensor))
 
     def correlation_factor(self) -> FloatArray:
@@ -90,12 +98,7 @@ class SensorNoise(BaseModel):
         for place, name in enumerate(names):
             columns[:, :, place] *= _at(self.run_to_run[name], temperature, name)[:, None]
         out = [Scatter(columns @ self.correlation_factor(), group=conditions.run)] if names else []
-        older = [
-            (ScatterTerm(effect=effect.id, parameters={effect.parameters[0].name: getattr(self, key)}), effect)
-            for key, effect in _OLDER.items()
-            if effect.id != "arw"  # it shows inside the collects, and so in their standard errors
-        ]
-        for term, effect in (*older, *self.scatter_for(conditions.sensor)):
+        for term, effect in self.scatter_for(conditions.sensor, slow=True):
             size = term.size_at(temperature)
             if size.any():
                 parts = effect.scatter(conditions, term.shape)

@@ -185,6 +185,7 @@ class Reconciliation:
     follows: Sequence[tuple[str, float]] = ()
     noise: Sequence[Mapping[str, Any]] = ()
     rows: Sequence[Mapping[str, Any]] = ()
+    twin: Mapping[str, Any] | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -209,6 +210,7 @@ class Reconciliation:
             "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
             "noise": [dict(channel) for channel in self.noise],
             "rows": [dict(row) for row in self.rows],
+            **({"twin": dict(self.twin)} if self.twin else {}),
         }
         return dict(_plain(document))
 

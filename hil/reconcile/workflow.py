@@ -155,6 +155,7 @@ def _result(
         ]
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
         after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
+        after = scatter.with_offsets(after, noise, conditions)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]

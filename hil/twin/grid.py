@@ -12,7 +12,7 @@ from drivers.frames.roles import Roles
 from hil.campaign import FloatArray
 from hil.config.simulation import SimulationSection
 from hil.errors import InputError
-from hil.twin.scatter import SlowNoise, Wander
+from hil.twin.scatter import Wander
 from hil.twin.sensor import SimulatedSensor
 from hil.twin.thermal import GRID_S, ThermalUnit
 
@@ -112,7 +112,7 @@ def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> Field
 class SlowGrid:
     """The grid points up to now. Every table has one row per grid point; slopes are per second.
 
-    Temperatures and slow noise are kept for as long as the unit lives, for `SimulatedUnit.truth`. What only samples are
+    Temperatures are kept for as long as the unit lives, for `SimulatedUnit.truth`. What only samples are
     made of is kept for an hour: time never goes backwards.
     """
 
@@ -136,8 +136,6 @@ class SlowGrid:
         self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
         self._coefficients = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
         self._coefficient_slopes = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
-        self._slow = {n: GrowingTable(one.channels) for n, one in sensors.items()}
-        self._slow_noise = {n: SlowNoise(settings.seed, session, n, one.channels) for n, one in sensors.items()}
         self._supply = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
 
     def advance(self, to_s: float) -> None:
@@ -161,7 +159,6 @@ class SlowGrid:
             then = one.coefficients(state[:, ROTOR] + GRID_S * slopes[:, 1])
             self._coefficients[number].append(now)
             self._coefficient_slopes[number].append((then - now) / GRID_S)
-            self._slow[number].append(self._slow_rates(number, state[:, ROTOR]))
         self._append_fields(state, slopes)
 
     def nodes(self, times_s: FloatArray) -> NDArray[np.int64]:
@@ -186,21 +183,10 @@ class SlowGrid:
         """Return bias and K of a sensor at each grid point, and their slopes (see `SimulatedSensor.coefficients`)."""
         return self._coefficients[sensor], self._coefficient_slopes[sensor]
 
-    def slow(self, sensor: int) -> FloatArray:
-        """Return the slow noise of a sensor's channels, deg/hr, (m, c)."""
-        return self._slow[sensor].rows
-
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
         """Return supply and spin period at grid points, (n,) each, by campaign column name, as far as simulated."""
         places = {"supply_V": self._columns.supply, "spin_period_us": self._columns.spins.get(sensor)}
         return {name: self.level.at(nodes)[:, place] for name, place in places.items() if place is not None}
-
-    def _slow_rates(self, number: int, rotor_degC: FloatArray) -> FloatArray:
-        one = self._sensors[number]
-        if not self._settings.noise.slow:
-            return np.zeros((len(rotor_degC), one.channels))
-        walk = one.noise.rate_random_walk.at(rotor_degC)
-        return self._slow_noise[number].advance(walk, one.noise.bias_instability.at(rotor_degC))
 
     def _append_fields(self, state: FloatArray, slopes: FloatArray) -> None:
         columns, noise = self._columns, self._settings.noise

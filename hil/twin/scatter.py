@@ -16,11 +16,7 @@ from hil.model.effects.base import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-_WHITE, _SLOW, _RUNS, _WANDER, _NAMED = 0, 1, 2, 3, 4
-_FLICKER_LAGS_S = np.array([10.0, 100.0, 1000.0, 10000.0])
-# Gauss-Markov processes a decade apart, of this standard deviation per unit of bias instability B, have an Allan
-# deviation within 5 % of 0.664 B between 20 s and 4 h.
-_FLICKER_SIGMA = 0.885
+_WHITE, _RUNS, _WANDER, _NAMED = 0, 2, 3, 4
 
 
 def _generator(seed: int, *key: int) -> np.random.Generator:
@@ -89,34 +85,6 @@ class NamedNoise:
         angles = np.concatenate([self._before[None], white])
         self._before = angles[-1]
         return np.asarray(np.diff(angles, axis=0) / np.sqrt(2.0))
-
-
-class SlowNoise:
-    """Rate random walk and bias instability of `channels` channels, deg/hr, on the grid.
-
-    They are the catalogue's `rrw` and `flicker` (1/f noise of the same density, a decade apart instead of a factor 4).
-    """
-
-    def __init__(self, seed: int, session: int, sensor: int, channels: int) -> None:
-        self._generator = _generator(seed, _SLOW, session, sensor)
-        self._channels = channels
-        self._walk = np.zeros(channels)
-        self._flicker = np.zeros((len(_FLICKER_LAGS_S), channels))
-
-    def advance(self, walk: FloatArray, instability: FloatArray) -> FloatArray:
-        """Return the next m grid points, shape (m, channels).
-
-        `walk` (m,) is the rate random walk K in deg/hr/sqrt(hr), `instability` (m,) the bias instability B in deg/hr.
-        """
-        drawn = self._generator.standard_normal((len(walk), 1 + len(_FLICKER_LAGS_S), self._channels))
-        rates = _correlated(1.0, walk[:, None] * np.sqrt(GRID_S / 3600.0) * drawn[:, 0], self._walk)
-        self._walk = rates[-1] if len(rates) else self._walk
-        flicker: FloatArray = np.empty((len(_FLICKER_LAGS_S), *rates.shape))
-        for lag, keep in enumerate(np.exp(-GRID_S / _FLICKER_LAGS_S)):
-            kick = np.sqrt(1.0 - keep**2)
-            flicker[lag] = _correlated(keep, kick * drawn[:, 1 + lag], self._flicker[lag])
-        self._flicker = flicker[:, -1] if len(rates) else self._flicker
-        return np.asarray(rates + (_FLICKER_SIGMA * instability)[:, None] * flicker.sum(axis=0))
 
 
 class Wander:

@@ -14,7 +14,6 @@ from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.equation import pickoff_rates
-from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.twin.scatter import run_scatter
 
@@ -42,9 +41,9 @@ class SimulatedSensor:
             [self.sensor.axes.index(axis) for axis in self.acceleration_fields], dtype=int
         )
         self.noise = _noise(model, number, bench.simulation.noise.angle_random_walk)
-        self.bias_names = bias_names(self.sensor)
         self._seed = bench.simulation.seed
         self._scatters = bench.simulation.noise.run_to_run
+        self.scattering = self.noise.scatter_for(self.sensor, slow=bench.simulation.noise.slow)
         self._runs: dict[int, dict[str, float]] = {}
         self._offsets: dict[int, FloatArray] = {}
         self._none = np.zeros(4 * self.channels)

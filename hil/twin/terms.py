@@ -127,7 +127,7 @@ class ScatterRates:
     """What the model's named effects scatter a sensor's rates by: each is drawn as its own `Scatter` says."""
 
     def __init__(self, rows: GridRows, here: Rest, seed: int, session: int, sample_rate_hz: float) -> None:
-        self._rows, self._terms = rows, rows.sensor.model.scatter_for(rows.sensor.sensor)
+        self._rows, self._terms = rows, rows.sensor.scattering
         self._per_sample = float(np.sqrt(GRID_S * sample_rate_hz))  # of white noise that is of unit size over 5 s
         self._noises: list[NamedNoise] = []
         self._white: list[NamedNoise] = []

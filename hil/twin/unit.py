@@ -51,7 +51,8 @@ class Truth:
 class SimulatedUnit:
     """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`.
 
-    Raises `InputError` where the bench has no simulation, or begins at a position that it does not have.
+    Raises `InputError` where the bench has no simulation or begins at a position that it does not have, or a term of
+    the model needs a condition that is not simulated.
     """
 
     def __init__(
@@ -107,9 +108,12 @@ class SimulatedUnit:
         spun_up_s = begins_s - settings.start.powered_for
         self._rows = {n: GridRows(one, self._grid, spun_up_s, setpoints) for n, one in self._sensors.items()}
         self._terms = {n: TermRates(rows) for n, rows in self._rows.items() if model.terms_for(rows.sensor.sensor)}
-        self._scatters = [n for n, one in self._sensors.items() if model.scatter_for(one.sensor)]
+        self._scatters = [n for n, one in self._sensors.items() if one.scattering]
         self._scatter: dict[int, ScatterRates] = {}  # once there is a grid point
         self._streams = settings.seed, session, sample_rate_hz
+        self._grid.advance(begins_s)
+        for number in self._terms:  # or the night would end at its first sample
+            model.rates(self._rows[number].at(self._rest(number, self._timeline.legs[0]), np.zeros(1, dtype=np.int64)))
 
     def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
         """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""
@@ -144,8 +148,7 @@ class SimulatedUnit:
     def truth(self, run: int, sensor: int) -> Truth:
         """Return what a sensor really was in self-calibration `run`, at its mean rotor temperature during the run.
 
-        Slow noise, where it is simulated, is part of the bias; the model's terms are not part of its base. Raises
-        `ValueError` for a run that has not begun.
+        What wanders, and the model's terms, are not part of its base. Raises `ValueError` for a run that has not begun.
         """
         legs = [leg for leg in self._timeline.legs if leg.run == run and np.isfinite(leg.begins_s)]
         if not legs:
@@ -154,11 +157,7 @@ class SimulatedUnit:
         part = slice(int(within[0]), int(within[1]) + 1)
         temperature_degC = float(self._grid.state[part, ROTOR].mean())
         one = self._sensors[sensor]
-        parameters = one.parameters(run, temperature_degC)
-        slow = self._grid.slow(sensor)[part].mean(axis=0)
-        for name, value in zip(one.bias_names, slow.tolist(), strict=True):
-            parameters[name] += value
-        return Truth(run, sensor, temperature_degC, parameters)
+        return Truth(run, sensor, temperature_degC, one.parameters(run, temperature_degC))
 
     def _rotor_at(self, time_s: float) -> float:
         self._grid.advance(time_s)
@@ -187,7 +186,7 @@ class SimulatedUnit:
             now, then = (table.between(first, last) for table in self._grid.coefficients(number))
             level, slope = one.rates(now, f_g, w[one.sensor.channel_axes]), one.rates(then, f_g)
         scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
-        level += scatter + self._grid.slow(number)[first : last + 1]
+        level += scatter
         at = here.nodes - first
         named = []
         if number in self._scatter:
@@ -212,7 +211,6 @@ class SimulatedUnit:
         coefficients = now.at(here.nodes) + then.at(here.nodes) * here.since_s[:, None]
         turning = (w + rotation)[:, one.sensor.channel_axes]
         rates = one.rates(coefficients + one.scatter_coefficients(here.leg.run), f_g, turning)
-        rates += self._grid.slow(number)[here.nodes]
         here.readings[:, self._columns.rates[number]] += rates
         here.readings[:, self._columns.accelerations[number]] += f_g[:, one.acceleration_axes]
 

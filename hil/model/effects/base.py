@@ -137,6 +137,8 @@ class Described(ABC):
     signature: ClassVar[str] = ""
     confusable_with: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str] = ""
+    idealises: ClassVar[str] = ""
+    """By what its column in recorded conditions differs from what a unit does by more than 1 %; empty where nothing."""
 
     def applies_to(self, sensor: Sensor) -> bool:
         """Whether the effect can exist in a sensor of this layout."""

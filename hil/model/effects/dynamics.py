@@ -22,11 +22,7 @@ from hil.model.effects.pickoff import turned_pair
 
 
 class IndexSettling(Effect):
-    """A remainder of the index move's disturbance is inside the collect; larger after a larger slew.
-
-    The column is as exact as the recorded time since the index: the controller hears of its end some tenths of a second
-    late, 1 % at 20 s. Whence the first collect was reached is not recorded: it gets the mean slew of the others.
-    """
+    """A remainder of the index move's disturbance is inside the collect; larger after a larger slew."""
 
     id = "settle"
     family = "dynamics"
@@ -39,6 +35,10 @@ class IndexSettling(Effect):
     signature = "Exponential at the beginning of every collect; collect 2, after 180 deg, differs from 1 and 3."
     confusable_with = ("MU_real", "drift", "convection")
     incidental = True
+    idealises = (
+        "It is as exact as the recorded time since the index, of which the controller hears tenths of a second late: "
+        "1 % at 20 s. Whence the first collect was reached is not recorded: it gets the mean slew of the others."
+    )
     experiment = "Discard the head of each collect, and compare its first half with its second."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

@@ -138,7 +138,7 @@ class AxialDriftTemperature(_TemperatureDependent):
     )
     signature = "MU changes smoothly with temperature while bias and GS do not."
     confusable_with = ("tilt", "MU_rr", "convection", "vre")
-    searched = False  # a form of MU_real
+    searched, known_as = False, "MU_real"  # of which it is a form: its values follow temperature
     experiment = "Collect 4 at every temperature, each visited twice."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -232,7 +232,7 @@ class LinearSensitivityTemperature(LinearSensitivity):
     needs = frozenset({"temperature_degC"})
     signature = "The response to gravity changes with temperature while the bias does not."
     confusable_with = ("g_sensitivity", "scale", "bias_T")
-    searched = False  # a form of g_sensitivity
+    searched, known_as = False, "g_sensitivity"  # of which it is a form
     experiment = "The same orientations at two temperatures at least, revisited."
 
     def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:

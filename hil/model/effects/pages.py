@@ -141,6 +141,7 @@ def _page(family: str, found: list[Described]) -> str:
             f"- **Signature.** {entry.signature}",
             f"- **Easily taken for** {', '.join(f'`{other}`' for other in entry.confusable_with)}",
             f"- **What separates it.** {entry.experiment}",
+            *([f"- **Its column idealises.** {entry.idealises}"] if entry.idealises else []),
             "",
         ]
     return "\n".join(lines)

@@ -82,6 +82,7 @@ class TemperatureRateBias(Effect):
     signature = "Opposite sign heating and cooling, dies away while soaking, largest in the first run after a setpoint."
     confusable_with = ("hyst", "bias_grad", "soak_insufficient", "T_lag", "drift")
     incidental = True
+    idealises = "It takes dT/dt as recorded, of which the thermometer's steps of 0.01 °C leave 0.01 °C/min uncertain."
     kin = MappingProxyType({"bias_grad": 1.0})
     experiment = "Two ramp rates and a long soak; order 1-3-2, in which MU is immune to it."
 
@@ -131,6 +132,7 @@ class ThermometerLag(Effect):
     )
     confusable_with = ("bias_Tdot", "hyst", "soak_insufficient")
     incidental = True
+    idealises = "It takes dT/dt as recorded, of which the thermometer's steps of 0.01 °C leave 0.01 °C/min uncertain."
     experiment = "Loop area against ramp rate: a lag's grows with the rate, true hysteresis does not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -148,12 +150,7 @@ class ThermometerLag(Effect):
 
 
 class Hysteresis(Effect):
-    """Bias that depends on the turning points of temperature, not on its rate: a play operator.
-
-    The column knows the temperatures of collects and no others. It begins relaxed at the first row: where the unit came
-    from decides on which side of the loop it is until it has crossed it, so that a search prepends `came_from_degC`. An
-    overshoot between collects is not in it either.
-    """
+    """Bias that depends on the turning points of temperature, not on its rate: a play operator."""
 
     id = "hyst"
     family = "thermal"
@@ -169,6 +166,10 @@ class Hysteresis(Effect):
     signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")
     came_from_degC = (ROOM_DEGC, _COLD_DEGC)
+    idealises = (
+        "It knows the temperatures of collects and no others, so no overshoot between them, and begins relaxed: where "
+        "the unit came from decides on which side of the loop it is, so that a search prepends `came_from_degC`."
+    )
     kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Return to the same temperature from above and from below, each after a full soak."
 

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Conditions
+from hil.model import Model
+from hil.model.curve import Constant
 from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.forms import bias_names
+from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
@@ -105,6 +109,20 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
                 }
             )
     return out
+
+
+def with_offsets(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:
+    """Return the model with the ordinary offset of each run as well: `run_to_run` of every bias that states none."""
+    sections = dict(model.noise)
+    for each in noise:
+        own, size = conditions[each["sensor"]], each["run_offset_deg_per_hr"]
+        stated = sections.get(each["sensor"], SensorNoise())
+        name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
+        if size > 0.0 and name not in stated.run_to_run:
+            se = size * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * len(np.unique(own.run)))))
+            offsets = {**stated.run_to_run, name: Constant(unit="deg/hr", value=size, se=se)}
+            sections[each["sensor"]] = stated.model_copy(update={"run_to_run": offsets})
+    return model.model_copy(update={"noise": sections})
 
 
 def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:

@@ -112,3 +112,34 @@ def test_the_catalogue_lists_every_effect(hil: Any) -> None:
     assert {"MU_real", "k2", "hyst", "settle", "arw"} <= ids
     words = hil("effects").stdout
     assert all(identifier in words for identifier in ids)
+
+
+def test_too_few_nights_to_tell_by_are_refused_in_a_sentence(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """Nothing is begun, and nothing is left behind."""
+    ended = hil("twin", contractors, "--model", "collins-4", "--draws", 1, "--out", tmp_path / "kept")
+    assert ended.returncode == 2
+    assert "3 at least" in ended.stderr
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.slow
+def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
+    hil: Any, tmp_path: Path
+) -> None:
+    """Before and after, in the result; asked by itself it says the same of what is kept, also for people."""
+    design = Design((23.0,), 4, ("1", "2", "3", "4"), restabilisation_s=900.0)
+    campaign = write_case(make_case(1, ("MU_real",), 30.0, model="collins-4", design=design), tmp_path / "campaign")
+    out, few = tmp_path / "out", ("--draws", 6)
+    ended = hil("reconcile", campaign, "--model", "collins-4", "--out", out, "--twin", *few, "--json")
+    assert ended.returncode == 0, ended.stderr
+    told = json.loads(ended.stdout)["twin"]
+    assert (told["draws"], told["seed"]) == (6, 1)
+    assert told["before"]["p_value"] < 1e-3
+    assert told["after"]["p_value"] > 0.05
+    kept = ("twin", campaign, "--model", "collins-4", "--out", out / "twin-before", *few)
+    document = json.loads(hil(*kept, "--json").stdout)
+    assert document["schema"] == "hil.twin/1"
+    assert document["p_value"] == told["before"]["p_value"]
+    people = hil(*kept).stdout
+    assert "the night can be told from them" in people
+    assert "SIMULATED" in people

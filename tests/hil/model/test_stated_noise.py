@@ -73,7 +73,6 @@ def test_sizes_follow_temperature_row_by_row(tmp_path: Path) -> None:
 def test_a_sensor_of_which_nothing_is_stated_scatters_by_nothing(tmp_path: Path) -> None:
     """Neither where the model has no noise section, nor where the section is empty."""
     assert not model(tmp_path).stated_scatter(SHORT)
-    assert model(tmp_path).scatter_for(ROTOR) == ()
     assert not stated(tmp_path).any()
 
 
@@ -83,7 +82,7 @@ def test_a_model_that_holds_only_scatter_reads_back_equal(tmp_path: Path) -> Non
     save_model(original, tmp_path / "again.yaml")
     again = load_model(tmp_path / "again.yaml")
     assert again == original
-    assert [(term.effect, effect.id) for term, effect in again.scatter_for(ROTOR)] == [
+    assert [(term.effect, effect.id) for term, effect in again.noise[2].scatter_for(ROTOR)] == [
         ("markov", "markov"),
         ("MU_rr", "MU_rr"),
     ]

@@ -1,0 +1,266 @@
+"""Hide every entry of the catalogue in the simulated unit, through bytes, at three sizes in three sweeps; look for it.
+
+    python -m benchmarks.coverage run --keep coverage.jsonl                    # all of it, hours; goes on where it was
+    python -m benchmarks.coverage run --keep few.jsonl --sweep published --only MU_real k2 --size middle
+    python -m benchmarks.coverage run --keep few.jsonl --sweep triad --twin    # also told apart before, and not after
+    python -m benchmarks.coverage table coverage.jsonl                         # for docs/, wrong names first
+
+The unit is what `matrix-6-thermal` says (a triad: `triad-12`), with white noise, and one effect on top, with all its
+parameters at the low, middle or high end of what is typical; `hil reconcile` looks for it with that model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hil.campaign import Campaign, Conditions
+from hil.config import load_bench, load_sweep
+from hil.config.bench import Bench, parse_bench
+from hil.design.visibility.document import campaign_document
+from hil.errors import InputError
+from hil.likeness import likeness
+from hil.likeness.draws import Agrees
+from hil.model import built_in_model, load_model
+from hil.model.effects.base import Described
+from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, effect_by_id
+from hil.night import start_night
+from hil.reconcile import Reconciliation, reconcile
+from hil.records.export import export_campaign, open_source
+
+SWEEPS = {"published": "rd-gc-86-1", "recommended": "recommended", "triad": "triad-six-positions"}
+SIZES = ("low", "middle", "high")
+SEED = 2301
+_COVERED = 2.0  # standard errors
+_WHITE = {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.12}}
+
+
+def unit(triad: bool) -> dict[str, Any]:
+    """Return the model file of the unit without an effect."""
+    if triad:
+        names = {f"B{a}": ("deg/hr", 20.0 - 9.0 * k) for k, a in enumerate("XYZ")}
+        names |= {
+            f"G{a}{b}": ("deg/hr/g", 30.0 - 7.0 * k + 11.0 * m)
+            for k, a in enumerate("XYZ")
+            for m, b in enumerate("XYZ")
+        }
+        sensors = {1: {name: {"unit": u, "value": value} for name, (u, value) in names.items()}}
+    else:
+        rotor = {"BA": (15.0, -0.22, 0.003), "BB": (-10.0, 0.85, -0.004), "GSA": (60.0, 0.2, 0.0005)}
+        rotor |= {"GSB": (-25.0, -0.09, 0.0003), "MUA": (9.0, -0.12, 0.002), "MUB": (-7.0, 0.1, 0.001)}
+        sensors = {
+            n: {
+                name: {"unit": "deg/hr" + "/g" * (name[0] != "B"), "polynomial": list(each), "reference_degC": 25.0}
+                for name, each in rotor.items()
+            }
+            for n in (1, 2)
+        }
+    form = "triad-12" if triad else "matrix-6"
+    return {
+        "schema": "hil.model/1",
+        "title": "unit",
+        "form": form,
+        "sensors": sensors,
+        "noise": {number: dict(_WHITE) for number in sensors},
+    }
+
+
+def bench_with(model: Path, triad: bool) -> Bench:
+    """Return the simulated bench whose unit is a model file: the one that ships, or the triad's example simulated."""
+    document = yaml.safe_load(load_bench("espec-stim300-example" if triad else "simulated").text)
+    if triad:
+        del document["chamber"]["model"]
+        document["imu"]["port"], document["chamber"]["port"] = "sim://imu", "sim://chamber"
+        document |= {"clock": "virtual", "simulation": {"seed": SEED, "start": {"position": "x-up"}}}
+    document["simulation"] |= {"model": str(model), "seed": SEED}
+    document |= {"polling": {"interval": "90 s", "read_interval": "90 s"}, "record": {"raw": False}}
+    return parse_bench(yaml.safe_dump(document), str(model.with_name("bench.yaml")))
+
+
+def night(folder: Path, sweep: str, document: Mapping[str, Any]) -> Campaign:
+    """Carry a sweep out with a unit, through bytes, and return it as the campaign folder that is kept of it."""
+    folder.mkdir()
+    (folder / "model.yaml").write_text(yaml.safe_dump(dict(document)))
+    bench = bench_with(folder / "model.yaml", sweep == "triad")
+    ended = start_night(folder / "night", load_sweep(SWEEPS[sweep]), bench, terminal=Agrees(), seed=SEED)
+    if ended.exit_status:
+        raise InputError(ended.reason)
+    export_campaign(folder / "night", folder / "campaign")
+    return open_source(folder / "campaign").campaign
+
+
+def hidden(entry: Described, conditions: Conditions, size: str) -> dict[str, Any]:
+    """Return the term of an effect: each of its parameters at a size, a little smaller than the one before."""
+    shapes = {each.name: each.grid or (1.0,) for each in entry.shapes_for(conditions)}
+    parameters = {}
+    for place, each in enumerate(entry.parameters_for(conditions)):
+        low, high = each.typical
+        value = {"low": max(low, 0.1 * high), "middle": each.size, "high": high}[size] * 0.9**place
+        parameters[each.name] = {"unit": each.unit, "value": float(value)}
+    return {
+        "effect": entry.id,
+        "shape": {n: float(g[len(g) // 2]) for n, g in shapes.items()},
+        "parameters": parameters,
+    }
+
+
+def entries() -> Iterator[tuple[str, Described]]:
+    """Yield how each entry acts, and the entry."""
+    yield from (("mean", each) for each in EFFECTS)
+    yield from (("scatter", each) for each in VARIANCE_EFFECTS)
+    yield from (("inside", each) for each in SERIES_EFFECTS)
+
+
+def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
+    """Hide one effect, look for it, and say what came of it."""
+    sweep, kind, name, size = job
+    out: dict[str, Any] = {"sweep": sweep, "kind": kind, "id": name, "size": size}
+    triad, number = sweep == "triad", 1 if sweep == "triad" else 2
+    entry = next(each for of, each in entries() if (of, each.id) == (kind, name))
+    if kind == "inside" and name not in {each.id for each in (*EFFECTS, *VARIANCE_EFFECTS)}:
+        return {**out, "why_not": "the simulated unit has none"}
+    with tempfile.TemporaryDirectory(prefix="hil-") as at:
+        folder = Path(at)
+        try:
+            bare = night(folder / "without", sweep, unit(triad))
+            conditions = bare.sensors[number].conditions
+            if not entry.applies_to(conditions.sensor):
+                return {**out, "why_not": "cannot be in this sensor"}
+            of = next(each for each in (*EFFECTS, *VARIANCE_EFFECTS) if each.id == name) if kind == "inside" else entry
+            document, term = unit(triad), hidden(of, conditions, size)
+            if of in EFFECTS:
+                document["terms"] = [{**term, "sensor": number}]
+            else:
+                document["noise"] = {**document["noise"], number: {**_WHITE, "scatter": [term]}}
+            campaign = night(folder / "with", sweep, document)
+        except InputError as error:
+            return {**out, "why_not": str(error)[:160]}
+        added = campaign.sensors[number].rates_deg_per_hr - bare.sensors[number].rates_deg_per_hr
+        model = "triad-12" if triad else "matrix-6-thermal"
+        if kind == "mean":
+            rows, truth = campaign.sensors[number].conditions, load_model(folder / "with" / "model.yaml")
+            values = [each["value"] for each in term["parameters"].values()]
+            columns = effect_by_id(name).columns(rows, truth.base_for(rows), term["shape"])
+            column = np.einsum("ncp,p->nc", np.nan_to_num(columns), values)
+            if np.any(column):  # nothing, where the condition was not recorded
+                out["off"] = float(np.abs(added - column).max() / np.abs(column).max())
+            out |= promised(campaign, model, name, term)
+        out["rms"] = float(np.sqrt(np.mean(added**2)))
+        result = reconcile(campaign, model)
+        out |= judged(result, name, term)
+        if twin:
+            for when, of_model in (("before", built_in_model(model)), ("after", result.model_after)):
+                asked = likeness(folder / "with" / "campaign", of_model, keep=folder / when, workers=1)
+                out[f"twin_{when}"] = asked["p_value"]
+    return out
+
+
+def promised(campaign: Campaign, model: str, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
+    """Return whether `hil visibility` promises that this size is found, and how large that is beside it."""
+    told = {each["id"]: each for each in campaign_document(campaign, built_in_model(model))["effects"]}
+    if name not in told or name in FORM_EFFECTS[model]:
+        return {"promised": False, "in_model": name in FORM_EFFECTS[model], "class": []}
+    smallest = told[name]["smallest_visible"]
+    size = term["parameters"].get(smallest["parameter"], {}).get("value", 0.0)
+    share = size / smallest["value"] if smallest["value"] else 0.0
+    return {"promised": share >= 1.0, "beside_visible": share, "class": told[name]["class"], "in_model": False}
+
+
+def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what reconcile said of it."""
+    found = {each.id: each for each in result.effects}
+    known = effect_by_id(name).known_as if name in {each.id for each in EFFECTS} else ""
+    mine = found.get(name) or found.get(known)
+    values = {each["name"]: each for each in (mine.parameters if mine else ()) if each.get("se")}
+    near = [
+        abs(values[key]["value"] - each["value"]) < _COVERED * values[key]["se"]
+        for key, each in term["parameters"].items()
+        if key in values
+    ]
+    gap = result.gap
+    return {
+        "verdict": result.verdict,
+        "found": {key: round(each.probability, 3) for key, each in found.items()},
+        "rivals": sorted({rival.id for each in result.effects for rival in each.confusable_with}),
+        "named": mine is not None,
+        "covered": sum(near),
+        "of": len(near),
+        "gap": [gap.before, gap.after, gap.noise_floor],
+    }
+
+
+def in_class(each: Mapping[str, Any]) -> bool:
+    """Whether what was found is called by its name, or by one that these collects cannot tell from it."""
+    names = set(each["found"])
+    return each["named"] or bool(names & {*each.get("class", ())}) or (bool(names) and each["id"] in each["rivals"])
+
+
+def table(found: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the table, wrong names first."""
+    heads = ("sweep", "effect", "size", "rms, deg/hr", "off the column", "times visible", "found, probability")
+    yield f"| {' | '.join((*heads, 'named', 'values covered', 'gap', 'twin'))} |"
+    yield "|---" * 11 + "|"
+
+    def wrong(each: Mapping[str, Any]) -> int:
+        if "why_not" in each:
+            return 3
+        return 1 if not each["found"] else 2 if in_class(each) else 0
+
+    for each in sorted(found, key=wrong):
+        head = f"| {each['sweep']} | `{each['id']}` ({each['kind']}) | {each['size']} |"
+        if "why_not" in each:
+            yield f"{head} – | – | – | not simulated: {each['why_not']} | – | – | – | – |"
+            continue
+        names = ", ".join(f"{name} {p:.2f}" for name, p in each["found"].items()) or "nothing"
+        said = (
+            "in the model" if each.get("in_model") else "yes" if each["named"] else "class" if in_class(each) else "no"
+        )
+        gap = " → ".join("–" if value is None else f"{value:.2f}" for value in each["gap"])
+        twin = " → ".join(f"{each[key]:.2g}" for key in ("twin_before", "twin_after") if key in each) or "–"
+        off = f"{each['off']:.1%}" if "off" in each else "–"
+        seen = f"{each['beside_visible']:.1f}" if "beside_visible" in each else "–"
+        near = f"{each['covered']} of {each['of']}"
+        yield f"{head} {each['rms']:.2f} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"
+
+
+def main() -> None:
+    """Run what is not there yet, or print the table."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    doing = options.add_subparsers(dest="doing", required=True)
+    run = doing.add_parser("run")
+    run.add_argument("--keep", type=Path, required=True)
+    run.add_argument("--sweep", choices=SWEEPS, nargs="*", default=list(SWEEPS))
+    run.add_argument("--size", choices=SIZES, nargs="*", default=list(SIZES))
+    run.add_argument("--only", nargs="*")
+    run.add_argument("--twin", action="store_true")
+    run.add_argument("--workers", type=int)
+    doing.add_parser("table").add_argument("keep", type=Path)
+    asked = options.parse_args()
+    there = [json.loads(line) for line in asked.keep.read_text().splitlines()] if asked.keep.exists() else []
+    if asked.doing == "table":
+        print("\n".join(table(there)))
+        return
+    done = {(each["sweep"], each["kind"], each["id"], each["size"]) for each in there}
+    jobs = [
+        (sweep, kind, entry.id, size)
+        for sweep in asked.sweep
+        for size in asked.size
+        for kind, entry in entries()
+        if not asked.only or entry.id in asked.only
+    ]
+    with ProcessPoolExecutor(asked.workers) as pool, asked.keep.open("a") as file:
+        for found in pool.map(partial(case, twin=asked.twin), [job for job in jobs if job not in done]):
+            print(json.dumps(found), file=file, flush=True)
+
+
+if __name__ == "__main__":
+    main()

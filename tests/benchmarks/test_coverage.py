@@ -1,0 +1,39 @@
+"""The coverage of the catalogue: one effect through bytes, and its table with wrong names first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from benchmarks.coverage import case, entries, table
+
+
+def told(name: str, **found: float) -> dict[str, Any]:
+    """A case of which these names were found."""
+    head = {"sweep": "published", "kind": "mean", "id": name, "size": "high", "rms": 4.0, "off": 0.0001}
+    said = {"found": found, "rivals": [], "named": name in found, "covered": 1, "of": 2, "gap": [4.0, None, 1.0]}
+    return {**head, **said, "class": [name, "k2"], "beside_visible": 2.0}
+
+
+def test_wrong_names_are_listed_first() -> None:
+    """Then what was missed, then what is right or in its class, then what cannot be simulated, with its reason."""
+    cannot = {"sweep": "triad", "kind": "mean", "id": "vre", "size": "low", "why_not": "nothing vibrates"}
+    rows = [told("scale", scale=0.9), told("mag", k2=0.6), cannot, told("tilt"), told("drift", ageing=1.0)]
+    order = [line.split("`")[1] for line in list(table(rows))[2:]]
+    assert order == ["drift", "tilt", "scale", "mag", "vre"]
+
+
+def test_every_entry_of_the_catalogue_is_asked_for() -> None:
+    """On the mean, on the scatter and inside the collects."""
+    assert {kind for kind, _ in entries()} == {"mean", "scatter", "inside"}
+    assert len(list(entries())) > 50
+
+
+@pytest.mark.slow
+def test_an_effect_in_the_bytes_is_found_named_and_covered() -> None:
+    """An acceleration sensitivity that follows the square, in the sweep that can tell it."""
+    found = case(("recommended", "mean", "k2", "high"), twin=False)
+    assert found["named"]
+    assert found["off"] < 0.01
+    assert found["gap"][1] < found["gap"][0]

@@ -1,0 +1,131 @@
+"""hil twin: the same night again, through bytes; what was simulated is kept, and a campaign's plan is inferred."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmarks.blind.cases import make_case, write_case
+from benchmarks.blind.night import Design
+from benchmarks.blind.poses import write_triad
+from hil.config import load_bench
+from hil.config.recorded import configuration_of, configuration_text
+from hil.config.sweep import parse_sweep
+from hil.errors import InputError
+from hil.likeness import draws, likeness
+from hil.likeness.again import configuration
+from hil.model import Model, load_model
+from hil.night import start_night
+from hil.records.export import open_source
+from tests.hil.short_sweeps import short_sweep
+
+TRUTH = "rd-gc-86-1-truth"
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short night, two positions."""
+    folder = tmp_path_factory.mktemp("night") / "night"
+    sweep = parse_sweep(short_sweep(self_calibrations=2), "sweep.yaml")
+    assert start_night(folder, sweep, load_bench("simulated")).exit_status == 0
+    return folder
+
+
+def ask(folder: Path, keep: Path, model: Model | str = TRUTH, **how: Any) -> dict[str, Any]:
+    """Ask with few draws, in this process."""
+    chosen = load_model(model) if isinstance(model, str) else model
+    return likeness(folder, chosen, **{"draws": 3, "keep": keep, "workers": 1, **how})
+
+
+def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever was interrupted goes on, to the same result; another model, or seed, is simulated anew."""
+    first = ask(night, tmp_path)
+    assert first["schema"] == "hil.twin/1"
+    assert set(first["parts"]) == {"averages", "run_scatter", "series", "conditions"}
+    assert all(0.0 < each <= 1.0 for each in first["parts"].values())
+    assert [json.loads(path.read_text())["simulated"] for path in sorted(tmp_path.iterdir())] == [True] * 3
+    (tmp_path / "draw-0003.json").unlink()
+    began: list[int] = []
+
+    def counted(*given: Any, **options: Any) -> Any:
+        began.append(options["seed"])
+        if len(began) > 1:
+            raise KeyboardInterrupt
+        return start_night(*given, **options)
+
+    monkeypatch.setattr(draws, "start_night", counted)
+    assert ask(night, tmp_path) == first
+    assert len(began) == 1
+    for other in ({"seed": 2}, {"model": load_model(TRUTH).model_copy(update={"noise": {}})}):
+        with pytest.raises(KeyboardInterrupt):
+            ask(night, tmp_path, **other)
+
+
+def test_too_few_draws_and_a_model_that_is_no_ones_are_refused(night: Path, tmp_path: Path) -> None:
+    """In a sentence, before anything is simulated."""
+    with pytest.raises(InputError, match="3 at least"):
+        ask(night, tmp_path / "kept", draws=2)
+    with pytest.raises(InputError, match="triad"):
+        ask(night, tmp_path / "kept", "triad-12")
+    assert not (tmp_path / "kept").exists()
+
+
+def test_the_plan_of_a_campaign_is_inferred_from_its_collects(tmp_path: Path) -> None:
+    """Temperatures, runs, positions and times; and at each position the gravity and earth rate that were given."""
+    design = Design(temperatures_degC=(23.0, 40.0), runs_per_temperature=2, positions=("1", "3", "4", "2"))
+    source = open_source(write_case(make_case(1, design=design), tmp_path / "campaign"))
+    document, assumed = configuration(source)
+    assert assumed
+    model = Path(load_bench("simulated").simulation_model or "").read_text()
+    bench, sweep = configuration_of(yaml.safe_dump({**document, "model": model}), tmp_path / "files")
+    assert (sweep.positions, sweep.self_calibrations_per_temperature) == (("1", "3", "4", "2"), 2)
+    rows = source.campaign.sensors[2].conditions
+    assert sweep.collect.duration_s == rows.duration_s[0]
+    inside = rows.columns["temperature_degC"]
+    warm = [float(np.mean(inside[rows.run < 3])), float(np.mean(inside[rows.run > 2]))]
+    assert sweep.temperatures == pytest.approx(warm, abs=0.06)
+    gravity, earth = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
+    for row, position in enumerate(rows.position.tolist()):
+        lies = bench.orientations(2)[position]
+        assert lies.components(gravity) == pytest.approx(rows.f_g[row], abs=1e-3)
+        assert lies.components(earth) == pytest.approx(rows.w_deg_per_hr[row], abs=0.02)
+    for kept in (slice(1, None), slice(1, None, 3)):  # one collect is missing; hardly any run has the same
+        own = {2: source.campaign.sensors[2].rows(np.arange(len(rows))[kept])}
+        lacking = replace(source, campaign=replace(source.campaign, folder=tmp_path, sensors=own))
+        if kept.step is None:
+            assert configuration(lacking)[0]["sweep"]["positions"] == document["sweep"]["positions"]
+            continue
+        with pytest.raises(InputError, match="no plan can be inferred: most runs should have the same collects"):
+            configuration(lacking)
+
+
+@pytest.mark.slow
+def test_a_night_of_a_real_bench_is_simulated_on_its_own_chamber_and_unit(night: Path, tmp_path: Path) -> None:
+    """Other ports, a clock that jumps, nobody told and nothing failing; and somebody who turns the unit as asked."""
+    bench = yaml.safe_load(load_bench("simulated").text)
+    bench["imu"]["positioner"] = "operator"
+    bench["faults"] = [{"device": "imu", "kind": "silence", "at": "identify", "for": "10 h"}]
+    text = configuration_text(load_bench("simulated"), parse_sweep(short_sweep(), "sweep.yaml"))
+    document = yaml.safe_load(text) | {"bench": bench}
+    source = open_source(night)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hil.likeness.again.understood", lambda _: document)
+        told, assumed = configuration(source)
+        assert not assumed
+        assert "faults" not in told["bench"]
+        found = ask(night, tmp_path / "kept")
+    assert found["p_value"] > 0.0
+
+
+@pytest.mark.slow
+def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
+    """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
+    write_triad(1, 8.0, tmp_path / "campaign")
+    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=20)["p_value"] > 0.01
+    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=20)["p_value"] < 0.001

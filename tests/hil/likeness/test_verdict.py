@@ -1,0 +1,65 @@
+"""One night among others: as often unlike as chance says where it is one of them, surely where it is not."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from hil.likeness.verdict import SMALLEST, verdict
+
+
+def nights(values: np.ndarray) -> list[dict[str, float]]:
+    """Return nights of numbers, (N, K), of which a third belong to each of three parts and to ten places."""
+    names = [json.dumps([("averages", "run_scatter", "series")[k % 3], {"position": str(k % 10)}, f"x{k}"])
+             for k in range(values.shape[1])]  # fmt: skip
+    return [dict(zip(names, row.tolist(), strict=True)) for row in values]
+
+
+@pytest.mark.parametrize("kind", ["correlated", "skewed"])
+def test_a_night_like_the_others_is_told_apart_as_often_as_stated(kind: str) -> None:
+    """At 5 %, by the whole and by the least likely part and place, whatever the numbers depend on."""
+    rng, told, placed = np.random.default_rng(3), 0, 0
+    for _ in range(300):
+        values = rng.standard_normal((21, 30))
+        if kind == "correlated":
+            values = values + 2.0 * values[:, :1]
+        found = verdict(nights(np.exp(values) if kind == "skewed" else values))
+        told += found["p_value"] < 0.05
+        placed += found["places"][0]["p_value"] < 0.05
+        assert found["p_value"] == min(p for p in found["parts"].values() if p is not None)
+    assert 0.03 < told / 300 < 0.07
+    assert 0.03 < placed / 300 < 0.07
+
+
+def test_where_one_number_is_far_off_part_and_place_are_named() -> None:
+    """Far beyond what ranks of twenty draws could say."""
+    values = np.random.default_rng(4).standard_normal((21, 30))
+    values[0, 13] = 25.0
+    found = verdict(nights(values))
+    assert SMALLEST <= found["p_value"] < 1e-3
+    assert found["parts"]["run_scatter"] == found["p_value"]
+    assert min(found["parts"]["averages"], found["parts"]["series"]) > 0.05
+    assert found["parts"]["conditions"] is None
+    assert found["places"][0]["where"] == {"position": "3"}
+    assert found["places"][1]["p_value"] > 0.05
+
+
+def test_one_draw_that_is_far_off_makes_no_other_night_unlike() -> None:
+    """It is the most unlike of all by itself."""
+    values = np.random.default_rng(5).standard_normal((21, 30))
+    values[7, 13] = 25.0
+    assert verdict(nights(values))["p_value"] > 0.05
+
+
+def test_what_is_the_same_within_its_resolution_is_alike() -> None:
+    """Temperatures within half a degree, times within a minute; ten times as much where the bench is assumed."""
+
+    def of(off_degC: float) -> list[dict[str, float]]:
+        key = json.dumps(["conditions", {"sensor": 2}, "temperature_degC"])
+        return [{key: 20.0 + (off_degC if k == 0 else 1e-6 * k)} for k in range(21)]
+
+    assert verdict(of(0.3))["p_value"] == pytest.approx(1.0 / 21.0, rel=1.0)  # the most unlike, by next to nothing
+    assert verdict(of(9.0))["p_value"] < 1e-3
+    assert verdict(of(9.0), 10.0)["p_value"] > 1e-3

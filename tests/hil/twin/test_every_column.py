@@ -1,0 +1,125 @@
+"""With the same seed, a night with an effect minus the night without it is the catalogue's column: for every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from hil.campaign import Campaign, Conditions, FloatArray
+from hil.config.sweep import parse_sweep
+from hil.errors import InputError
+from hil.model import Model, load_model
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import EFFECTS
+from hil.model.effects.history import joined
+from hil.night import start_night
+from hil.records.export import open_source
+from tests.hil.twin.quiet import quiet_bench
+
+_SWEEP = """
+title: Up and down again
+temperatures: [23 degC, 35 degC, 29 degC]
+self_calibrations_per_temperature: {times}
+positions: [1, 3, 4, 2]
+restabilisation: {{at_least: {soak}, window: 3 min, ceiling: 1 h, band: 2 degC, slope: 20 degC/min, unit_band: 15 degC,
+  unit_slope: 20 degC/min}}
+collect: {{settle: 60 s, duration: {duration}, drift_limit: 100000 deg/hr/min}}
+"""
+_VALUES = {"BA": 22.0, "BB": -18.0, "GSA": 60.0, "GSB": -25.0, "MUA": 9.0, "MUB": -7.5}
+_CANNOT = {"swap": "is a mistake in a record", "vre": "needs vibration_rms_g"}  # no unit has these: why not
+_SHORT: dict[str, Any] = {"times": 1, "duration": "10 s", "soak": "3 min"}
+_STEPS = 0.003  # deg/hr, of the stream
+
+
+def _night(
+    folder: Path, terms: Sequence[Any] = (), times: int = 2, duration: str = "60 s", soak: str = "15 min"
+) -> tuple[Campaign, Model]:
+    """Carry the sweep out on a bench without noise, through bytes."""
+    folder.mkdir()
+    noise = {"supply_wander": "0.3 V", "run_to_run": False, "new_run_after_rest": "2 min"}
+    looks = {"noise": noise, "start": {"temperature": "20 degC"}}
+    bench = quiet_bench(folder, {1: _VALUES, 2: _VALUES}, list(terms), **looks)
+    path = folder / "quiet.yaml"
+    leaning = {"table": {"temperature_degC": [0.0, 60.0], "value": [10.0, 40.0]}, "unit": "deg/hr"}
+    document = yaml.safe_load(path.read_text())
+    for number in (1, 2):
+        document["sensors"][number]["BA"] = leaning
+    path.write_text(yaml.safe_dump(document))
+    sweep = parse_sweep(_SWEEP.format(times=times, duration=duration, soak=soak), "sweep.yaml")
+    assert start_night(folder / "night", sweep, bench).exit_status == 0
+    return open_source(folder / "night").campaign, load_model(path)
+
+
+def _term(effect: Effect, conditions: Conditions, sensor: int) -> dict[str, Any]:
+    """An effect at the upper end of what is typical, each parameter a little smaller than the one before."""
+    shapes = {each.name: each.grid or (1.0,) for each in effect.shapes_for(conditions)}
+    shape = {name: grid[len(grid) // 2] * (1.0 if len(grid) > 1 else 1.01) for name, grid in shapes.items()}
+    parameters = {
+        each.name: {"unit": each.unit, "value": each.typical[1] * 0.9**place}
+        for place, each in enumerate(effect.parameters_for(conditions))
+    }
+    return {"effect": effect.id, "sensor": sensor, "shape": shape, "parameters": parameters}
+
+
+def _column(effect: Effect, term: dict[str, Any], model: Model, conditions: Conditions) -> FloatArray:
+    """What the catalogue says that it does to these rows, (n, c); what remembers temperature knows where it was."""
+    rows = conditions
+    if effect.came_from_degC:
+        first = conditions.rows(np.array([0]))
+        first.columns["temperature_degC"][:] = first.columns["setpoint_degC"][:] = 12.0  # rotors that were switched off
+        if effect.id == "soak_insufficient":
+            first.columns["temperature_degC"][:] = first.columns["setpoint_degC"][:] = 23.0  # the first is no step
+        rows = joined(first, conditions)
+    values = [each["value"] for each in term["parameters"].values()]
+    found = np.einsum("ncp,p->nc", effect.columns(rows, model.base_for(rows), term["shape"]), values)
+    return np.asarray(found[len(rows) - len(conditions) :])
+
+
+@pytest.fixture(scope="module")
+def without(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """The night with nothing added."""
+    return _night(tmp_path_factory.mktemp("without") / "night")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", [each for each in EFFECTS if each.id not in _CANNOT], ids=lambda each: each.id)
+def test_night_minus_night_is_the_column(effect: Effect, without: Campaign, tmp_path: Path) -> None:
+    """Within 1 % of the effect in every collect, or the class says by what its column differs."""
+    term = _term(effect, without.sensors[2].conditions, 2)
+    night, model = _night(tmp_path / "with", [term])
+    conditions = night.sensors[2].conditions
+    added = night.sensors[2].rates_deg_per_hr - without.sensors[2].rates_deg_per_hr
+    column = _column(effect, term, model, conditions)
+    size = np.abs(column).max()
+    assert size > 10.0 * _STEPS
+    differs = np.abs(added - column).max()
+    if effect.idealises:
+        column, added = column[1:], added[1:]  # of the first collect no campaign knows from where it was reached
+    assert np.abs(added - column).max() <= (0.04 if effect.idealises else 0.01) * size + _STEPS
+    assert differs <= 0.01 * size + _STEPS or effect.idealises
+
+
+def test_a_night_with_every_effect_is_the_sum_of_the_columns(tmp_path: Path) -> None:
+    """All that a model may hold at once, through bytes, half of it in each sensor."""
+    bare, _ = _night(tmp_path / "without", **_SHORT)
+    chosen = [each for each in EFFECTS if each.id not in _CANNOT and not each.idealises]
+    terms = [(n, e, _term(e, bare.sensors[n].conditions, n)) for k, e in enumerate(chosen) for n in (1 + k % 2,)]
+    night, model = _night(tmp_path / "with", [term for _, _, term in terms], **_SHORT)
+    for number, of in night.sensors.items():
+        columns = [_column(e, term, model, of.conditions) for n, e, term in terms if n == number]
+        added = of.rates_deg_per_hr - bare.sensors[number].rates_deg_per_hr
+        np.testing.assert_allclose(added, np.sum(columns, axis=0), atol=0.05)
+
+
+@pytest.mark.parametrize("effect", [each for each in EFFECTS if each.id in _CANNOT], ids=lambda each: each.id)
+def test_what_cannot_be_simulated_says_why_before_anything_begins(effect: Effect, tmp_path: Path) -> None:
+    """A mistake in a record is no unit's, and nothing vibrates here."""
+    parameters = {f"{effect.parameters[0].name}_A": {"unit": effect.parameters[0].unit, "value": 1.0}}
+    with pytest.raises(InputError, match=_CANNOT[effect.id]):
+        _night(tmp_path / "with", [{"effect": effect.id, "sensor": 2, "shape": {}, "parameters": parameters}])
+    assert not (tmp_path / "with" / "night").exists()
