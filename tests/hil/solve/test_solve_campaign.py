@@ -275,7 +275,7 @@ def test_the_thermal_model_takes_all_runs_together(tmp_path: Path) -> None:
 
 def test_the_document_is_the_contract(tmp_path: Path) -> None:
     """Every key of the contract, strict JSON (no NaN, no infinity), warnings and the simulated mark repeated."""
-    rows = [rotor_row(run, label) for run in (1, 2) for label in "123"][:5]
+    rows = [rotor_row(run, label, 0.01 * (run - 1)) for run in (1, 2) for label in "123"][:5]
     rotor(tmp_path, rows)
     (tmp_path / "campaign.yaml").write_text(ROTOR_YAML + "simulated: true\ntypo: 1\n")
     campaign = read_campaign(tmp_path)
