@@ -141,12 +141,12 @@ class Jump(Effect):
 
 def _place_among_collects(conditions: Conditions) -> FloatArray:
     """How many collects of its own run came before each row, (n,)."""
+    order = np.lexsort((conditions.collect, conditions.run))
+    of_run = np.diff(conditions.run[order], prepend=-np.inf) != 0.0
+    another = of_run | (np.diff(conditions.collect[order], prepend=-np.inf) != 0.0)
+    count = np.cumsum(another)
     place = np.zeros(len(conditions))
-    for run in np.unique(conditions.run):
-        rows = conditions.run == run
-        _, first = np.unique(conditions.collect[rows], return_index=True)
-        order = conditions.collect[rows][np.sort(first)]
-        place[rows] = np.searchsorted(np.sort(order), conditions.collect[rows])
+    place[order] = count - np.maximum.accumulate(np.where(of_run, count, 0))
     return place
 
 

@@ -21,6 +21,8 @@ from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
+MANY = 400
+"""Shapes of one effect that are tried first; between the best of them and the next the others follow."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 
 
@@ -82,7 +84,8 @@ def catalogue_candidates(
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        for shape in effect.shape_grid(conditions):
+        grid = effect.shape_grid(conditions)
+        for shape in grid[:: 1 + len(grid) // MANY]:
             yield from _of_shape(number, conditions, base_beside(effect, shape), effect, shape)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.model.effects.base import Effect, VarianceEffect
-from hil.reconcile.search.candidates import Candidate, effect_columns
+from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
@@ -80,12 +80,23 @@ def may_be_calibrated(problem: Problem) -> bool:
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:
-    """Yield a candidate at values of its continuous shape between the point of the grid that fits best and the next."""
-    effect = candidate.effect
-    shape = None if effect is None else next((s for s in effect.shapes if s.continuous), None)
-    if effect is None or shape is None or candidate.form != "constant":
+    """Yield a candidate at shapes between the point of the grid that fits best and the next that was tried."""
+    effect, conditions = candidate.effect, sensor.collects.conditions
+    if effect is None or candidate.form != "constant":
         return
-    conditions, grid = sensor.collects.conditions, shape.grid
+    every = list(effect.shape_grid(conditions))
+    step = 1 + len(every) // MANY
+    if step > 1:
+        place = every.index(candidate.shape)
+        for value in (*every[max(place - step + 1, 0) : place], *every[place + 1 : place + step]):
+            columns = effect_columns(
+                effect, conditions, sensor.base_beside(effect, value), value, candidate.before_degC
+            )
+            yield replace(candidate, shape=value, columns=columns)
+    shape = next((s for s in effect.shapes if s.continuous), None)
+    if shape is None:
+        return
+    grid = shape.grid
     place = grid.index(candidate.shape[shape.name])
     nearest = [grid[k] if 0 <= k < len(grid) else None for k in (place - 1, place + 1)]
     for beyond, other in zip((1.0 / BEYOND, BEYOND), nearest, strict=True):
