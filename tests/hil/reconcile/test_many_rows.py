@@ -1,0 +1,107 @@
+"""Where rows are many, what is odd is asked about, every step near the best is tried, and values follow as they do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.model import load_model
+from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.reconcile.inside import named_within
+from hil.reconcile.search.candidates import MANY as SHAPES
+from hil.reconcile.search.candidates import catalogue_candidates
+from hil.reconcile.search.layout import searches
+from hil.reconcile.search.noise import FIXED, FOLLOWS, log_profile
+from hil.reconcile.search.problem import Problem, pose
+from hil.reconcile.search.terms import MANY, wrong_rows
+from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
+
+
+def season(hidden: object = None) -> Problem:
+    """A hundred and twenty runs of four collects, sixty at each of two temperatures; a step is all that is asked."""
+    layout = {"temperatures": (-20.0, 30.0), "runs_each": 60}
+    campaign = hidden_campaign(3, hidden, thermal=False, **layout)  # type: ignore[arg-type]
+    return pose(campaign, load_model("matrix-6"), (effect_by_id("jump"),))
+
+
+def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
+    """Two hundred of 480, the spoiled one and its run among them; of few rows every one."""
+    spoiled = 333
+
+    def gross(rows: Rows) -> np.ndarray:
+        return both((np.arange(len(rows)) == spoiled).astype(float), 40.0, 0.0)
+
+    problem = season(gross)
+    conditions = problem.sensors[2].collects.conditions
+    found = list(wrong_rows(2, problem.blocks, conditions))
+    rows = {int(c.shape["row"]) for c in found if c.name == "row"}
+    assert len(rows) == MANY
+    assert spoiled in rows
+    assert float(conditions.run[spoiled]) in {c.shape["number"] for c in found if c.name == "run"}
+    few = pose(hidden_campaign(3, temperatures=(0.0, 20.0, 40.0)), load_model("matrix-6"), ())
+    every = few.sensors[2].collects.conditions
+    asked = {int(c.shape["row"]) for c in wrong_rows(2, few.blocks, every) if c.name == "row"}
+    assert asked == set(range(len(every)))
+
+
+@pytest.mark.slow
+def test_a_step_is_found_where_it_is_though_not_every_place_was_tried_first() -> None:
+    """Every second place is tried, and then those beside the best."""
+    at = 241
+
+    def step(rows: Rows) -> np.ndarray:
+        return both((np.arange(len(rows)) >= at).astype(float), 6.0, -5.0)
+
+    problem = season(step)
+    sensor = problem.sensors[2]
+    conditions = sensor.collects.conditions
+    effect = effect_by_id("jump")
+    assert len(effect.shape_grid(conditions)) > SHAPES
+    tried = list(catalogue_candidates(2, conditions, sensor.base_beside, [effect]))
+    search = searches(problem, (), ())[2]
+    jumps = [term for term in search.terms if term.name == "jump"]
+    assert len(jumps) > len(tried) > len(effect.shape_grid(conditions)) // 3
+    scores = search.scan(())
+    best = search.terms[max((j for j, t in enumerate(search.terms) if t.name == "jump"), key=lambda j: scores[j])]
+    run, collect = best.candidate.shape["from_run"], best.candidate.shape["from_collect"]
+    assert (run, collect) == (float(conditions.run[at]), float(at % 4))
+    assert best.candidate.shape not in [c.shape for c in tried]
+
+
+def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
+    """A bias that is a straight line, an MU that turns from temperature to temperature: the likeliest noise says so."""
+    turns = np.array([30.0, -25.0, 10.0, -30.0, 25.0, -10.0, 20.0, -20.0])
+
+    def hidden(rows: Rows) -> np.ndarray:
+        mu = turns[np.unique(rows.setpoint, return_inverse=True)[1]] * rows.f[:, 2]
+        return both(0.4 * rows.temperature, 1.0, 1.0) + both(mu, 1.0, -1.0)
+
+    campaign = hidden_campaign(5, hidden, thermal=False)
+    search = searches(pose(campaign, load_model("matrix-6"), ()), (), (), calibrated=True)[2]
+    for own in search.blocks:
+        weight = own.beside.log_null() + own.points.log_prior
+        profile = own.noise.profiles[int(own.points.profile[np.argmax(weight)])]
+        names = search.blocks[0].block.base.shape[1]
+        assert len(profile) == names
+        bias, mu = profile[0], profile[-1]
+        assert bias != mu
+        assert bias[1] in {0, 1}, "a straight line, or nearly"
+        assert mu[1] == len(FOLLOWS[1:]) // 5 - 1, "each temperature for itself"
+
+
+def test_values_that_follow_alike_are_likelier_before_the_data() -> None:
+    """Half of them do as the unit's others; the prior adds up to one."""
+    one, other = FOLLOWS[3], FOLLOWS[8]
+    assert log_profile((one, one, one)) > log_profile((one, one, other)) > log_profile((one, other, FIXED))
+    total = sum(np.exp(log_profile((a, b))) for a in FOLLOWS for b in FOLLOWS)
+    assert total == pytest.approx(1.0)
+
+
+def test_what_shows_inside_pays_the_odds_that_anything_pays() -> None:
+    """One step in hundreds of series at a chance of 1 in 110 is nothing to be named; one at 1 in a million is."""
+    finding = {"id": "jump", "sensor": 1, "channel": "RB", "collect": 7, "collects": 1, "asked": 96, "q_value": 0.009}
+    finding |= {"estimates": {"J_deg_per_hr": -29.8, "t_s": 34.0}, "sentence": "Collect 7, channel RB: steps"}
+    assert named_within([finding], SERIES_EFFECTS, 0.05) == []
+    (found,) = named_within([{**finding, "q_value": 1e-6}], SERIES_EFFECTS, 0.05)
+    assert found.id == "jump"
+    assert found.probability > 0.95
