@@ -12,7 +12,8 @@ from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
-from hil.reconcile.search.terms import terms, wrong_rows
+from hil.reconcile.search.spoiled import wrong_rows
+from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
 BETWEEN = (0.25, 0.5, 0.75)

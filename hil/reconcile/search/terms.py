@@ -8,12 +8,12 @@ terms like any other, and compete with them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Parameter
 from hil.model.effects.followed import driver_of
 from hil.reconcile.search.candidates import POWERS, Candidate
@@ -38,10 +38,6 @@ TIES = 0.03
 """A parameter that moves a block less than this, beside the one it moves most, does not tie the two."""
 
 
-MANY = 200
-"""Places of one sort that are asked about: of a year of nights not every row can be, but those that are odd."""
-NEIGHBOURS = 4
-"""Rows to either side, in the same position, that say what a row should be."""
 SAME = 0.99
 """Columns beside the base of which the cosine is larger are the same to anybody."""
 
@@ -251,54 +247,3 @@ def _middle(parameter: Parameter) -> float:
 
 def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:
     return replace(amplitude, deviation=amplitude.deviation[part.parameters], mean=amplitude.mean[part.parameters])
-
-
-def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> Iterator[Candidate]:
-    """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing.
-
-    Where there are very many, of those that differ most from their neighbours.
-    """
-    shape = (len(conditions), len(conditions.sensor.channels))
-    odd = np.zeros(len(conditions))
-    for block in blocks:
-        np.maximum.at(odd, block.rows, _oddness(block, conditions))
-    for row in sorted(most_of(np.unique(np.concatenate([block.rows for block in blocks])), odd)):
-        several = np.zeros((*shape, shape[1]))
-        several[row] = np.eye(shape[1])
-        yield _wrong("row", number, several, {"row": float(row)})
-        for channel in range(shape[1]):
-            yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
-    of_run = np.array([odd[conditions.run == run].mean() for run in conditions.run.tolist()])
-    for block in blocks:
-        first = np.unique(block.run, return_index=True)[1]
-        for run in sorted(block.run[k] for k in most_of(first, of_run[block.rows])):
-            here = np.flatnonzero(block.run == run)
-            if not 1 < len(here) < 0.5 * len(block.y):
-                continue
-            columns = np.zeros((*shape, len(here)))
-            columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
-            of_block = {"number": float(conditions.run[block.rows[here[0]]]), "channel": float(block.channel[0])}
-            yield _wrong("run", number, columns, of_block)
-
-
-def most_of(places: IntArray, odd: FloatArray) -> list[int]:
-    """Return the places that are oddest, all of them where they are not very many."""
-    return [int(k) for k in places[np.argsort(-odd[places], kind="stable")][:MANY]]
-
-
-def _oddness(block: Block, conditions: Conditions) -> FloatArray:
-    """How far each row (N,) is off the median of its neighbours in the same position, in units of the noise."""
-    left = (block.y - block.base @ np.linalg.lstsq(block.base, block.y, rcond=None)[0]) / block.sigma
-    out = np.zeros(len(left))
-    for channel, position in itertools.product(np.unique(block.channel), np.unique(conditions.position)):
-        here = np.flatnonzero((block.channel == channel) & (conditions.position[block.rows] == position))
-        padded = np.pad(left[here], NEIGHBOURS, mode="reflect") if len(here) > NEIGHBOURS else left[here]
-        if len(here) > NEIGHBOURS:
-            around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-            out[here] = np.abs(left[here] - np.median(around, axis=1))
-    return out
-
-
-def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:
-    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(columns.shape[2]))
-    return Candidate(name, 0, number, columns, parameters, shape=shape, title=f"A {name} that is wrong")

@@ -13,7 +13,7 @@ from hil.reconcile.search.candidates import catalogue_candidates
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import FIXED, FOLLOWS, log_profile
 from hil.reconcile.search.problem import Problem, pose
-from hil.reconcile.search.terms import MANY, wrong_rows
+from hil.reconcile.search.spoiled import MANY, wrong_rows
 from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
 
 
