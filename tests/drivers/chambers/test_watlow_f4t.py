@@ -16,10 +16,10 @@ from drivers.errors import ProtocolError, WrongDevice
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports import open_port
 from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.modbus_peer import modbus_server
+from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 
