@@ -21,7 +21,7 @@ from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberRead
 from drivers.chambers.controller import Controller, ControllerState, RampingController
 from drivers.chambers.dead_man import DeadMan
 from drivers.chambers.native_limits import NativeLimits
-from drivers.chambers.reading_watch import ReadingWatch, WatchSettings
+from drivers.chambers.reading_watch import ReadingWatch
 from drivers.chambers.setpoints import (
     agrees,
     clamped,
@@ -72,7 +72,6 @@ class SupervisedChamber:
         expected_model: str | None = None,
         native_margin_degC: float = 5.0,
         celsius_confirmed: bool = False,
-        watch: WatchSettings | None = None,
         dead_man_s: float | None = None,
         dead_man_asked: bool = True,
     ) -> None:
@@ -89,7 +88,7 @@ class SupervisedChamber:
         self._expected_model = expected_model
         self._celsius_confirmed = celsius_confirmed
         self._device = controller.device
-        self._watch = ReadingWatch(self._device, watch)
+        self._watch = ReadingWatch(self._device)
         self._wear = WriteWear(clock)
         self._latched: tuple[str, ...] = ()
         self._confirmed: float | None = None  # the setpoint last read back
