@@ -309,7 +309,8 @@ class Sequencer:
                 if devices_left <= 0 or isinstance(error, _NEVER_RETRIED):
                     raise InterlockTripped("device", f"{step.key}: {error}") from error
                 self._watch.event("retry", f"{step.key}: {error}; {devices_left} more tries", step=step.key)
-                self._let_recover()
+                for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
+                    pass  # it is looked at meanwhile
                 continue
             finally:
                 self._watch.interruptible = False
@@ -338,11 +339,6 @@ class Sequencer:
             if blocked:
                 return blocked
         return ""
-
-    def _let_recover(self) -> None:
-        """Let a device recover, looking at the bench meanwhile."""
-        for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
-            pass
 
     def _back_in_position(self, step: Step, wrong_pose: str) -> None:
         """Index again where the unit is not confirmed to stand, or does not lie, as the collect wants it."""
