@@ -108,7 +108,7 @@ class OnOnePort:
 
 @runtime_checkable
 class RampingController(Protocol):
-    """A controller that can bound how fast its setpoint moves."""
+    """A controller, or a chamber over one, that can bound how fast its setpoint moves."""
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound the ramp from now on, confirm it, or raise a `DeviceError`; False where it is not equipped for it."""

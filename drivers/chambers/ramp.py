@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
 
 from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading, SafeState
+from drivers.chambers.controller import RampingController
 from drivers.chambers.setpoints import clamped
 from drivers.chambers.wear import wear_of
 from drivers.clock import Clock
@@ -22,14 +22,6 @@ from drivers.clock import Clock
 _LEAST_STEP_DEGC = 0.5
 _LEAST_INTERVAL_S = 30.0
 _SAME_DEGC = 0.06  # within half of the coarsest step that a controller here holds
-
-
-@runtime_checkable
-class NativeRamp(Protocol):
-    """A chamber that may be able to bound its ramp itself."""
-
-    def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the ramp and confirm it; False where the host must step the setpoint."""
 
 
 def steps_of_a_ramp(span_degC: float, degC_per_min: float) -> int:
@@ -84,7 +76,7 @@ class RampedChamber:
         """Prepare the chamber, and let it ramp by itself where it can."""
         self._target = None
         self._chamber.prepare()
-        if isinstance(self._chamber, NativeRamp):
+        if isinstance(self._chamber, RampingController):
             self._native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
 
     def read(self) -> ChamberReading:
