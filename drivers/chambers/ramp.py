@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
-from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading, SafeState
+from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberReading, SafeState
 from drivers.chambers.controller import RampingController
 from drivers.chambers.setpoints import clamped
 from drivers.chambers.wear import wear_of
@@ -43,20 +44,11 @@ class RampedChamber:
         self._chamber = chamber
         self._clock = clock
         self._rate_per_s = degC_per_min / 60.0
-        self._native = False
+        self.limits: Final = chamber.limits
+        self.native = False  # whether the controller ramps by itself; known once it is prepared
         self._target: float | None = None
         self._begins_degC = self._step = 0.0
         self._began_s = self._stepped_s = 0.0
-
-    @property
-    def limits(self) -> ChamberLimits:
-        """The limits given by the bench file."""
-        return self._chamber.limits
-
-    @property
-    def native(self) -> bool:
-        """Whether the controller ramps by itself; known once it is prepared."""
-        return self._native
 
     @property
     def ramping(self) -> bool:
@@ -77,7 +69,7 @@ class RampedChamber:
         self._target = None
         self._chamber.prepare()
         if isinstance(self._chamber, RampingController):
-            self._native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
+            self.native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
 
     def read(self) -> ChamberReading:
         """Read, and move a running ramp on where a step is due."""
@@ -94,8 +86,8 @@ class RampedChamber:
 
         Raises as the chamber does; `SetpointOutOfLimits` for the end of the ramp before anything is sent.
         """
-        limits = self._chamber.limits
-        if self._native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
+        limits = self.limits
+        if self.native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
             self._target = None
             self._chamber.set_temperature(setpoint_degC)
             return

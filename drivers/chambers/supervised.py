@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.controller import Controller, ControllerState, RampingController
@@ -82,7 +83,7 @@ class SupervisedChamber:
         self._controller = controller
         self._clock = clock
         self._dead_man = DeadMan(controller, clock, dead_man_s, asked=dead_man_asked)
-        self._limits = limits
+        self.limits: Final = limits
         self._native = NativeLimits(controller, limits, native_margin_degC)
         self._safe = safe
         self._expected_model = expected_model
@@ -95,11 +96,6 @@ class SupervisedChamber:
         self._give_up_s = math.inf
         self._switched = False  # to °F, seen by its setpoint
         self._identity: ChamberIdentity | None = None
-
-    @property
-    def limits(self) -> ChamberLimits:
-        """The limits given by the bench file."""
-        return self._limits
 
     @property
     def writes(self) -> Mapping[str, int]:
@@ -148,10 +144,10 @@ class SupervisedChamber:
             )
         if state.mode == "RUN":
             raise CommandRefused(f"{self._device} is running a program; end it at the panel first")
-        keeps = state.mode == "CONSTANT" and self._limits.low_degC <= state.setpoint <= self._limits.high_degC
-        start = state.setpoint if keeps else clamped(state.temperature, self._limits)
+        keeps = state.mode == "CONSTANT" and self.limits.low_degC <= state.setpoint <= self.limits.high_degC
+        start = state.setpoint if keeps else clamped(state.temperature, self.limits)
         self._dead_man.arm()
-        self._settle_on(representable_setpoint(start, self._limits, self._controller.resolution_degC))
+        self._settle_on(representable_setpoint(start, self.limits, self._controller.resolution_degC))
         if state.mode != "CONSTANT":
             self._controller.start()
         self._confirm_mode("CONSTANT", looks=_ATTEMPTS)
@@ -182,7 +178,7 @@ class SupervisedChamber:
         `CommandRefused` where the controller refuses or does not condition to its setpoint (stopped at its panel,
         power lost, a program running): then `prepare` must come first.
         """
-        wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
+        wanted = representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
         self._require_identity()
         self._begin()
         self._dead_man.renew()
@@ -370,7 +366,7 @@ class SupervisedChamber:
     def _safe_setpoint(self) -> float:
         if self._safe.temperature_degC is None:
             raise ValueError("this safe state holds no temperature")
-        return representable_setpoint(self._safe.temperature_degC, self._limits, self._controller.resolution_degC)
+        return representable_setpoint(self._safe.temperature_degC, self.limits, self._controller.resolution_degC)
 
     def _unsafe(self, *, looks: int) -> DeviceError | None:
         """Return why the chamber is not in its safe state, or None where it is."""

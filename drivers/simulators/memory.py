@@ -19,30 +19,16 @@ class MemoryTransport(BufferedTransport):
     """A `Transport` whose far end is `device`. Nothing runs between calls."""
 
     def __init__(self, device: SimulatedDevice, clock: Clock, name: str) -> None:
-        super().__init__(clock)
+        super().__init__(name, clock)
         self._device = device
-        self._name = name
         self._closed = False
-        self._plugged = True
         self._pulled: list[tuple[float, float]] = []  # when the cable will be pulled, and put back
 
-    @property
-    def name(self) -> str:
-        """The name that messages use."""
-        return self._name
-
-    def unplug(self) -> None:
-        """Pull the cable: every call fails until `replug`, and what the device sends meanwhile is lost."""
-        self._plugged = False
-
-    def replug(self) -> None:
-        """Put the cable back."""
-        self._device.transmit(self._clock.now())
-        self._arrived.clear()
-        self._plugged = True
-
     def unplug_between(self, begins_s: float, ends_s: float) -> None:
-        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`."""
+        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`.
+
+        Every call fails meanwhile, and what the device sends is lost.
+        """
         self._pulled.append((begins_s, ends_s))
 
     def write(self, data: bytes) -> None:
@@ -56,13 +42,14 @@ class MemoryTransport(BufferedTransport):
 
     def _check(self) -> None:
         if self._closed:
-            raise TransportError(f"{self._name}: the port is closed")
+            raise TransportError(f"{self.name}: the port is closed")
         now_s = self._clock.now()
         for span in [each for each in self._pulled if each[1] <= now_s]:
             self._pulled.remove(span)
-            self.replug()
-        if not self._plugged or any(begins_s <= now_s for begins_s, _ in self._pulled):
-            raise TransportError(f"{self._name}: the port is gone; check its cable")
+            self._device.transmit(now_s)
+            self._arrived.clear()
+        if any(begins_s <= now_s for begins_s, _ in self._pulled):
+            raise TransportError(f"{self.name}: the port is gone; check its cable")
 
     def _fill(self) -> None:
         self._check()
