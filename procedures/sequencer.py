@@ -224,8 +224,6 @@ class Sequencer:
         return SweepOutcome(
             state=state,
             reason=reason,
-            steps_done=len(self._done),
-            steps_total=len(self._plan.steps),
             missing=missing,
             counts=dict(self._counts),
             left=left,

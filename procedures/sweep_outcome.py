@@ -26,12 +26,10 @@ class SweepState(StrEnum):
 
 @dataclass(frozen=True)
 class SweepOutcome:
-    """What became of a run: state, reason, counts, what is missing, and how the chamber was left."""
+    """What became of a run: state, reason, what is missing, counts, and how the chamber was left."""
 
     state: SweepState
     reason: str
-    steps_done: int
-    steps_total: int
     missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
     counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
     left: Left = field(default_factory=Left)  # the chamber
