@@ -110,7 +110,6 @@ class Sequencer:
         self._failed: dict[str, str] = {}  # by step key, why
         self._in_effect: dict[StepKind, str] = {}
         self._open: tuple[Step, int] | None = None  # begun in the journal, not ended
-        self._counts: dict[Outcome, int] = {}
         self._touched = False
         self._unsettled = 0
 
@@ -155,14 +154,11 @@ class Sequencer:
 
     def _end_again(self) -> None:
         """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
-        last = self._plan.steps[-1]
-        final = self._before(last, StepKind.SETPOINT)
-        if final is not None and final.self_calibration is None and self._is_final(final):
+        final = self._before(self._plan.steps[-1], StepKind.SETPOINT)
+        if final is not None and not any(
+            step.kind is StepKind.COLLECT for step in self._plan.steps[final.index :]
+        ):  # nothing is measured there
             self._restore(final)
-
-    def _is_final(self, setpoint: Step) -> bool:
-        """Tell a setpoint at which nothing is measured."""
-        return not any(step.kind is StepKind.COLLECT for step in self._plan.steps[setpoint.index :])
 
     def _leave(self, cause: BaseException | None) -> Left:
         """Reach the safe state, then close the journal's open step and record why. Return how the chamber is left."""
@@ -225,7 +221,6 @@ class Sequencer:
             state=state,
             reason=reason,
             missing=missing,
-            counts=dict(self._counts),
             left=left,
             error=cause if state in (SweepState.FAILED, SweepState.ERROR) else None,
         )
@@ -280,7 +275,6 @@ class Sequencer:
     def _end(self, step: Step, attempt: int, result: StepResult) -> None:
         self._journal.end(step, attempt, result)
         self._open = None
-        self._counts[result.outcome] = self._counts.get(result.outcome, 0) + 1
         if result.outcome is Outcome.DONE:
             self._done.add(step.key)
         self._watch.step_ended(step, result)
