@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
-from drivers.chambers.controller import Controller, ControllerState, RampingController
+from drivers.chambers.controller import Controller, ControllerState, RampingController, Which
 from drivers.chambers.dead_man import DeadMan
 from drivers.chambers.native_limits import NativeLimits
 from drivers.chambers.reading_watch import ReadingWatch
@@ -298,11 +298,11 @@ class SupervisedChamber:
                     raise
         raise ValueError("a setting needs at least one look")
 
-    def _write(self, which: str, value_degC: float) -> None:
+    def _write(self, which: Which, value_degC: float) -> None:
         if which == "setpoint":
             self._confirmed = None
-        self._wear.note({"low": "low limit", "high": "high limit"}.get(which, which))
-        self._controller.write("low" if which == "low" else "high" if which == "high" else "setpoint", value_degC)
+        self._wear.note(which if which == "setpoint" else f"{which} limit")
+        self._controller.write(which, value_degC)
 
     def _confirm_mode(self, *modes: str, looks: int) -> None:
         """Look at most `looks` times whether the controller is in one of `modes`; raise `ProtocolError`."""
