@@ -68,7 +68,7 @@ def solve(
         )
         console.print(_solution_table(own))
     for text in dict.fromkeys(
-        f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if each.verdict != "PASS"
+        f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
     ):
         console.print(text)
     for text in dict.fromkeys(text for each in solutions for text in each.assumed):
@@ -79,6 +79,10 @@ def solve(
         console.print(f"  sensor {each.sensor}, {each.axis}: {each.sentence}")
     for sentence in () if both is None else both.sentences():
         console.print(f"  {sentence}")
+
+
+def _odd(solution: RunSolution) -> bool:
+    return solution.verdict != "PASS"
 
 
 def _solution_table(solutions: list[RunSolution]) -> Table:
