@@ -1,7 +1,5 @@
 """Bad input and usage, whose class stands with the ground of the drivers; and records that are damaged."""
 
-from __future__ import annotations
-
 from drivers.errors import InputError as InputError
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 from drivers.chambers import ChamberLimits, ChamberReading
@@ -81,16 +82,21 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
     s = settings
     return (
         _Rule("chamber-lost", s.chamber_loss_s, _chamber_lost),
-        _Rule("chamber-alarm", s.alarm_grace_s, _chamber_alarm),
-        _Rule("chamber-limits", s.chamber_limit_grace_s, _chamber_limits(s, limits)),
-        _Rule("chamber-stopped", s.setpoint_grace_s, _chamber_stopped),
-        _Rule("setpoint-changed", s.setpoint_grace_s, _setpoint_changed(s)),
-        _Rule("setpoint-not-followed", s.follow_grace_s, _setpoint_not_followed(s)),
-        _Rule("unit-limits", s.unit_limit_grace_s, _unit_limits(s)),
+        _Rule("chamber-alarm", s.alarm_grace_s, _on_news(_chamber_alarm)),
+        _Rule("chamber-limits", s.chamber_limit_grace_s, _on_news(partial(_chamber_limits, s, limits))),
+        _Rule("chamber-stopped", s.setpoint_grace_s, _on_news(_chamber_stopped)),
+        _Rule("setpoint-changed", s.setpoint_grace_s, _on_news(partial(_setpoint_changed, s))),
+        _Rule("setpoint-not-followed", s.follow_grace_s, _on_news(partial(_setpoint_not_followed, s))),
+        _Rule("unit-limits", s.unit_limit_grace_s, partial(_unit_limits, s)),
         _Rule("stream-lost", s.stream_loss_s, _stream_lost),
-        _Rule("stream-frozen", 0.5 * s.frozen_s, _stream_frozen(s)),
-        _Rule("disk-low", s.disk_grace_s, _disk_low(s)),
+        _Rule("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s)),
+        _Rule("disk-low", s.disk_grace_s, partial(_disk_low, s)),
     )
+
+
+def _on_news(check: Callable[[Look, ChamberReading], str]) -> Callable[[Look], str | None]:
+    """Return a check of what the chamber newly shows, which says nothing at a look without news of it."""
+    return lambda look: check(look, look.chamber) if look.chamber_fresh and look.chamber is not None else None
 
 
 def _chamber_lost(look: Look) -> str | None:
@@ -99,73 +105,44 @@ def _chamber_lost(look: Look) -> str | None:
     return "" if look.chamber_fresh else None
 
 
-def _chamber_alarm(look: Look) -> str | None:
-    if not look.chamber_fresh or look.chamber is None:
-        return None
-    return f"the chamber reports {', '.join(look.chamber.alarms)}" if look.chamber.alarms else ""
+def _chamber_alarm(_: Look, chamber: ChamberReading) -> str:
+    return f"the chamber reports {', '.join(chamber.alarms)}" if chamber.alarms else ""
 
 
-def _chamber_limits(settings: InterlockSettings, limits: ChamberLimits) -> Callable[[Look], str | None]:
+def _chamber_limits(settings: InterlockSettings, limits: ChamberLimits, _: Look, chamber: ChamberReading) -> str:
     low, high = limits.low_degC - settings.chamber_margin_degC, limits.high_degC + settings.chamber_margin_degC
-
-    def check(look: Look) -> str | None:
-        if not look.chamber_fresh or look.chamber is None:
-            return None
-        air = look.chamber.temperature_degC
-        # Written so that a reading which is not a number is a problem too.
-        return "" if low <= air <= high else f"the chamber is at {air:.1f} °C, outside {low:.1f} to {high:.1f} °C"
-
-    return check
+    air = chamber.temperature_degC
+    # Written so that a reading which is not a number is a problem too.
+    return "" if low <= air <= high else f"the chamber is at {air:.1f} °C, outside {low:.1f} to {high:.1f} °C"
 
 
-def _chamber_stopped(look: Look) -> str | None:
+def _chamber_stopped(look: Look, chamber: ChamberReading) -> str:
     """After a power failure a chamber comes back stopped, perhaps with the setpoint it had, in air that drifts."""
-    if not look.chamber_fresh or look.chamber is None:
-        return None
-    mode = look.chamber.mode
-    if look.commanded_degC is None or mode == "CONSTANT":
+    if look.commanded_degC is None or chamber.mode == "CONSTANT":
         return ""
-    return f"the chamber was told to hold {look.commanded_degC:.1f} °C and is in mode {mode}"
+    return f"the chamber was told to hold {look.commanded_degC:.1f} °C and is in mode {chamber.mode}"
 
 
-def _setpoint_changed(settings: InterlockSettings) -> Callable[[Look], str | None]:
-    def check(look: Look) -> str | None:
-        if not look.chamber_fresh or look.chamber is None:
-            return None
-        if look.commanded_degC is None:
-            return ""
-        holds, commanded = look.chamber.setpoint_degC, look.commanded_degC
-        if abs(holds - commanded) <= settings.setpoint_tolerance_degC:
-            return ""
-        return f"the chamber holds {holds:.1f} °C, {commanded:.1f} °C was commanded"
-
-    return check
+def _setpoint_changed(settings: InterlockSettings, look: Look, chamber: ChamberReading) -> str:
+    holds, commanded = chamber.setpoint_degC, look.commanded_degC
+    if commanded is None or abs(holds - commanded) <= settings.setpoint_tolerance_degC:
+        return ""
+    return f"the chamber holds {holds:.1f} °C, {commanded:.1f} °C was commanded"
 
 
-def _setpoint_not_followed(settings: InterlockSettings) -> Callable[[Look], str | None]:
-    def check(look: Look) -> str | None:
-        if not look.chamber_fresh or look.chamber is None:
-            return None
-        if look.commanded_degC is None or not look.arrived:
-            return ""
-        air, commanded = look.chamber.temperature_degC, look.commanded_degC
-        if abs(air - commanded) <= settings.follow_tolerance_degC:
-            return ""
-        return f"the chamber was at its setpoint of {commanded:.1f} °C and has left it: {air:.1f} °C"
-
-    return check
+def _setpoint_not_followed(settings: InterlockSettings, look: Look, chamber: ChamberReading) -> str:
+    air, commanded = chamber.temperature_degC, look.commanded_degC
+    if commanded is None or not look.arrived or abs(air - commanded) <= settings.follow_tolerance_degC:
+        return ""
+    return f"the chamber was at its setpoint of {commanded:.1f} °C and has left it: {air:.1f} °C"
 
 
-def _unit_limits(settings: InterlockSettings) -> Callable[[Look], str | None]:
+def _unit_limits(settings: InterlockSettings, look: Look) -> str | None:
+    if not look.unit_degC:
+        return None
     low, high = settings.unit_low_degC, settings.unit_high_degC
-
-    def check(look: Look) -> str | None:
-        if not look.unit_degC:
-            return None
-        outside = [f"sensor {n} at {value:.1f} °C" for n, value in look.unit_degC.items() if not low <= value <= high]
-        return f"the unit is outside {low:.0f} to {high:.0f} °C: {', '.join(outside)}" if outside else ""
-
-    return check
+    outside = [f"sensor {n} at {value:.1f} °C" for n, value in look.unit_degC.items() if not low <= value <= high]
+    return f"the unit is outside {low:.0f} to {high:.0f} °C: {', '.join(outside)}" if outside else ""
 
 
 def _stream_lost(look: Look) -> str | None:
@@ -181,31 +158,25 @@ def _stream_lost(look: Look) -> str | None:
     return f"no good frame from the unit for {look.stream_span_s:.1f} s ({bad} damaged)"
 
 
-def _stream_frozen(settings: InterlockSettings) -> Callable[[Look], str | None]:
-    def check(look: Look) -> str | None:
-        if look.resting:
-            return ""
-        if not look.samples or not look.frozen_s:
-            return None
-        # One that alone stands still fails its collects; here it is about a unit that sends but does not measure. Half
-        # of the time is for the first sight: a coarse sensor may well show one value for a while.
-        lasting_s = min(look.frozen_s.values())
-        if lasting_s < 0.5 * settings.frozen_s:
-            return ""
-        return f"no rate of the unit has changed at all for {lasting_s:.0f} s: it sends, but does not measure"
-
-    return check
+def _stream_frozen(settings: InterlockSettings, look: Look) -> str | None:
+    if look.resting:
+        return ""
+    if not look.samples or not look.frozen_s:
+        return None
+    # One that alone stands still fails its collects; here it is about a unit that sends but does not measure. Half of
+    # the time is for the first sight: a coarse sensor may well show one value for a while.
+    lasting_s = min(look.frozen_s.values())
+    if lasting_s < 0.5 * settings.frozen_s:
+        return ""
+    return f"no rate of the unit has changed at all for {lasting_s:.0f} s: it sends, but does not measure"
 
 
-def _disk_low(settings: InterlockSettings) -> Callable[[Look], str | None]:
-    def check(look: Look) -> str | None:
-        if look.disk_free_mb is None:
-            return None
-        if look.disk_free_mb >= settings.disk_low_mb:
-            return ""
-        return f"the disk is nearly full, {look.disk_free_mb:.0f} MB are free: free some space, then carry on"
-
-    return check
+def _disk_low(settings: InterlockSettings, look: Look) -> str | None:
+    if look.disk_free_mb is None:
+        return None
+    if look.disk_free_mb >= settings.disk_low_mb:
+        return ""
+    return f"the disk is nearly full, {look.disk_free_mb:.0f} MB are free: free some space, then carry on"
 
 
 @dataclass

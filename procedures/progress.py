@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 
 from drivers.frames.counts import StreamCounts
 from procedures.journal_protocol import StepResult
@@ -72,31 +73,13 @@ class Audience(Progress):
     def __init__(self, onlookers: Iterable[Progress], lost: Callable[[Exception], None]) -> None:
         self._onlookers = list(onlookers)
         self._lost = lost
+        for what in ("sweep_began", "step_began", "update", "step_ended", "event"):
+            setattr(self, what, partial(self._each, what))
 
-    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
-        """Pass it on."""
-        self._each(lambda onlooker: onlooker.sweep_began(plan, done))
-
-    def step_began(self, step: Step, attempt: int) -> None:
-        """Pass it on."""
-        self._each(lambda onlooker: onlooker.step_began(step, attempt))
-
-    def update(self, snapshot: Snapshot) -> None:
-        """Pass it on."""
-        self._each(lambda onlooker: onlooker.update(snapshot))
-
-    def step_ended(self, step: Step, result: StepResult) -> None:
-        """Pass it on."""
-        self._each(lambda onlooker: onlooker.step_ended(step, result))
-
-    def event(self, kind: str, message: str) -> None:
-        """Pass it on."""
-        self._each(lambda onlooker: onlooker.event(kind, message))
-
-    def _each(self, show: Callable[[Progress], None]) -> None:
+    def _each(self, what: str, *seen: object) -> None:
         for onlooker in tuple(self._onlookers):
             try:
-                show(onlooker)
+                getattr(onlooker, what)(*seen)
             except Exception as error:
                 self._onlookers.remove(onlooker)
                 self._lost(error)

@@ -110,7 +110,6 @@ class Sequencer:
         self._failed: dict[str, str] = {}  # by step key, why
         self._in_effect: dict[StepKind, str] = {}
         self._open: tuple[Step, int] | None = None  # begun in the journal, not ended
-        self._counts: dict[Outcome, int] = {}
         self._touched = False
         self._unsettled = 0
 
@@ -155,14 +154,11 @@ class Sequencer:
 
     def _end_again(self) -> None:
         """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
-        last = self._plan.steps[-1]
-        final = self._before(last, StepKind.SETPOINT)
-        if final is not None and final.self_calibration is None and self._is_final(final):
+        final = self._before(self._plan.steps[-1], StepKind.SETPOINT)
+        if final is not None and not any(
+            step.kind is StepKind.COLLECT for step in self._plan.steps[final.index :]
+        ):  # nothing is measured there
             self._restore(final)
-
-    def _is_final(self, setpoint: Step) -> bool:
-        """Tell a setpoint at which nothing is measured."""
-        return not any(step.kind is StepKind.COLLECT for step in self._plan.steps[setpoint.index :])
 
     def _leave(self, cause: BaseException | None) -> Left:
         """Reach the safe state, then close the journal's open step and record why. Return how the chamber is left."""
@@ -224,10 +220,7 @@ class Sequencer:
         return SweepOutcome(
             state=state,
             reason=reason,
-            steps_done=len(self._done),
-            steps_total=len(self._plan.steps),
             missing=missing,
-            counts=dict(self._counts),
             left=left,
             error=cause if state in (SweepState.FAILED, SweepState.ERROR) else None,
         )
@@ -282,7 +275,6 @@ class Sequencer:
     def _end(self, step: Step, attempt: int, result: StepResult) -> None:
         self._journal.end(step, attempt, result)
         self._open = None
-        self._counts[result.outcome] = self._counts.get(result.outcome, 0) + 1
         if result.outcome is Outcome.DONE:
             self._done.add(step.key)
         self._watch.step_ended(step, result)
@@ -309,7 +301,8 @@ class Sequencer:
                 if devices_left <= 0 or isinstance(error, _NEVER_RETRIED):
                     raise InterlockTripped("device", f"{step.key}: {error}") from error
                 self._watch.event("retry", f"{step.key}: {error}; {devices_left} more tries", step=step.key)
-                self._let_recover()
+                for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
+                    pass  # it is looked at meanwhile
                 continue
             finally:
                 self._watch.interruptible = False
@@ -338,11 +331,6 @@ class Sequencer:
             if blocked:
                 return blocked
         return ""
-
-    def _let_recover(self) -> None:
-        """Let a device recover, looking at the bench meanwhile."""
-        for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
-            pass
 
     def _back_in_position(self, step: Step, wrong_pose: str) -> None:
         """Index again where the unit is not confirmed to stand, or does not lie, as the collect wants it."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from drivers.errors import DeviceError
 from procedures.interlocks import InterlockTripped
-from procedures.journal_protocol import Outcome
 from procedures.safe_air import Left
 from procedures.stop import StopRequested
 
@@ -26,14 +24,11 @@ class SweepState(StrEnum):
 
 @dataclass(frozen=True)
 class SweepOutcome:
-    """What became of a run: state, reason, counts, what is missing, and how the chamber was left."""
+    """What became of a run: state, reason, what is missing, and how the chamber was left."""
 
     state: SweepState
     reason: str
-    steps_done: int
-    steps_total: int
     missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
-    counts: Mapping[Outcome, int] = field(default_factory=dict)  # attempts of this run by outcome
     left: Left = field(default_factory=Left)  # the chamber
     error: BaseException | None = None  # for the log, where the state is failed or error
 

@@ -80,7 +80,11 @@ class Rehearsal:
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
-        return {**vars(self), "faults": [fault.as_document() for fault in self.faults], "survived": self.survived}
+        return {
+            **vars(self),
+            "faults": [fault.model_dump(exclude_none=True) for fault in self.faults],
+            "survived": self.survived,
+        }
 
 
 def rehearse(
@@ -143,7 +147,7 @@ def _rehearsed(
 def with_faults(bench: Bench, faults: Sequence[Fault]) -> Bench:
     """Return the bench as if its file had these faults."""
     document = parse_yaml(bench.text, bench.source)
-    document["faults"] = [fault.as_document() for fault in faults]
+    document["faults"] = [fault.model_dump(exclude_none=True) for fault in faults]
     return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
 
 

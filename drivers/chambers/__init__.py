@@ -1,7 +1,5 @@
 """What every chamber does once, and one controller's protocol per file in `controllers`."""
 
-from __future__ import annotations
-
 from drivers.chambers.catalogue import CHAMBER_DRIVERS, ChamberOptions
 from drivers.chambers.chamber import Chamber, ChamberLimits, ChamberReading, SafeState
 

@@ -94,52 +94,16 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
     )
 
 
-def _espec(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    terminator = options.terminator or b"\r\n"
-    return supervised(Espec(transport, clock, address=options.address, terminator=terminator), clock, options)
+def _built(
+    kind: Callable[..., Controller], *said: str
+) -> Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]:
+    """Return what makes a chamber of such a controller and of what the bench file may say of it, the options `said`."""
 
+    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+        given = {name: getattr(options, name) for name in said if getattr(options, name) is not None}
+        return supervised(kind(transport, clock, **given), clock, options)
 
-def _watlow_f4(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(
-        WatlowF4(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
-    )
-
-
-def _ezt570i(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(
-        Ezt570i(transport, clock, address=options.address or 1, framing=options.framing or "rtu"), clock, options
-    )
-
-
-def _voetsch_ascii(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    controller = VoetschAscii(
-        transport,
-        clock,
-        limits=options.limits,
-        address=options.address or 0,
-        layout=options.layout,
-        terminator=options.terminator or b"\r",
-    )
-    return supervised(controller, clock, options)
-
-
-def _simserv(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(SimServ(transport, clock), clock, options)
-
-
-def _thermotron(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(Thermotron(transport, clock, terminator=options.terminator or b"\r"), clock, options)
-
-
-def _julabo(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    return supervised(Julabo(transport, clock), clock, options)
-
-
-def _watlow_f4t(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
-    controller = WatlowF4t(
-        transport, clock, address=options.address or 1, framing=options.framing or "tcp", scpi=options.ramp_port
-    )
-    return supervised(controller, clock, options)
+    return build
 
 
 def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
@@ -149,13 +113,21 @@ def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber
 
 
 CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
-    "espec": ChamberDriver("ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _espec, dead_man=True),
-    "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _watlow_f4),
-    "ezt-570i": ChamberDriver("Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _ezt570i),
-    "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _voetsch_ascii),
-    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _simserv),
-    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _thermotron),
-    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _julabo),
-    "watlow-f4t": ChamberDriver("Watlow F4T, Modbus TCP", SerialLine(38400), _watlow_f4t),
+    "espec": ChamberDriver(
+        "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
+    ),
+    "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _built(WatlowF4, "address", "framing")),
+    "ezt-570i": ChamberDriver(
+        "Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _built(Ezt570i, "address", "framing")
+    ),
+    "voetsch-ascii2": ChamberDriver(
+        "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
+    ),
+    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
+    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _built(Thermotron, "terminator")),
+    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo)),
+    "watlow-f4t": ChamberDriver(
+        "Watlow F4T, Modbus TCP", SerialLine(38400), _built(WatlowF4t, "address", "framing", "ramp_port")
+    ),
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box, dead_man=True),
 }

@@ -9,9 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
+from drivers.transports import Transport
+
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Unit = Literal["degC", "degF"]
 Which = Literal["low", "setpoint", "high"]
+NativeLimits = Literal["none", "setpoint", "alarm"]
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Controller(Protocol):
         """The step in which it holds a setpoint."""
 
     @property
-    def native_limits(self) -> Literal["none", "setpoint", "alarm"]:
+    def native_limits(self) -> NativeLimits:
         """Whether it has limits of its own, and whether they bound setpoints or alarm at the air."""
 
     @property
@@ -86,9 +89,26 @@ class Controller(Protocol):
         """Release the port."""
 
 
+class OnOnePort:
+    """What most controllers have in common. What is not so of one, its class says."""
+
+    native_limits: NativeLimits = "none"
+    sees_programs = True
+    resolution_degC = 0.1
+    can_stop = True
+
+    def __init__(self, transport: Transport, kind: str = "chamber") -> None:
+        self.device = f"{kind} on {transport.name}"
+        self._transport = transport
+
+    def close(self) -> None:
+        """Release the port."""
+        self._transport.close()
+
+
 @runtime_checkable
 class RampingController(Protocol):
-    """A controller that can bound how fast its setpoint moves."""
+    """A controller, or a chamber over one, that can bound how fast its setpoint moves."""
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound the ramp from now on, confirm it, or raise a `DeviceError`; False where it is not equipped for it."""

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import Final
 
-from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberLimits, ChamberReading, SafeState
+from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberReading, SafeState
+from drivers.chambers.controller import RampingController
 from drivers.chambers.setpoints import clamped
 from drivers.chambers.wear import wear_of
 from drivers.clock import Clock
@@ -22,14 +23,6 @@ from drivers.clock import Clock
 _LEAST_STEP_DEGC = 0.5
 _LEAST_INTERVAL_S = 30.0
 _SAME_DEGC = 0.06  # within half of the coarsest step that a controller here holds
-
-
-@runtime_checkable
-class NativeRamp(Protocol):
-    """A chamber that may be able to bound its ramp itself."""
-
-    def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the ramp and confirm it; False where the host must step the setpoint."""
 
 
 def steps_of_a_ramp(span_degC: float, degC_per_min: float) -> int:
@@ -51,20 +44,11 @@ class RampedChamber:
         self._chamber = chamber
         self._clock = clock
         self._rate_per_s = degC_per_min / 60.0
-        self._native = False
+        self.limits: Final = chamber.limits
+        self.native = False  # whether the controller ramps by itself; known once it is prepared
         self._target: float | None = None
         self._begins_degC = self._step = 0.0
         self._began_s = self._stepped_s = 0.0
-
-    @property
-    def limits(self) -> ChamberLimits:
-        """The limits given by the bench file."""
-        return self._chamber.limits
-
-    @property
-    def native(self) -> bool:
-        """Whether the controller ramps by itself; known once it is prepared."""
-        return self._native
 
     @property
     def ramping(self) -> bool:
@@ -84,8 +68,8 @@ class RampedChamber:
         """Prepare the chamber, and let it ramp by itself where it can."""
         self._target = None
         self._chamber.prepare()
-        if isinstance(self._chamber, NativeRamp):
-            self._native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
+        if isinstance(self._chamber, RampingController):
+            self.native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
 
     def read(self) -> ChamberReading:
         """Read, and move a running ramp on where a step is due."""
@@ -102,8 +86,8 @@ class RampedChamber:
 
         Raises as the chamber does; `SetpointOutOfLimits` for the end of the ramp before anything is sent.
         """
-        limits = self._chamber.limits
-        if self._native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
+        limits = self.limits
+        if self.native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
             self._target = None
             self._chamber.set_temperature(setpoint_degC)
             return

@@ -6,28 +6,21 @@ keeps saying so until the reading comes back to where it was, or somebody has pr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from drivers.chambers.setpoints import plausible_temperature
 from drivers.errors import SensorFault
 
-
-@dataclass(frozen=True)
-class WatchSettings:
-    """What a chamber's air can do. The fastest test chambers reach 15 °C/min."""
-
-    step_degC: float = 5.0  # what a reading may change at once
-    slew_degC_per_min: float = 15.0
-    frozen_after_s: float = 900.0  # the very same reading for so long …
-    frozen_distance_degC: float = 2.0  # … this far from a setpoint that is being driven to
+# What a chamber's air can do. The fastest test chambers reach 15 °C/min.
+_STEP_DEGC = 5.0  # what a reading may change at once
+_SLEW_DEGC_PER_MIN = 15.0
+_FROZEN_AFTER_S = 900.0  # the very same reading for so long …
+_FROZEN_DISTANCE_DEGC = 2.0  # … this far from a setpoint that is being driven to
 
 
 class ReadingWatch:
     """The readings of one sensor, in the order they were taken. `device` begins every message."""
 
-    def __init__(self, device: str, settings: WatchSettings | None = None) -> None:
+    def __init__(self, device: str) -> None:
         self._device = device
-        self._settings = settings or WatchSettings()
         self._last: tuple[float, float] | None = None  # time, °C
         self._jumped_at_s: float | None = None
         self._same_since_s = 0.0
@@ -55,8 +48,7 @@ class ReadingWatch:
     def _refuse_jump(self, now_s: float, reading_degC: float, before_s: float, before_degC: float) -> None:
         # From the first sight of a jump on, time no longer widens what is allowed: a wrong unit never becomes right.
         until_s = now_s if self._jumped_at_s is None else self._jumped_at_s
-        settings = self._settings
-        allowed_degC = settings.step_degC + settings.slew_degC_per_min * max(until_s - before_s, 0.0) / 60.0
+        allowed_degC = _STEP_DEGC + _SLEW_DEGC_PER_MIN * max(until_s - before_s, 0.0) / 60.0
         if abs(reading_degC - before_degC) <= allowed_degC:
             self._jumped_at_s = None
             return
@@ -67,10 +59,9 @@ class ReadingWatch:
         )
 
     def _refuse_frozen(self, now_s: float, reading_degC: float, driven_to_degC: float | None) -> None:
-        settings = self._settings
-        if driven_to_degC is None or abs(reading_degC - driven_to_degC) <= settings.frozen_distance_degC:
+        if driven_to_degC is None or abs(reading_degC - driven_to_degC) <= _FROZEN_DISTANCE_DEGC:
             self._same_since_s = now_s
-        elif now_s - self._same_since_s >= settings.frozen_after_s:
+        elif now_s - self._same_since_s >= _FROZEN_AFTER_S:
             raise SensorFault(
                 f"{self._device} has read {reading_degC:g} °C without any change for "
                 f"{(now_s - self._same_since_s) / 60.0:.0f} min on its way to {driven_to_degC:g} °C; its sensor is "

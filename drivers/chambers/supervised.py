@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
-from drivers.chambers.controller import Controller, ControllerState, RampingController
+from drivers.chambers.controller import Controller, ControllerState, RampingController, Which
 from drivers.chambers.dead_man import DeadMan
 from drivers.chambers.native_limits import NativeLimits
-from drivers.chambers.reading_watch import ReadingWatch, WatchSettings
+from drivers.chambers.reading_watch import ReadingWatch
 from drivers.chambers.setpoints import (
     agrees,
     clamped,
@@ -72,7 +73,6 @@ class SupervisedChamber:
         expected_model: str | None = None,
         native_margin_degC: float = 5.0,
         celsius_confirmed: bool = False,
-        watch: WatchSettings | None = None,
         dead_man_s: float | None = None,
         dead_man_asked: bool = True,
     ) -> None:
@@ -83,24 +83,19 @@ class SupervisedChamber:
         self._controller = controller
         self._clock = clock
         self._dead_man = DeadMan(controller, clock, dead_man_s, asked=dead_man_asked)
-        self._limits = limits
+        self.limits: Final = limits
         self._native = NativeLimits(controller, limits, native_margin_degC)
         self._safe = safe
         self._expected_model = expected_model
         self._celsius_confirmed = celsius_confirmed
         self._device = controller.device
-        self._watch = ReadingWatch(self._device, watch)
+        self._watch = ReadingWatch(self._device)
         self._wear = WriteWear(clock)
         self._latched: tuple[str, ...] = ()
         self._confirmed: float | None = None  # the setpoint last read back
         self._give_up_s = math.inf
         self._switched = False  # to °F, seen by its setpoint
         self._identity: ChamberIdentity | None = None
-
-    @property
-    def limits(self) -> ChamberLimits:
-        """The limits given by the bench file."""
-        return self._limits
 
     @property
     def writes(self) -> Mapping[str, int]:
@@ -149,10 +144,10 @@ class SupervisedChamber:
             )
         if state.mode == "RUN":
             raise CommandRefused(f"{self._device} is running a program; end it at the panel first")
-        keeps = state.mode == "CONSTANT" and self._limits.low_degC <= state.setpoint <= self._limits.high_degC
-        start = state.setpoint if keeps else clamped(state.temperature, self._limits)
+        keeps = state.mode == "CONSTANT" and self.limits.low_degC <= state.setpoint <= self.limits.high_degC
+        start = state.setpoint if keeps else clamped(state.temperature, self.limits)
         self._dead_man.arm()
-        self._settle_on(representable_setpoint(start, self._limits, self._controller.resolution_degC))
+        self._settle_on(representable_setpoint(start, self.limits, self._controller.resolution_degC))
         if state.mode != "CONSTANT":
             self._controller.start()
         self._confirm_mode("CONSTANT", looks=_ATTEMPTS)
@@ -183,7 +178,7 @@ class SupervisedChamber:
         `CommandRefused` where the controller refuses or does not condition to its setpoint (stopped at its panel,
         power lost, a program running): then `prepare` must come first.
         """
-        wanted = representable_setpoint(setpoint_degC, self._limits, self._controller.resolution_degC)
+        wanted = representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
         self._require_identity()
         self._begin()
         self._dead_man.renew()
@@ -303,11 +298,11 @@ class SupervisedChamber:
                     raise
         raise ValueError("a setting needs at least one look")
 
-    def _write(self, which: str, value_degC: float) -> None:
+    def _write(self, which: Which, value_degC: float) -> None:
         if which == "setpoint":
             self._confirmed = None
-        self._wear.note({"low": "low limit", "high": "high limit"}.get(which, which))
-        self._controller.write("low" if which == "low" else "high" if which == "high" else "setpoint", value_degC)
+        self._wear.note(which if which == "setpoint" else f"{which} limit")
+        self._controller.write(which, value_degC)
 
     def _confirm_mode(self, *modes: str, looks: int) -> None:
         """Look at most `looks` times whether the controller is in one of `modes`; raise `ProtocolError`."""
@@ -371,7 +366,7 @@ class SupervisedChamber:
     def _safe_setpoint(self) -> float:
         if self._safe.temperature_degC is None:
             raise ValueError("this safe state holds no temperature")
-        return representable_setpoint(self._safe.temperature_degC, self._limits, self._controller.resolution_degC)
+        return representable_setpoint(self._safe.temperature_degC, self.limits, self._controller.resolution_degC)
 
     def _unsafe(self, *, looks: int) -> DeviceError | None:
         """Return why the chamber is not in its safe state, or None where it is."""

@@ -18,10 +18,9 @@ _WORTH_SAYING_NIGHTS = 365.0
 class WriteWear:
     """Counts what is written, by name, from the moment it is made."""
 
-    def __init__(self, clock: Clock, endurance: int = ENDURANCE_WRITES) -> None:
+    def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._began_s = clock.now()
-        self._endurance = endurance
         self._writes: Counter[str] = Counter()
 
     def note(self, what: str) -> None:
@@ -39,11 +38,11 @@ class WriteWear:
             return None
         what, count = self._writes.most_common(1)[0]
         nights_so_far = max((self._clock.now() - self._began_s) / _NIGHT_S, 1.0)
-        nights = self._endurance / (count / nights_so_far)
+        nights = ENDURANCE_WRITES / (count / nights_so_far)
         if nights >= _WORTH_SAYING_NIGHTS:
             return None
         return (
-            f"{what} was written {count} times; at this rate a memory of {self._endurance} writes is worn out in "
+            f"{what} was written {count} times; at this rate a memory of {ENDURANCE_WRITES} writes is worn out in "
             f"{nights:.0f} nights: use the controller's own ramp, or larger steps"
         )
 

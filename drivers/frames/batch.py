@@ -47,13 +47,6 @@ class FrameBatch:
         """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
         return self.layout.texts(self.rows, field)
 
-    def bits(self, name: str) -> NDArray[np.bool_]:
-        """Return whether status bit `name` is set, shape (n,); raise `KeyError` where the frame has no such bit."""
-        for field, bits in self.layout.description.status.items():
-            if name in bits:
-                return ((self.wire(field).astype(np.uint64) >> np.uint64(bits[name].bit)) & np.uint64(1)).astype(bool)
-        raise KeyError(name)
-
     def told(self, field: str) -> NDArray[np.bool_]:
         """Return in which frames a numeric field is there, shape (n,)."""
         if field not in self.layout.numeric:

@@ -42,7 +42,7 @@ class StreamDecoder:
         self._names = [family.name for family in plain]
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
-        self._nothing = [_no_frames(family.nothing()) for family in plain]
+        self._nothing = [_no_frames(family.shortest_layout) for family in plain]
         longest = max(family.longest for family in plain)
         self._few_bytes = _FEW * (4 + len(plain))
         self._clean_bytes = self._few_bytes // 8
@@ -52,11 +52,6 @@ class StreamDecoder:
         self._standing = Standing()
         self._flawless = True  # the last piece was; the next one probably is
         self._last_arrival_s = 0.0
-
-    @property
-    def pending(self) -> bytes:
-        """The bytes that wait for the rest of their frame."""
-        return self._rest
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
         """Take bytes that arrived at `arrival_s` (perhaps none: time passes) and return the frames they complete."""

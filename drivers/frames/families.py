@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ class Verdict:
 class FrameFamily:
     """One frame type of fixed length. `delimiter` is what follows each frame beyond what the description counts."""
 
+    steady = True  # every frame has the same length
+
     def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
         self.name = name
         self.description = description.frames[name]
@@ -48,16 +51,12 @@ class FrameFamily:
         self.delimiter = delimiter or self.description.delimiter
         self._stream = description
         self._extra = len(delimiter)
-        self.fixed = FrameLayout(description, name, length=self.shortest, delimiter=self.delimiter)
+        self._alike = lru_cache(_MOST_FORMS)(self._layout)
+        self.shortest_layout = self._alike(self.shortest)
 
-    @property
-    def steady(self) -> FrameLayout | None:
-        """The one layout of the type, where it has one."""
-        return self.fixed
-
-    def nothing(self) -> FrameLayout:
-        """Return the layout of no frames at all."""
-        return self.fixed
+    def _layout(self, length: int) -> FrameLayout:
+        """Return the layout of frames of this length, with the fields at fixed places."""
+        return FrameLayout(self._stream, self.name, length=length, delimiter=self.delimiter)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
@@ -66,19 +65,25 @@ class FrameFamily:
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
-        if not self.fixed.checksum.matches(frame):
+        if not self.shortest_layout.checksum.matches(frame):
             return Flaw.CHECKSUM
-        return self.fixed if frame.endswith(self.delimiter) else Flaw.DELIMITER
+        return self.shortest_layout if frame.endswith(self.delimiter) else Flaw.DELIMITER
 
     def forms(self, rows: Rows) -> Verdict:
         """Return the verdict about n whole frames of one length, shape (n, length)."""
-        sums, ends = self.fixed.checksum.matches_rows(rows), self.ends_match(rows)
-        return Verdict(sums, ends, [(self.fixed, sums & ends)])
+        sums, ends = self.shortest_layout.checksum.matches_rows(rows), self.ends_match(rows)
+        return Verdict(sums, ends, [(self.shortest_layout, sums & ends)])
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
         """Return the lengths of the frames at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
         del piece
         return np.full(len(places), self.shortest)
+
+    def _told(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
+        """Return the same, one by one."""
+        data = piece.tobytes()
+        told = [self.length_of(data, int(place)) for place in places]
+        return np.array([-1 if length is None else length for length in told], np.int64)
 
     def ends_match(self, rows: Rows) -> NDArray[np.bool_]:
         """Tell which of n frames end with their delimiter, shape (n,)."""
@@ -91,18 +96,14 @@ class FrameFamily:
 class VaryingFamily(FrameFamily):
     """A frame type whose length stands in the frame, perhaps with items."""
 
+    steady = False
+
     def __init__(
         self, description: StreamDescription, name: str, length: LengthDescription | None, delimiter: bytes = b""
     ) -> None:
         super().__init__(description, name, delimiter)
         self._length = length
-        self._by_length: dict[int, FrameLayout] = {}
-        self._by_items: dict[tuple[int, tuple[Item, ...]], FrameLayout] = {}
-
-    @property
-    def steady(self) -> FrameLayout | None:
-        """None: the type has many layouts, unless only its items vary."""
-        return None
+        self._filled = lru_cache(_MOST_FORMS)(self._layout_of_items)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
@@ -117,9 +118,7 @@ class VaryingFamily(FrameFamily):
         if found is None:
             return np.full(len(places), self.shortest)
         if found.type != "u8" or (found.extended is not None and len(places) < 8):
-            data = piece.tobytes()
-            told = [self.length_of(data, int(place)) for place in places]
-            return np.array([-1 if length is None else length for length in told], np.int64)
+            return self._told(piece, places)
         lengths = np.full(len(places), -1)
         there = places + found.at < len(piece)
         numbers = piece[places[there] + found.at].astype(np.int64)
@@ -133,10 +132,6 @@ class VaryingFamily(FrameFamily):
                 whole[each] = -1 if told_length is None else told_length
         lengths[there] = whole
         return lengths
-
-    def nothing(self) -> FrameLayout:
-        """Return the layout of no frames at all."""
-        return self._alike(self.shortest)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
@@ -174,16 +169,6 @@ class VaryingFamily(FrameFamily):
             rest = rest & ~alike
         return Verdict(sums, ends, forms)
 
-    def _alike(self, length: int) -> FrameLayout:
-        """Return the layout of frames of this length, with the fields at fixed places."""
-        layout = self._by_length.get(length)
-        if layout is None:
-            if len(self._by_length) >= _MOST_FORMS:
-                self._by_length.clear()
-            layout = FrameLayout(self._stream, self.name, length=length, delimiter=self.delimiter)
-            self._by_length[length] = layout
-        return layout
-
     def _begin(self, frame: bytes, items: ItemsDescription) -> int:
         length = self._length
         if items.extended_begin is None or length is None or length.extended is None:
@@ -196,39 +181,29 @@ class VaryingFamily(FrameFamily):
     def _with_items(self, frame: bytes, base: FrameLayout, items: ItemsDescription) -> FrameLayout | None:
         """Return the layout of a frame with the items that it has; None where they do not fill it exactly."""
         walked = items.walk(frame, self._begin(frame, items), self._end(base))
-        if walked is None:
-            return None
-        key = (len(frame), tuple(walked))
-        layout = self._by_items.get(key)
-        if layout is None:
-            if len(self._by_items) >= _MOST_FORMS:
-                self._by_items.clear()
-            fields, offsets = dict(base.fields), dict(base.offsets)
-            for name, field, offset in items.placed(walked):
-                fields[name], offsets[name] = field, offset
-            layout = FrameLayout(
-                self._stream, self.name, length=len(frame), fields=fields, offsets=offsets, delimiter=self.delimiter
-            )
-            self._by_items[key] = layout
-        return layout
+        return None if walked is None else self._filled(len(frame), tuple(walked))
+
+    def _layout_of_items(self, length: int, walked: tuple[Item, ...]) -> FrameLayout:
+        base, items = self._alike(length), self.description.items
+        fields, offsets = dict(base.fields), dict(base.offsets)
+        for name, field, offset in items.placed(walked) if items is not None else ():
+            fields[name], offsets[name] = field, offset
+        return FrameLayout(
+            self._stream, self.name, length=length, fields=fields, offsets=offsets, delimiter=self.delimiter
+        )
 
 
 class TextFamily(FrameFamily):
     """Lines of text. They are few, and looked at one by one."""
 
+    steady = False
+
     def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
         super().__init__(description, name)
         self._text = text
-        self._by_length: dict[int, TextLayout] = {}
 
-    @property
-    def steady(self) -> FrameLayout | None:
-        """None: lines have many lengths."""
-        return None
-
-    def nothing(self) -> FrameLayout:
-        """Return the layout of no lines at all."""
-        return self._alike(self.shortest)
+    def _layout(self, length: int) -> FrameLayout:
+        return TextLayout(self._stream, self.name, length=length, offsets={})
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
@@ -236,9 +211,7 @@ class TextFamily(FrameFamily):
 
     def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
         """Return the lengths of the lines at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
-        data = piece.tobytes()
-        told = [self.length_of(data, int(place)) for place in places]
-        return np.array([-1 if length is None else length for length in told], np.int64)
+        return self._told(piece, places)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole line, or what is wrong with it."""
@@ -253,15 +226,6 @@ class TextFamily(FrameFamily):
         """Return the verdict about n whole lines of one length, shape (n, length)."""
         good = np.array([isinstance(self.form(row.tobytes()), FrameLayout) for row in rows], np.bool_)
         return Verdict(good, np.ones(len(rows), np.bool_), [(self._alike(rows.shape[1]), good)])
-
-    def _alike(self, length: int) -> TextLayout:
-        layout = self._by_length.get(length)
-        if layout is None:
-            if len(self._by_length) >= _MOST_FORMS:
-                self._by_length.clear()
-            layout = TextLayout(self._stream, self.name, length=length, offsets={})
-            self._by_length[length] = layout
-        return layout
 
 
 def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[FrameFamily]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -178,8 +178,3 @@ def check_turns(fields: Mapping[str, FieldDescription]) -> None:
                 raise ValueError(
                     f"fields.{name}.when.field: {field.when.field!r} is not an unsigned field that is always there"
                 )
-
-
-def numeric(fields: Mapping[str, FieldDescription]) -> Iterable[str]:
-    """Return the names of the fields that are numbers."""
-    return [name for name, field in fields.items() if not field.is_text]

@@ -13,7 +13,7 @@ Items that are not known are skipped. A known item that repeats counts once, the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -106,7 +106,7 @@ class ItemsDescription(Described):
             at += header + size
         return items
 
-    def placed(self, items: list[Item]) -> Iterator[tuple[str, FieldDescription, int]]:
+    def placed(self, items: Sequence[Item]) -> Iterator[tuple[str, FieldDescription, int]]:
         """Return the known fields in `items`: name, description with its true type, offset in the frame."""
         seen: set[str] = set()
         for item in items:

@@ -181,19 +181,15 @@ class TextLayout(FrameLayout):
     def _cells(self, rows: Rows) -> FloatArray:
         """Return the numbers of n lines, shape (n, decimals)."""
         text = self.description.text
-        count = len(self._decimals)
+        count = len(self.numeric)
         if text is None or not len(rows):
             return np.empty((len(rows), count))
         end, header = self.length - len(self.delimiter), len(self.header)
         return np.array([text.values(bytes(row[:end]), header, count) for row in rows], np.float64).reshape(-1, count)
 
-    @property
-    def _decimals(self) -> list[str]:
-        return list(self.numeric)
-
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
         """Return the numbers of one field as they stand in n lines, shape (n,)."""
-        return self._cells(rows)[:, self._decimals.index(field)]
+        return self._cells(rows)[:, list(self.numeric).index(field)]
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numbers of n lines in their units, each of shape (n,)."""

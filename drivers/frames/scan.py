@@ -177,7 +177,7 @@ class Scanner:
         places = np.arange(n, dtype=np.int64) * length
         if not (rows[:, : len(header)] == np.frombuffer(header, np.uint8)).all():
             return None
-        if family.steady is None and not (family.lengths(piece, places) == length).all():
+        if not family.steady and not (family.lengths(piece, places) == length).all():
             return None
         verdict = family.forms(rows)
         if len(verdict.forms) != 1 or not verdict.forms[0][1].all():

@@ -1,7 +1,5 @@
 """A unit as a stream of decoded samples on the bench's clock."""
 
-from __future__ import annotations
-
 from drivers.imu.samples import Imu, ImuIdentity, SampleBlock, SensorChannels
 
 __all__ = ["Imu", "ImuIdentity", "SampleBlock", "SensorChannels"]

@@ -74,47 +74,26 @@ class StreamImu:
         self._description = description
         self._roles = description.roles
         self._clock = clock
-        self._rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
+        self.sample_rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
         self._expected = expected
         self._identity_timeout_s = identity_timeout_s
         self._decoder = StreamDecoder(description)
         counter = description.frames[self._roles.frame].counter
-        self._sample_clock = SampleClock(self._rate_hz, None if counter is None else counter.modulus // counter.step)
+        self._sample_clock = SampleClock(
+            self.sample_rate_hz, None if counter is None else counter.modulus // counter.step
+        )
         self._interrupted = True  # the next samples do not continue the ones before
         self._last_s = 0.0  # when the newest sample was taken
         self.unsure = False  # whether the stream was lost since the unit said who it is
-        self._index_status: IndexStatus | None = None
-        self._sensors = {
+        self.index_status: IndexStatus | None = None  # of the newest good frame, where frames tell it
+        self.port = transport.name
+        self.conditions: Mapping[str, str] = description.roles.conditions
+        self.sensors: Mapping[int, SensorChannels] = {
             number: SensorChannels(
                 sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions, sensor.at_rest
             )
             for number, sensor in self._roles.sensors.items()
         }
-
-    @property
-    def sensors(self) -> Mapping[int, SensorChannels]:
-        """The decoded fields, by sensor."""
-        return self._sensors
-
-    @property
-    def conditions(self) -> Mapping[str, str]:
-        """Fields that are neither rates nor accelerations: campaign column name to field name."""
-        return self._roles.conditions
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """The nominal rate of the stream."""
-        return self._rate_hz
-
-    @property
-    def port(self) -> str:
-        """The transport's name."""
-        return self._transport.name
-
-    @property
-    def index_status(self) -> IndexStatus | None:
-        """What the newest good frame said about the index; None before the first, or where frames do not tell."""
-        return self._index_status
 
     def read_block(self) -> SampleBlock:
         """Decode what has arrived since the last call; never waits, perhaps empty."""
@@ -149,7 +128,7 @@ class StreamImu:
             if now_s >= begins_s + asked * self._identity_timeout_s / _ASK_AGAIN:
                 self._ask_identity()
                 asked += 1
-            raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self._rate_hz))
+            raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self.sample_rate_hz))
             raw += self._transport.read_available()
             decoded, _ = self._take(raw, self._clock.now())
             arrived += len(raw)
@@ -190,14 +169,14 @@ class StreamImu:
             return decoded, np.empty(0)
         times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
         gap_s = float(np.diff(times_s, prepend=self._last_s).max())
-        jumped = correction != 0 and decoded.counts.lost > LOST_S * self._rate_hz
+        jumped = correction != 0 and decoded.counts.lost > LOST_S * self.sample_rate_hz
         self.unsure |= jumped or (gap_s > LOST_S and not self._sample_clock.anew)
         self._last_s = float(times_s[-1])
         if correction and not self._interrupted:
             lost = max(0, decoded.counts.lost + correction)
             decoded = Decoded(decoded.frames, replace(decoded.counts, lost=lost))
         self._interrupted = False
-        self._index_status = self._status_in(batch, times_s)
+        self.index_status = self._status_in(batch, times_s)
         return decoded, times_s
 
     def _status_in(self, batch: FrameBatch, times_s: FloatArray) -> IndexStatus | None:
@@ -221,7 +200,7 @@ class StreamImu:
             fault=role.fault in on,
             rejected=role.rejected in on,
         )
-        before = self._index_status
+        before = self.index_status
         if before is not None and same.all() and before.place == status.place:
             return replace(status, since_s=before.since_s)
         return status

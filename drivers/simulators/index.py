@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import FaultPlan, ImuFault
-
-
-@dataclass(frozen=True)
-class IndexState:
-    """What the frames say: position code (0 while moving) and bits, shape (n,); whether the last command failed."""
-
-    code: NDArray[np.int64]
-    moving: NDArray[np.bool_]
-    in_position: NDArray[np.bool_]
-    fault: bool
 
 
 class SimulatedIndex:
@@ -28,9 +17,9 @@ class SimulatedIndex:
         self.positions = positions
         self._faults = faults
         self.move_s = move_s
-        self._code = positions[first]  # where it is, or where it is going
+        self.code = positions[first]  # where it is, or where it is going
         self._arrives_s = -np.inf
-        self._fault = False
+        self.failed = False  # the last command
 
     def command(self, label: str, now_s: float) -> list[tuple[str, float, float]]:
         """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does.
@@ -38,23 +27,17 @@ class SimulatedIndex:
         An index that is stuck says that it moves, and does not; one that slips even says that it has arrived.
         """
         if self._faults.active(ImuFault.INDEX_REFUSED, now_s):
-            self._fault = True
+            self.failed = True
             return []
-        self._fault = False
+        self.failed = False
         if self._faults.active(ImuFault.INDEX_WRONG_POSITION, now_s):
             label = next(other for other in self.positions if other != label)
         stuck = self._faults.active(ImuFault.INDEX_NEVER_FINISHES, now_s)
         slips = self._faults.active(ImuFault.INDEX_SLIPS, now_s)
-        self._code = self.positions[label]
+        self.code = self.positions[label]
         self._arrives_s = np.inf if stuck else now_s + self.move_s
         return [] if stuck or slips else [(label, now_s, float(self._arrives_s))]
 
-    def state(self, times_s: NDArray[np.float64]) -> IndexState:
-        """Return the state at `times_s`, shape (n,), all after the last command and before the next one."""
-        moving = times_s < self._arrives_s
-        return IndexState(
-            code=np.where(moving, 0, self._code),
-            moving=moving,
-            in_position=~moving,
-            fault=self._fault,
-        )
+    def moving(self, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return when it moves of `times_s`, shape (n,), all after the last command and before the next one."""
+        return np.asarray(times_s < self._arrives_s)

@@ -8,42 +8,27 @@ Under a virtual clock a read that must wait jumps to the moment at which the dev
 from __future__ import annotations
 
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout, TransportError
+from drivers.errors import TransportError
 from drivers.simulators import SimulatedDevice
-from drivers.transports.buffered import shown
+from drivers.transports.buffered import BufferedTransport
 
 _LEAST_WAIT_S = 1e-6  # moves the clock on even where adding the exact time is lost to rounding
 
 
-class MemoryTransport:
+class MemoryTransport(BufferedTransport):
     """A `Transport` whose far end is `device`. Nothing runs between calls."""
 
     def __init__(self, device: SimulatedDevice, clock: Clock, name: str) -> None:
+        super().__init__(name, clock)
         self._device = device
-        self._clock = clock
-        self._name = name
-        self._arrived = bytearray()
         self._closed = False
-        self._plugged = True
         self._pulled: list[tuple[float, float]] = []  # when the cable will be pulled, and put back
 
-    @property
-    def name(self) -> str:
-        """The name that messages use."""
-        return self._name
-
-    def unplug(self) -> None:
-        """Pull the cable: every call fails until `replug`, and what the device sends meanwhile is lost."""
-        self._plugged = False
-
-    def replug(self) -> None:
-        """Put the cable back."""
-        self._device.transmit(self._clock.now())
-        self._arrived.clear()
-        self._plugged = True
-
     def unplug_between(self, begins_s: float, ends_s: float) -> None:
-        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`."""
+        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`.
+
+        Every call fails meanwhile, and what the device sends is lost.
+        """
         self._pulled.append((begins_s, ends_s))
 
     def write(self, data: bytes) -> None:
@@ -51,61 +36,26 @@ class MemoryTransport:
         self._check()
         self._device.receive(data, self._clock.now())
 
-    def read_available(self) -> bytes:
-        """Return what has already arrived, perhaps nothing; never waits."""
-        self._pump()
-        data = bytes(self._arrived)
-        self._arrived.clear()
-        return data
-
-    def read(self, size: int, timeout_s: float) -> bytes:
-        """Return `size` bytes, or fewer where `timeout_s` passed first."""
-        deadline_s = self._clock.now() + timeout_s
-        self._pump()
-        while len(self._arrived) < size and self._wait(deadline_s):
-            self._pump()
-        return self._take(min(size, len(self._arrived)))
-
-    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
-        """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
-        deadline_s = self._clock.now() + timeout_s
-        self._pump()
-        while terminator not in self._arrived:
-            if not self._wait(deadline_s):
-                raise DeviceTimeout(
-                    f"{self._name}: no {terminator!r} within {timeout_s:g} s; what arrived: {shown(self._arrived)}"
-                )
-            self._pump()
-        return self._take(self._arrived.index(terminator) + len(terminator))
-
-    def drain(self) -> bytes:
-        """Throw away and return what has arrived."""
-        return self.read_available()
-
     def close(self) -> None:
         """Release the port. Closing twice is allowed."""
         self._closed = True
 
     def _check(self) -> None:
         if self._closed:
-            raise TransportError(f"{self._name}: the port is closed")
+            raise TransportError(f"{self.name}: the port is closed")
         now_s = self._clock.now()
         for span in [each for each in self._pulled if each[1] <= now_s]:
             self._pulled.remove(span)
-            self.replug()
-        if not self._plugged or any(begins_s <= now_s for begins_s, _ in self._pulled):
-            raise TransportError(f"{self._name}: the port is gone; check its cable")
+            self._device.transmit(now_s)
+            self._arrived.clear()
+        if any(begins_s <= now_s for begins_s, _ in self._pulled):
+            raise TransportError(f"{self.name}: the port is gone; check its cable")
 
-    def _pump(self) -> None:
+    def _fill(self) -> None:
         self._check()
         self._arrived += self._device.transmit(self._clock.now())
 
-    def _take(self, size: int) -> bytes:
-        data = bytes(self._arrived[:size])
-        del self._arrived[:size]
-        return data
-
-    def _wait(self, deadline_s: float) -> bool:
+    def _fill_before(self, deadline_s: float) -> bool:
         """Let time pass until the device sends or the deadline is reached; False where it was reached before."""
         now_s = self._clock.now()
         if now_s >= deadline_s:
@@ -113,4 +63,5 @@ class MemoryTransport:
         sends_s = self._device.next_transmission(now_s)
         until_s = deadline_s if sends_s is None else min(deadline_s, sends_s)
         self._clock.sleep(max(until_s - now_s, _LEAST_WAIT_S))
+        self._fill()
         return True

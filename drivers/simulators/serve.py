@@ -17,7 +17,6 @@ import threading
 import tty
 from collections.abc import Mapping
 from contextlib import suppress
-from types import TracebackType
 from typing import Protocol, Self
 
 from drivers.clock import Clock
@@ -186,9 +185,7 @@ class DeviceServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def run(self) -> None:

@@ -199,10 +199,10 @@ class SimulatedImu:
     def _write_index(
         self, role: IndexRole, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray
     ) -> None:
-        state = self._index.state(times_s)
-        columns[role.position] = state.code
-        bits = {role.moving: state.moving, role.in_position: state.in_position}
-        if state.fault and role.fault is not None:
+        moving = self._index.moving(times_s)
+        columns[role.position] = np.where(moving, 0, self._index.code)
+        bits = {role.moving: moving, role.in_position: ~moving}
+        if self._index.failed and role.fault is not None:
             bits[role.fault] = np.ones(len(times_s), np.bool_)
         if self._rejected and role.rejected is not None:
             bits[role.rejected] = np.ones(len(times_s), np.bool_)

@@ -1,7 +1,5 @@
 """Bytes, lines and Modbus frames with deadlines."""
 
-from __future__ import annotations
-
 from drivers.transports.serial_port import open_port
 from drivers.transports.transport import Transport
 

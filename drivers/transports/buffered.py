@@ -20,14 +20,10 @@ def shown(data: bytes | bytearray) -> str:
 class BufferedTransport(ABC):
     """A `Transport` whose `_fill` adds what has come to `_arrived`. Deadlines are the clock's."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name  # what messages call it
         self._clock = clock
         self._arrived = bytearray()
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """What messages call it."""
 
     @abstractmethod
     def _fill(self) -> None:

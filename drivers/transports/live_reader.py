@@ -35,7 +35,7 @@ class LiveReader(BufferedTransport):
     """
 
     def __init__(self, port: Transport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
-        super().__init__(clock)
+        super().__init__(port.name, clock)
         self._port = port
         self._wait: Any = getattr(port, "wait", None)
         self._most_bytes = most_bytes
@@ -47,11 +47,6 @@ class LiveReader(BufferedTransport):
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._drain, name=f"reader of {port.name}", daemon=True)
         self._thread.start()
-
-    @property
-    def name(self) -> str:
-        """The port's name."""
-        return self._port.name
 
     def take_overflow(self) -> int:
         """Return how many bytes were dropped since the last call because nobody read."""

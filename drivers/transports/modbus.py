@@ -183,7 +183,11 @@ class ModbusExchange:
             arrived += more
             if len(arrived) > self._framer.MAX_SIZE:
                 raise ProtocolError(f"{self._device} sent noise; check baud rate, parity and the cable")
-            if self._framing == "rtu" and _is_read(request) and arrived.startswith(frame):
+            if (
+                self._framing == "rtu"
+                and isinstance(request, ReadHoldingRegistersRequest)
+                and arrived.startswith(frame)
+            ):
                 arrived = arrived[len(frame) :]  # a two-wire adapter hears itself
             try:
                 arrived, reply = self._decode(arrived)
@@ -208,10 +212,6 @@ class ModbusExchange:
         """Say whether a frame belongs to our request; another unit's, or an earlier transaction's, is passed over."""
         same_function = reply.function_code & 0x7F == request.function_code
         return reply.dev_id == self._unit and same_function and reply.transaction_id == request.transaction_id
-
-
-def _is_read(request: ModbusPDU) -> bool:
-    return isinstance(request, ReadHoldingRegistersRequest)
 
 
 def _register(value: int) -> int:

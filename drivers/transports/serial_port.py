@@ -60,9 +60,8 @@ class SerialTransport(BufferedTransport):
         low_latency: bool = True,
         on_close: Callable[[], None] = lambda: None,
     ) -> None:
-        super().__init__(clock)
+        super().__init__(url, clock)
         self._on_close = on_close
-        self._url = url
         self._settings: dict[str, Any] = {
             "baudrate": baudrate,
             "bytesize": bytesize,
@@ -76,11 +75,6 @@ class SerialTransport(BufferedTransport):
         self._port: Any = None
         self._opening = threading.Lock()  # one thread may write while another reads
         self._open()
-
-    @property
-    def name(self) -> str:
-        """The URL as it was given."""
-        return self._url
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
@@ -109,7 +103,7 @@ class SerialTransport(BufferedTransport):
     def _guarded(self, act: Callable[[Any], _Result]) -> _Result:
         """Do something with the open port; a failure closes it and becomes a `TransportError`."""
         if self._closed:
-            raise TransportError(f"{self._url}: the port is closed")
+            raise TransportError(f"{self.name}: the port is closed")
         with self._opening:
             if self._port is None:
                 self._open()
@@ -118,23 +112,23 @@ class SerialTransport(BufferedTransport):
             return act(port)
         except serial.SerialTimeoutException:
             raise TransportError(
-                f"{self._url}: the port takes no bytes ({_WRITE_TIMEOUT_S:g} s); check flow control and the cable"
+                f"{self.name}: the port takes no bytes ({_WRITE_TIMEOUT_S:g} s); check flow control and the cable"
             ) from None
         except (serial.SerialException, OSError, TypeError, TerminalError) as error:
             # pyserial raises TypeError where another thread, or a lost device, took the descriptor away in a call.
             self._release()
-            raise TransportError(f"{self._url}: the port failed ({error}); check its cable and power") from error
+            raise TransportError(f"{self.name}: the port failed ({error}); check its cable and power") from error
 
     def _open(self) -> None:
         settings = dict(self._settings)
-        if "://" not in self._url:
+        if "://" not in self.name:
             settings["exclusive"] = True
-            if os.path.realpath(self._url).startswith(_PSEUDO_TERMINALS):
+            if os.path.realpath(self.name).startswith(_PSEUDO_TERMINALS):
                 settings |= {"bytesize": 8, "parity": "N"}  # it passes bytes on, and takes other settings only once
         try:
-            self._port = serial.serial_for_url(self._url, **settings)
+            self._port = serial.serial_for_url(self.name, **settings)
         except (serial.SerialException, OSError, ValueError, TerminalError) as error:
-            raise TransportError(_why_not_open(self._url, error)) from error
+            raise TransportError(_why_not_open(self.name, error)) from error
         if self._low_latency:
             with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # not every port can
                 self._port.set_low_latency_mode(True)

@@ -1,7 +1,5 @@
 """The devices on the table: put together, locked, looked at before anything moves, their recordings decoded."""
 
-from __future__ import annotations
-
 from hil.bench.assemble import LiveBench, LiveChamber, build_bench, open_chamber
 
 __all__ = ["LiveBench", "LiveChamber", "build_bench", "open_chamber"]

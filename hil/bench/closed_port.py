@@ -11,13 +11,8 @@ class ClosedPort:
     """A `Transport` that never opened. Every use raises a `TransportError` with the sentence of `reason`."""
 
     def __init__(self, url: str, reason: DeviceError) -> None:
-        self._url = url
+        self.name = url
         self._reason = reason
-
-    @property
-    def name(self) -> str:
-        """The port as the bench file names it."""
-        return self._url
 
     def close(self) -> None:
         """Do nothing: nothing is open."""

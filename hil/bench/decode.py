@@ -120,16 +120,15 @@ class _Summary:
         return {
             "frames": {name: count for name, count in self._frames.items() if count},
             **vars(self.counts),
-            "first": None if self._first is None else _fields_of(*self._first),
-            "last": None if self._last is None else _fields_of(*self._last),
+            "first": None if self._first is None else _fields_of(*self._first[1:]),
+            "last": None if self._last is None else _fields_of(*self._last[1:]),
             "first_frame": None if self._first is None else self._first[0],
             "last_frame": None if self._last is None else self._last[0],
         }
 
 
-def _fields_of(name: str, batch: FrameBatch, at: int) -> dict[str, Any]:
+def _fields_of(batch: FrameBatch, at: int) -> dict[str, Any]:
     """Return one frame's fields: whole numbers as such, None where it does not have a field."""
-    del name
     values: dict[str, Any] = {}
     for field, described in batch.layout.description.all_fields.items():
         if described.is_text:

@@ -1,7 +1,5 @@
 """Measured data: sensors, conditions and collects of a campaign; reading and writing its folder."""
 
-from __future__ import annotations
-
 from hil.campaign.data import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray, Sensor, Series, TextArray
 
 __all__ = ["BoolArray", "Campaign", "Collects", "Conditions", "FloatArray", "IntArray", "Sensor", "Series", "TextArray"]

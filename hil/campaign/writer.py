@@ -11,11 +11,9 @@ import csv
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import yaml
 
 from hil.campaign.data import SCHEMA, Campaign, Collects, FloatArray, Sensor, Series
@@ -35,15 +33,8 @@ from hil.files.durable import RealDisk
 from hil.files.folder import is_new, whole_or_nothing
 from procedures.pose import PoseTolerance
 
-SeriesFormat = Literal["csv", "parquet"]
 
-
-def write_campaign(
-    campaign: Campaign,
-    folder: Path | str,
-    series: Iterable[tuple[int, Series]] = (),
-    series_format: SeriesFormat = "csv",
-) -> Path:
+def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tuple[int, Series]] = ()) -> Path:
     """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
 
     Values are written so that they read back to the last bit. Raises InputError where `folder` holds anything or cannot
@@ -56,7 +47,7 @@ def write_campaign(
     with whole_or_nothing(target) as partial:
         disk.write(partial / HEADER_FILE, _header(campaign).encode())
         disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())
-        _write_series(disk, campaign, partial / SERIES_FOLDER, series, series_format)
+        _write_series(disk, campaign, partial / SERIES_FOLDER, series)
     return target
 
 
@@ -146,9 +137,7 @@ def _cell(value: float | int | str | None) -> str:
     return str(value)
 
 
-def _write_series(
-    disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]], form: SeriesFormat
-) -> None:
+def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]]) -> None:
     sensors: Mapping[int, Sensor] = {
         int(collect): rows.conditions.sensor
         for rows in campaign.sensors.values()
@@ -162,8 +151,7 @@ def _write_series(
         columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensors[collect]))}
         if samples.temperature_degC is not None:
             columns["temperature_degC"] = samples.temperature_degC
-        path = folder / f"{collect:04d}.{form}"
-        disk.write(path, _parquet(columns) if form == "parquet" else _csv(columns))
+        disk.write(folder / f"{collect:04d}.csv", _csv(columns))
     if folder.is_dir():
         disk.synchronise_folder(folder)
 
@@ -174,11 +162,3 @@ def _csv(columns: Mapping[str, FloatArray]) -> bytes:
     writer.writerow(columns)
     writer.writerows([_cell(float(value)) for value in row] for row in zip(*columns.values(), strict=True))
     return text.getvalue().encode()
-
-
-def _parquet(columns: Mapping[str, FloatArray]) -> bytes:
-    # NaN marks a missing sample in memory; a file says so with a null.
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
-    sink = pa.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink, compression="zstd")
-    return bytes(sink.getvalue().to_pybytes())

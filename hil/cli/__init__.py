@@ -5,8 +5,6 @@ interlock or device fault with the bench in its safe state, 4 something is incom
 5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN.
 """
 
-from __future__ import annotations
-
 import os
 
 # Set before numpy is imported, which reads it. The matrices are small: threads would wait more than they compute.

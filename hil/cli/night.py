@@ -293,7 +293,7 @@ def demo(
         shutil.rmtree(out)
     ended = _end(_start(sweep, bench, out, quiet=quiet))
     if ended == Exit.DONE:
-        results().print(f"report: {write_report(out).resolve()}")
+        results().print(f"report: {write_report(out)[0].resolve()}")
     return ended
 
 

@@ -41,7 +41,7 @@ def report(
 
     if pdf:
         find_browser()  # before anything is written
-    path, content = _written(source, out, against)
+    path, content = write_report(source, out, against)
     results().print(f"report: {path}")
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for kind in formats:
@@ -52,15 +52,11 @@ def report(
         results().print(f"pdf: {path.with_suffix('.pdf')}")
 
 
-def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> Path:
-    """Write the report of a night or a campaign folder; return where it is.
+def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> tuple[Path, ReportContent]:
+    """Write the report of a night or a campaign folder; return where it is, and what it says.
 
     Raises `InputError` where the source cannot be read, or `out` is a folder, in none, or not named .html.
     """
-    return _written(source, out, against)[0]
-
-
-def _written(source: Path, out: Path | None, against: Path | None) -> tuple[Path, ReportContent]:
     from hil.report.against import compare
     from hil.report.content import gather
     from hil.report.page import write_page

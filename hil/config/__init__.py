@@ -1,7 +1,5 @@
 """Bench and sweep files: read strictly, with units, and refused in one sentence where they are wrong."""
 
-from __future__ import annotations
-
 from hil.config.bench import Bench, load_bench, parse_bench
 from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, load_sweep, parse_sweep
 from hil.files.strict import find_config

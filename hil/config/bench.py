@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
 from hil.campaign import Sensor
 from hil.config.chamber import ChamberSection
@@ -26,11 +26,11 @@ from hil.config.faults import Fault
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
-from hil.config.sections import to_settings
+from hil.config.sections import settings_of
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
-from hil.files.strict import NAME, Section, find_config, parse_yaml, read_text, validated, validated_inside
+from hil.files.strict import NAME, Section, WholeFile, find_config, read_text, validated_inside
 from hil.files.units import Degrees, DegreesPerHour, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -41,10 +41,6 @@ from procedures.settings import InterlockSettings, Polling
 def _labels(value: object) -> object:
     # YAML reads an unquoted 1 as a number; a position's label is text.
     return {str(label): entry for label, entry in value.items()} if isinstance(value, dict) else value
-
-
-def _settings(kind: type) -> BeforeValidator:
-    return BeforeValidator(lambda given: to_settings(given, kind))
 
 
 def _plain_name(value: str) -> str:
@@ -163,7 +159,7 @@ class RecordSection(Section):
     series_block: Seconds = Field(default=1.0, gt=0.0, le=86400.0)
 
 
-class Bench(Section):
+class Bench(WholeFile):
     """A bench, as its file describes it."""
 
     name: Annotated[str, AfterValidator(_plain_name)]
@@ -174,18 +170,15 @@ class Bench(Section):
     sensors: dict[int, SensorSection] = Field(min_length=1)
     imu: ImuSection
     chamber: ChamberSection
-    interlocks: Annotated[InterlockSettings, _settings(InterlockSettings)] = InterlockSettings()
-    polling: Annotated[Polling, _settings(Polling)] = Polling()
-    pose: Annotated[PoseTolerance, _settings(PoseTolerance)] = PoseTolerance()
+    interlocks: Annotated[InterlockSettings, settings_of(InterlockSettings)] = InterlockSettings()
+    polling: Annotated[Polling, settings_of(Polling)] = Polling()
+    pose: Annotated[PoseTolerance, settings_of(PoseTolerance)] = PoseTolerance()
     largest_standard_error: Annotated[DegreesPerHour, Field(gt=0.0)] | None = None
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None
     simulation: SimulationSection | None = None
     faults: tuple[Fault, ...] = ()
-
-    _text: str = PrivateAttr(default="")
-    _source: str = PrivateAttr(default="")
 
     @model_validator(mode="after")
     def _simulation_belongs_to_simulated_ports(self) -> Bench:
@@ -212,16 +205,6 @@ class Bench(Section):
                         f"than at position {next(iter(stands))}, and they are one body: one of the four is wrong"
                     )
         return self
-
-    @property
-    def text(self) -> str:
-        """The YAML text that this bench was read from: what a record keeps."""
-        return self._text
-
-    @property
-    def source(self) -> str:
-        """The file that this bench was read from."""
-        return self._source
 
     @property
     def simulated(self) -> bool:
@@ -308,8 +291,6 @@ def load_bench(name: str | Path) -> Bench:
 
 def parse_bench(text: str, source: str) -> Bench:
     """Read a bench from YAML text, such as the copy that a record kept; `source` names it in messages."""
-    document = parse_yaml(text, source)
-    bench = validated(Bench, document, source)
-    bench._text, bench._source = text, source
+    bench = Bench.parse(text, source)
     _ = bench.imu_description, bench.simulation_model, bench.chamber_description
     return bench

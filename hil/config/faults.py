@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from functools import cached_property
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, PrivateAttr, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from hil.files.strict import Section, near
 from hil.files.units import DIFFERENCE, TEMPERATURE, TIME, Kind, to_number
@@ -101,10 +102,6 @@ class Fault(Section):
     size: float | str | None = None
     duration: Annotated[str | None, BeforeValidator(_text)] = None
 
-    _at_s: float | None = PrivateAttr(default=None)
-    _size: float = PrivateAttr(default=0.0)
-    _duration_s: float | None = PrivateAttr(default=None)
-
     @model_validator(mode="after")
     def _makes_sense(self) -> Fault:
         kinds = CATALOGUE[self.device]
@@ -112,16 +109,16 @@ class Fault(Section):
             raise ValueError(f"kind: {self.kind!r} is nothing that happens to {self.device}{near(self.kind, [*kinds])}")
         if not self.at.strip():
             raise ValueError("at: a time such as 2 h, or a step's key such as T1/S1/restabilise, is needed")
-        if self.at[0] in "0123456789+-.":
-            self._at_s = to_number(self.at, TIME)
-        self._size = self._size_of(kinds[self.kind])
-        if self.duration is not None:
-            if not kinds[self.kind].lasts:
-                raise ValueError(f"duration: {self.kind} happens in a moment; leave the duration out")
-            self._duration_s = to_number(self.duration, TIME)
+        _ = self.at_s, self.amount
+        if self.duration is not None and not self.meaning.lasts:
+            raise ValueError(f"duration: {self.kind} happens in a moment; leave the duration out")
+        _ = self.duration_s
         return self
 
-    def _size_of(self, kind: FaultKind) -> float:
+    @cached_property
+    def amount(self) -> float:
+        """The size in s, °C or as a share: the file's, or the usual one; `ValueError` where it cannot be."""
+        kind = self.meaning
         if self.size is None:
             return kind.usual
         if kind.size is None:
@@ -132,29 +129,20 @@ class Fault(Section):
             raise ValueError(f"size: {self.size!r} is not a share of the frames; write a number above 0 and up to 1")
         return float(self.size)
 
-    @property
+    @cached_property
     def at_s(self) -> float | None:
         """Seconds since the night began; None where it waits for the step `at`."""
-        return self._at_s
+        return to_number(self.at, TIME) if self.at[0] in "0123456789+-." else None
 
-    @property
-    def amount(self) -> float:
-        """The size in s, °C or as a share: the file's, or the usual one."""
-        return self._size
-
-    @property
+    @cached_property
     def duration_s(self) -> float | None:
         """How long it lasts, s; None for the rest of the night."""
-        return self._duration_s
+        return None if self.duration is None else to_number(self.duration, TIME)
 
     @property
     def meaning(self) -> FaultKind:
         """What the catalogue says about it."""
         return CATALOGUE[self.device][self.kind]
-
-    def as_document(self) -> dict[str, Any]:
-        """Return it as the file has it."""
-        return self.model_dump(exclude_none=True)
 
     def __str__(self) -> str:
         size = "" if self.size is None else f" {self.size}"

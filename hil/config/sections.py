@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar, get_type_hints
 
-from pydantic import create_model
+from pydantic import BeforeValidator, create_model
 
 from hil.files.strict import Section, validated_inside
 from hil.files.units import (
@@ -51,6 +51,11 @@ def section_for(settings: type) -> type[Section]:
     # A key that is not given has no value here: the dataclass has the default.
     fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.items()}
     return create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
+
+
+def settings_of(kind: type) -> BeforeValidator:
+    """Return what reads a key of a file as a procedure's settings."""
+    return BeforeValidator(lambda given: to_settings(given, kind))
 
 
 def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:

@@ -7,14 +7,14 @@ plan = make_plan(sweep.procedure())
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BeforeValidator, Field, PrivateAttr
+from pydantic import BeforeValidator, Field
 
 from hil.config.bench import Bench
-from hil.config.sections import to_settings
+from hil.config.sections import settings_of
 from hil.errors import InputError
-from hil.files.strict import Section, find_config, near, parse_yaml, read_text, validated
+from hil.files.strict import WholeFile, find_config, near, read_text
 from hil.files.units import Celsius, CelsiusPerMinute
 from procedures.plan import make_plan
 from procedures.safe_air import ROOM_DEGC
@@ -25,40 +25,23 @@ _MOST_COLLECTS = 100_000
 _LONGEST_DAYS = 60
 
 
-def _settings(kind: type) -> BeforeValidator:
-    return BeforeValidator(lambda given: to_settings(given, kind))
-
-
 def _as_labels(value: object) -> object:
     # YAML reads an unquoted 1 as a number; a position's label is text.
     return [str(label) for label in value] if isinstance(value, list) else value
 
 
-class Sweep(Section):
+class Sweep(WholeFile):
     """A sweep, as its file describes it."""
 
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
     self_calibrations_per_temperature: int = Field(default=3, ge=1, le=1000)
     positions: Annotated[tuple[str, ...], BeforeValidator(_as_labels)] = Field(default=("1", "2", "3"), min_length=1)
-    restabilisation: Annotated[Restabilisation, _settings(Restabilisation)] = Restabilisation()
-    collect: Annotated[CollectSettings, _settings(CollectSettings)] = CollectSettings()
+    restabilisation: Annotated[Restabilisation, settings_of(Restabilisation)] = Restabilisation()
+    collect: Annotated[CollectSettings, settings_of(CollectSettings)] = CollectSettings()
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] = 3.0
     start: Celsius = 23.0
     final: Celsius | None = None
-
-    _text: str = PrivateAttr(default="")
-    _source: str = PrivateAttr(default="")
-
-    @property
-    def text(self) -> str:
-        """The YAML text that this sweep was read from: what a record keeps."""
-        return self._text
-
-    @property
-    def source(self) -> str:
-        """The file that this sweep was read from."""
-        return self._source
 
     def procedure(self) -> SweepProcedure:
         """Return the sweep as the procedures take it."""
@@ -83,10 +66,7 @@ def load_sweep(name: str | Path) -> Sweep:
 
 def parse_sweep(text: str, source: str) -> Sweep:
     """Read a sweep from YAML text, such as the copy that a record kept; `source` names it in messages."""
-    document: dict[str, Any] = parse_yaml(text, source)
-    sweep = validated(Sweep, document, source)
-    sweep._text, sweep._source = text, source
-    return sweep
+    return Sweep.parse(text, source)
 
 
 def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:

@@ -42,7 +42,9 @@ class ResultsSoFar:
                 "number": number,
                 "temperature_degC": steps[0].temperature_degC,
                 "done": number in done,
-                "collects": [_collect(step, completed.get(step.key)) for step in steps if _is_collect(step)],
+                "collects": [
+                    _collect(step, completed.get(step.key)) for step in steps if step.kind is StepKind.COLLECT
+                ],
                 "solutions": self._solutions.get(number, []) if number in done else [],
             }
             for number, steps in begun.items()
@@ -68,10 +70,6 @@ class ResultsSoFar:
                 }
             )
         return rows
-
-
-def _is_collect(step: Step) -> bool:
-    return step.kind is StepKind.COLLECT
 
 
 def _collect(step: Step, result: StepResult | None) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError, model_validator
 
 import hil
 from drivers.given_file import read_text as read_text
@@ -55,6 +55,30 @@ class Section(BaseModel):
             if key not in cls.model_fields:
                 raise ValueError(f"unknown key {key!r}{near(str(key), list(cls.model_fields))}")
         return data
+
+
+class WholeFile(Section):
+    """A configuration file as a whole: `text` is the YAML that it was read from, what a record keeps."""
+
+    _text: str = PrivateAttr(default="")
+    _source: str = PrivateAttr(default="")
+
+    @property
+    def text(self) -> str:
+        """The YAML text."""
+        return self._text
+
+    @property
+    def source(self) -> str:
+        """The file."""
+        return self._source
+
+    @classmethod
+    def parse(cls, text: str, source: str) -> Self:
+        """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence."""
+        found = validated(cls, parse_yaml(text, source), source)
+        found._text, found._source = text, source
+        return found
 
 
 def near(word: str, allowed: Sequence[str]) -> str:

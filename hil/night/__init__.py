@@ -1,7 +1,5 @@
 """One night carried out: begun, resumed, guarded, told of, replayed."""
 
-from __future__ import annotations
-
 from hil.night.remarks import Remarks
 from hil.night.run import NightOutcome, resume_night, start_night
 

@@ -1,7 +1,5 @@
 """The folder of a night: journal, blocks, live files; what is derived from them; requests to its controller."""
 
-from __future__ import annotations
-
 from hil.records.journal import SqliteJournal
 from hil.records.reader import JournalReader, open_readonly, reading
 

@@ -21,7 +21,7 @@ from drivers.given_file import check_folder
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
-from hil.campaign.writer import SeriesFormat, write_campaign
+from hil.campaign.writer import write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
@@ -79,7 +79,7 @@ class _Row:
         return found
 
 
-def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFormat = "csv") -> Export:
+def export_campaign(folder: Path | str, out: Path | str) -> Export:
     """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
 
     Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
@@ -90,7 +90,7 @@ def export_campaign(folder: Path | str, out: Path | str, series_format: SeriesFo
         bench = bench_of_record(journal.night.configuration)
         campaign, rows = _campaign(journal, bench)
         series = _series(folder, rows, campaign, bench.record.series_block)
-        write_campaign(campaign, target, series, series_format)
+        write_campaign(campaign, target, series)
     return Export(target, len(rows), tuple(campaign.notes.splitlines()))
 
 

@@ -99,13 +99,10 @@ class _Facts:
         now = SystemClock().utc()
         if self.beat is not None:
             silent_s = (now - self.beat.at).total_seconds()
-            return f"has shown no sign of life for {silent_s:.0f} s" if silent_s > self._borne_s else ""
+            hangs = silent_s > SILENCE_BORNE_S + self.beat.silent_s
+            return f"has shown no sign of life for {silent_s:.0f} s" if hangs else ""
         silent_s = (now - self.controller.seen_utc).total_seconds() if self.controller else 0.0
         return f"has written nothing for {silent_s / 60.0:.0f} min" if silent_s > STALE_AFTER_S else ""
-
-    @property
-    def _borne_s(self) -> float:
-        return SILENCE_BORNE_S + (self.beat.silent_s if self.beat else 0.0)
 
     @property
     def last_s(self) -> float:

@@ -12,9 +12,9 @@ question without a reply the line is listened to for 3 s. Temperatures in °C; t
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, TypeVar
+from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Unit, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Unit, Which
 from drivers.chambers.controllers.description import BoxDescription, Command, Quantity, Question
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
@@ -27,20 +27,15 @@ TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 _LATE_S = 3.0
 
 
-class SetpointBox:
+class SetpointBox(OnOnePort):
     """A `Controller` as a description says."""
 
-    can_stop = True
-
     def __init__(self, transport: Transport, clock: Clock, description: BoxDescription) -> None:
-        self.device = f"{description.name} on {transport.name}"
+        super().__init__(transport, description.name)
         self.resolution_degC = description.resolution_degC
-        self.native_limits: Literal["none", "setpoint", "alarm"] = (
-            "none" if description.low_limit is None else description.limits_are
-        )
+        self.native_limits = "none" if description.low_limit is None else description.limits_are
         self.sees_programs = "RUN" in description.state.modes.values()
         self._box = description
-        self._transport = transport
         self._exchange = LineExchange(
             transport,
             clock,
@@ -105,10 +100,6 @@ class SetpointBox:
     def arm_dead_man(self, seconds: float) -> bool:
         """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""
         return self._set(self._box.dead_man_s, seconds)
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _set(self, quantity: Quantity | None, value: float) -> bool:
         if quantity is None:

@@ -22,14 +22,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Literal, TypeVar
+from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Which
 from drivers.chambers.controllers.espec_replies import ReplyParser
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
-from drivers.transports.lines import LineExchange, LineTiming
+from drivers.transports.lines import LineExchange
 
 Reply = TypeVar("Reply")
 
@@ -37,13 +37,10 @@ _LETTER = {"low": "L", "setpoint": "S", "high": "H"}
 _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}
 
 
-class Espec:
+class Espec(OnOnePort):
     """A `Controller` of one chamber. `address` is for RS-485 only."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "alarm"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
+    native_limits: NativeLimits = "alarm"
 
     def __init__(
         self,
@@ -52,12 +49,10 @@ class Espec:
         *,
         address: int | None = None,
         terminator: bytes = b"\r\n",
-        timing: LineTiming | None = None,
     ) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
+        super().__init__(transport)
         self._prefix = "" if address is None else f"{address},"
-        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
+        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator)
         self._replies = ReplyParser(self.device)
         self._mode: Mode | None = None
 
@@ -127,10 +122,6 @@ class Espec:
                 f"{minutes} min, or is not on; look at its panel"
             )
         return True
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _timers(self) -> tuple[int, ...]:
         return self._query("TIMER ON?", self._replies.timers)

@@ -20,9 +20,7 @@ baud, 8 data bits, even parity, address 1. At least 0.5 s between exchanges; rep
 
 from __future__ import annotations
 
-from typing import Literal
-
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
@@ -44,13 +42,10 @@ _CHAMBER_ALARMS = {
 }
 
 
-class Ezt570i:
+class Ezt570i(OnOnePort):
     """A `Controller` of loop 1 of an EZT-570i."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "setpoint"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
+    native_limits: NativeLimits = "setpoint"
 
     def __init__(
         self,
@@ -59,17 +54,15 @@ class Ezt570i:
         *,
         address: int = 1,
         framing: Framing = "rtu",
-        timing: ModbusTiming | None = None,
     ) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
+        super().__init__(transport)
         self._registers = ModbusExchange(
             transport,
             clock,
             device=self.device,
             unit=address,
             framing=framing,
-            timing=timing or ModbusTiming(timeout_s=1.5, pause_s=0.5, late_s=3.0),
+            timing=ModbusTiming(timeout_s=1.5, pause_s=0.5, late_s=3.0),
         )
         self._events = _CHAMBER_ON
 
@@ -108,10 +101,6 @@ class Ezt570i:
     def end_program(self) -> None:
         """Stop the profile that runs."""
         self._registers.write(_PROFILE, 0)
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _online(self, registers: list[int]) -> None:
         if registers[0] == 0:

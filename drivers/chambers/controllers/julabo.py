@@ -20,9 +20,8 @@ Line: 4800 baud, even parity; hardware handshake is the factory's setting and mu
 from __future__ import annotations
 
 import re
-from typing import Literal
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, NativeLimits, OnOnePort, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
@@ -33,18 +32,14 @@ _ABOUT_COMMANDS = range(-13, -7)
 _PARAMETER = {"setpoint": "SP_00", "high": "SP_03", "low": "SP_04"}
 
 
-class Julabo:
+class Julabo(OnOnePort):
     """A `Controller` of a bath."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "alarm"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
+    native_limits: NativeLimits = "alarm"
 
-    def __init__(self, transport: Transport, clock: Clock, *, timing: LineTiming | None = None) -> None:
-        self.device = f"circulator on {transport.name}"
-        self._transport = transport
-        timing = timing or LineTiming(1.5, pause_after_query_s=0.01, pause_after_command_s=0.25, late_s=3.0)
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        super().__init__(transport, "circulator")
+        timing = LineTiming(1.5, pause_after_query_s=0.01, pause_after_command_s=0.25, late_s=3.0)
         self._exchange = LineExchange(
             transport, clock, device=self.device, terminator=b"\r", reply_terminator=b"\n", timing=timing
         )
@@ -79,10 +74,6 @@ class Julabo:
 
     def end_program(self) -> None:
         """Do nothing: a running profile does not show here, and stopping ends it."""
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _version(self, line: str) -> str:
         if not any(character.isalpha() for character in line):

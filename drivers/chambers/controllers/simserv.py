@@ -19,9 +19,9 @@ Temperatures in 0.1 °C, gradients 0.01 to 5 °C/min up and to 3.5 down; reply a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, TypeVar
+from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Which
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
@@ -50,18 +50,12 @@ _MEANINGS = {
 }
 
 
-class SimServ:
+class SimServ(OnOnePort):
     """A `Controller` behind SimServ: control variable 1 is the air's temperature."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "none"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
-
-    def __init__(self, transport: Transport, clock: Clock, *, timing: LineTiming | None = None) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
-        timing = timing or LineTiming(1.5, pause_after_query_s=0.1, pause_after_command_s=0.1, late_s=3.0)
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        super().__init__(transport)
+        timing = LineTiming(1.5, pause_after_query_s=0.1, pause_after_command_s=0.1, late_s=3.0)
         self._exchange = LineExchange(
             transport,
             clock,
@@ -113,10 +107,6 @@ class SimServ:
             if abs(found - wanted) > 0.005:
                 raise ProtocolError(f"{self.device} reads back a gradient of {found:g} °C/min instead of {wanted:g}")
         return True
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _mode(self, status: int) -> Mode:
         if int(self._ask(self._number, 14003, 1)) == 1:

@@ -20,9 +20,8 @@ s.
 from __future__ import annotations
 
 import re
-from typing import Literal
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Which
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
@@ -33,20 +32,12 @@ _PROGRAM = 1 | 8 | 32  # runs, is held, or will start
 _ALARMS = {0: "low deviation", 1: "high deviation", 4: "low process", 5: "high process"}
 
 
-class Thermotron:
+class Thermotron(OnOnePort):
     """A `Controller` of channel 1. `terminator` is CR on serial lines, LF or CR LF on TCP."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "none"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
-
-    def __init__(
-        self, transport: Transport, clock: Clock, *, terminator: bytes = b"\r", timing: LineTiming | None = None
-    ) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
-        timing = timing or LineTiming(1.5, pause_after_query_s=0.1, pause_after_command_s=1.0, late_s=3.0)
+    def __init__(self, transport: Transport, clock: Clock, *, terminator: bytes = b"\r") -> None:
+        super().__init__(transport)
+        timing = LineTiming(1.5, pause_after_query_s=0.1, pause_after_command_s=1.0, late_s=3.0)
         self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
         self._running = False
 
@@ -83,10 +74,6 @@ class Thermotron:
     def end_program(self) -> None:
         """Stop, which ends a program too."""
         self._do("STOP")
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _do(self, command: str) -> None:
         self._exchange.command(command, lambda line: self._done(command, line))

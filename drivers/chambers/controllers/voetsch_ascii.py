@@ -22,10 +22,9 @@ listened to for 3 s.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from drivers.chambers.chamber import ChamberLimits
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, OnOnePort, Which
 from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
@@ -56,16 +55,13 @@ class AsciiLayout:
             raise ValueError(f"start_bit, channel_bit and error_bit must be different bits from 0 to {self.bits - 1}")
 
 
-class VoetschAscii:
+class VoetschAscii(OnOnePort):
     """A `Controller` behind ASCII-2.
 
     `limits` bound the setpoint that is written back with a stop: somebody may have left one outside.
     """
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "none"
     sees_programs = False
-    resolution_degC = 0.1
-    can_stop = True
 
     def __init__(
         self,
@@ -76,14 +72,12 @@ class VoetschAscii:
         address: int = 0,
         layout: AsciiLayout | None = None,
         terminator: bytes = b"\r",
-        timing: LineTiming | None = None,
     ) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
+        super().__init__(transport)
         self._limits = limits
         self._layout = layout or AsciiLayout()
         self._address = f"${address:02d}"
-        timing = timing or LineTiming(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
+        timing = LineTiming(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
         self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
         self._nominal = [0.0] * self._layout.written
         self._bits = "0" * self._layout.bits
@@ -135,10 +129,6 @@ class VoetschAscii:
         if not self._exchange.command(f"{self._address}U {text}", _acknowledged):
             raise ProtocolError(f"{self.device} did not confirm a gradient of {rate:g} °C/min; step it from the host")
         return True
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _run_bits(self) -> list[int]:
         channel = self._layout.channel_bit

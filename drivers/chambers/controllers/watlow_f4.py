@@ -19,9 +19,7 @@ itself, but a static setpoint is ignored while one runs. Line: 8N1, 9600 (TestEq
 
 from __future__ import annotations
 
-from typing import Literal
-
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Unit, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
@@ -38,15 +36,14 @@ _EVENT_1, _EVENT_STRIDE = 2000, 10
 _TERMINATE = 1217
 
 
-class WatlowF4:
+class WatlowF4(OnOnePort):
     """A `Controller` of channel 1 of an F4.
 
     `enable_event` is the event output that switches the chamber, None where the line cannot switch it: it is then taken
     to be on. Raises `ValueError` where there is no such output (they are 1 to 8).
     """
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "setpoint"
-    sees_programs = True
+    native_limits: NativeLimits = "setpoint"
 
     def __init__(
         self,
@@ -60,10 +57,8 @@ class WatlowF4:
     ) -> None:
         if enable_event is not None and not 1 <= enable_event <= 8:
             raise ValueError(f"an F4 has event outputs 1 to 8, not {enable_event}")
-        self.device = f"chamber on {transport.name}"
-        self.resolution_degC = 0.1
+        super().__init__(transport)
         self.can_stop = enable_event is not None
-        self._transport = transport
         self._enable = None if enable_event is None else _EVENT_1 + _EVENT_STRIDE * (enable_event - 1)
         self._registers = ModbusExchange(
             transport, clock, device=self.device, unit=address, framing=framing, timing=timing
@@ -119,10 +114,6 @@ class WatlowF4:
     def end_program(self) -> None:
         """End the profile that runs."""
         self._registers.write(_TERMINATE, 1)
-
-    def close(self) -> None:
-        """Release the port."""
-        self._transport.close()
 
     def _places(self) -> int:
         """Return the decimals of channel 1; asked once, because a wrong guess is a setpoint ten times off."""

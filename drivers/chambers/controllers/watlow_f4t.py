@@ -1,6 +1,6 @@
 """Watlow F4T (F4T and D4T, in newer ESPEC and TestEquity chambers): Modbus TCP or RTU, and SCPI for its ramp.
 
-    controller = WatlowF4t(transport, clock, scpi=open_port("socket://192.0.2.5:5025", clock=clock))
+    controller = WatlowF4t(transport, clock, ramp_port=open_port("socket://192.0.2.5:5025", clock=clock))
     chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
 
 Loop 1. Temperatures are floats in two registers, low word first as the factory sets it; choices are numbers with a
@@ -18,9 +18,7 @@ rates in 0.1 °C/min.
 
 from __future__ import annotations
 
-from typing import Literal
-
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, Unit, Which
+from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
@@ -43,13 +41,10 @@ def _scpi(port: Transport, clock: Clock) -> LineExchange:
     return LineExchange(port, clock, device=f"chamber on {port.name}", terminator=b"\n", timing=timing)
 
 
-class WatlowF4t:
-    """A `Controller` of loop 1 of an F4T. `scpi` is its other port, where the ramp is wanted."""
+class WatlowF4t(OnOnePort):
+    """A `Controller` of loop 1 of an F4T. `ramp_port` is its other port, where the ramp is wanted."""
 
-    native_limits: Literal["none", "setpoint", "alarm"] = "setpoint"
-    sees_programs = True
-    resolution_degC = 0.1
-    can_stop = True
+    native_limits: NativeLimits = "setpoint"
 
     def __init__(
         self,
@@ -58,16 +53,15 @@ class WatlowF4t:
         *,
         address: int = 1,
         framing: Framing = "tcp",
-        scpi: Transport | None = None,
+        ramp_port: Transport | None = None,
         timing: ModbusTiming | None = None,
     ) -> None:
-        self.device = f"chamber on {transport.name}"
-        self._transport = transport
-        self._scpi_transport = scpi
+        super().__init__(transport)
+        self._ramp_port = ramp_port
         self._registers = ModbusExchange(
             transport, clock, device=self.device, unit=address, framing=framing, timing=timing
         )
-        self._scpi = None if scpi is None else _scpi(scpi, clock)
+        self._scpi = None if ramp_port is None else _scpi(ramp_port, clock)
 
     def identify(self) -> ControllerIdentity:
         """Read hardware number and unit."""
@@ -128,9 +122,9 @@ class WatlowF4t:
 
     def close(self) -> None:
         """Release both ports."""
-        self._transport.close()
-        if self._scpi_transport is not None:
-            self._scpi_transport.close()
+        super().close()
+        if self._ramp_port is not None:
+            self._ramp_port.close()
 
     def _number(self, line: str) -> float:
         try:

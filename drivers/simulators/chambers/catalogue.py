@@ -55,69 +55,14 @@ def ramp_port_of(chamber: object) -> SimulatedDevice | None:
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
 
 
-def _espec(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedEspec(
-        plant,
-        address=options.address,
-        terminator=options.terminator or b"\r\n",
-        faults=options.faults,
-        begins_s=options.begins_s,
-    )
+def _built(kind: Callable[..., SimulatedChamberController], *said: str) -> Build:
+    """Return what makes such a controller of what the bench file may say of it, the options `said`."""
 
+    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+        given = {name: getattr(options, name) for name in said if getattr(options, name) is not None}
+        return kind(plant, faults=options.faults, begins_s=options.begins_s, **given)
 
-def _watlow_f4(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedWatlowF4(
-        plant,
-        address=options.address or 1,
-        framing=options.framing or "rtu",
-        faults=options.faults,
-        begins_s=options.begins_s,
-    )
-
-
-def _ezt570i(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedEzt570i(
-        plant,
-        address=options.address or 1,
-        framing=options.framing or "rtu",
-        faults=options.faults,
-        begins_s=options.begins_s,
-    )
-
-
-def _voetsch_ascii(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedVoetschAscii(
-        plant,
-        address=options.address or 0,
-        layout=options.layout,
-        terminator=options.terminator or b"\r",
-        faults=options.faults,
-        begins_s=options.begins_s,
-    )
-
-
-def _simserv(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedSimServ(plant, faults=options.faults, begins_s=options.begins_s)
-
-
-def _thermotron(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedThermotron(
-        plant, terminator=options.terminator or b"\r", faults=options.faults, begins_s=options.begins_s
-    )
-
-
-def _julabo(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedJulabo(plant, faults=options.faults, begins_s=options.begins_s)
-
-
-def _watlow_f4t(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    return SimulatedWatlowF4t(
-        plant,
-        address=options.address or 1,
-        framing=options.framing or "tcp",
-        faults=options.faults,
-        begins_s=options.begins_s,
-    )
+    return build
 
 
 def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
@@ -128,13 +73,13 @@ def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberCont
 
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = {
-    "espec": _espec,
-    "watlow-f4": _watlow_f4,
-    "ezt-570i": _ezt570i,
-    "voetsch-ascii2": _voetsch_ascii,
-    "simserv": _simserv,
-    "thermotron": _thermotron,
-    "julabo": _julabo,
-    "watlow-f4t": _watlow_f4t,
+    "espec": _built(SimulatedEspec, "address", "terminator"),
+    "watlow-f4": _built(SimulatedWatlowF4, "address", "framing"),
+    "ezt-570i": _built(SimulatedEzt570i, "address", "framing"),
+    "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
+    "simserv": _built(SimulatedSimServ),
+    "thermotron": _built(SimulatedThermotron, "terminator"),
+    "julabo": _built(SimulatedJulabo),
+    "watlow-f4t": _built(SimulatedWatlowF4t, "address", "framing"),
     "box": _box,
 }

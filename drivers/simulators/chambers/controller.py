@@ -88,6 +88,9 @@ class SimulatedController(ABC):
     request that comes sooner than `pause_s` after the last reply is ignored, and counted.
     """
 
+    _usual_alarm = "1"  # where a fault names none
+    _stopped = "OFF"  # the mode in which an alarm leaves it
+
     def __init__(
         self,
         plant: ChamberPlant,
@@ -247,9 +250,9 @@ class SimulatedController(ABC):
     def _happen(self, fault: ChamberFault) -> None:
         match fault.kind:
             case ChamberFaultKind.ALARM:
-                self.alarms = (*self.alarms, fault.text or self._usual_alarm())
+                self.alarms = (*self.alarms, fault.text or self._usual_alarm)
                 if self.mode != "OFF":
-                    self.mode = self._stopped()
+                    self.mode = self._stopped
             case ChamberFaultKind.PANEL_LOCK:
                 self.panel_locked = True
             case ChamberFaultKind.POWER_CYCLE:
@@ -297,14 +300,6 @@ class SimulatedController(ABC):
                 self._condition(fault.ends_s)
             case _:
                 pass  # what was forgotten stays forgotten
-
-    def _usual_alarm(self) -> str:
-        """Return the protocol's alarm where a fault names none."""
-        return "1"
-
-    def _stopped(self) -> str:
-        """Return the mode in which an alarm leaves it."""
-        return "OFF"
 
     def _condition(self, at_s: float) -> None:
         """Tell the plant what mode and setpoint mean for it."""

@@ -23,6 +23,8 @@ _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 class SimulatedSetpointBox(SimulatedLines):
     """A `SimulatedDevice` made from a description. What it does not understand it does not answer."""
 
+    _usual_alarm = "4"
+
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
         self.ramp_degC_per_min = 0.0
@@ -101,6 +103,3 @@ class SimulatedSetpointBox(SimulatedLines):
                 self.mode = mode
                 return command.confirm
         return None
-
-    def _usual_alarm(self) -> str:
-        return "4"

@@ -44,6 +44,9 @@ class SimulatedEspec(SimulatedLines):
     an alarm, or what a broken sensor shows.
     """
 
+    _usual_alarm = "19"
+    _stopped = "STANDBY"
+
     def __init__(
         self,
         plant: ChamberPlant,
@@ -135,17 +138,11 @@ class SimulatedEspec(SimulatedLines):
             air = self._plant.advance(now_s)
             if not self.limits.low_degC <= air <= self.limits.high_degC:
                 self.alarms = (*self.alarms, _LIMIT_ALARM)
-                self.mode = self._stopped()
+                self.mode = self._stopped
                 self._condition(now_s)
 
     def _power_up(self) -> None:
         self.timer_ends_s = None
-
-    def _usual_alarm(self) -> str:
-        return "19"
-
-    def _stopped(self) -> str:
-        return "STANDBY"
 
     # What it says.
 

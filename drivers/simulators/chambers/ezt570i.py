@@ -25,6 +25,8 @@ _OTHER_EVENTS = 0x0010  # something else that somebody has switched on, and want
 class SimulatedEzt570i(SimulatedModbus):
     """A `SimulatedDevice`: an EZT-570i with one loop. `online` False freezes its values, as maintenance does."""
 
+    _usual_alarm = "32"  # bit 0 of word 57: heater high limit
+
     def __init__(self, plant: ChamberPlant, *, online: bool = True, pause_s: float = 0.5, **settings: Any) -> None:
         self.online = online
         self.other_events = _OTHER_EVENTS
@@ -74,9 +76,6 @@ class SimulatedEzt570i(SimulatedModbus):
                 self.limits = ChamberLimits(shown, self.limits.high_degC)
             case _:
                 raise Refusal(ILLEGAL_ADDRESS)
-
-    def _usual_alarm(self) -> str:
-        return "32"  # bit 0 of word 57: heater high limit
 
 
 def _tenths(shown: float) -> int:

@@ -25,6 +25,8 @@ _INVALID, _NOT_NOW, _TOO_SMALL, _TOO_LARGE = "-08", "-09", "-10", "-11"
 class SimulatedJulabo(SimulatedLines):
     """A `SimulatedDevice`: a bath under remote control. `version` says by default that it is simulated."""
 
+    _usual_alarm = "-01"
+
     def __init__(
         self, plant: ChamberPlant, *, version: str = "JULABO CRYOCOMPACT CF31 SIMULATED", **settings: Any
     ) -> None:
@@ -86,6 +88,3 @@ class SimulatedJulabo(SimulatedLines):
                 self.limits = ChamberLimits(degC, self.limits.high_degC)
             case _:
                 self.mode = "CONSTANT" if value == 1.0 else "OFF"
-
-    def _usual_alarm(self) -> str:
-        return "-01"

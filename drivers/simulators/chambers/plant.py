@@ -149,26 +149,21 @@ class ChamberPlant:
         self._settling_s = settling_s
         self._ripple = (ripple_degC, ripple_period_s)
         self._leak_s = leak_s
-        self._commanded: float | None = None
+        self.commanded_degC: float | None = None  # None while unconditioned; a dead plant does not follow it
         self._dead = False
         self._astray_degC = 0.0
         self._now_s = begins_s
         self._begins: list[float] = [begins_s]
         self._segments: list[_Segment] = [_Leak(ambient_degC, ambient_degC, leak_s)]
 
-    @property
-    def commanded_degC(self) -> float | None:
-        """The setpoint last commanded, None while unconditioned. A dead plant does not follow it."""
-        return self._commanded
-
     def command(self, setpoint_degC: float | None, at_s: float) -> None:
         """Condition to `setpoint_degC`, or stop conditioning (None), from `at_s` on.
 
         What has been asked for is history: a command that comes earlier takes effect at the latest time asked for.
         """
-        if setpoint_degC == self._commanded:
+        if setpoint_degC == self.commanded_degC:
             return
-        self._commanded = setpoint_degC
+        self.commanded_degC = setpoint_degC
         self._restart(at_s)
 
     def bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
@@ -220,10 +215,10 @@ class ChamberPlant:
         self._drop_after(at_s)
         air = self.advance(at_s)
         rate = self._segments[-1].slope_per_s(max(at_s - self._begins[-1], 0.0))
-        if self._commanded is None or self._dead:
+        if self.commanded_degC is None or self._dead:
             self._append(at_s, _Leak(air, self.ambient_degC, self._leak_s))
             return
-        target = self._commanded + self._astray_degC
+        target = self.commanded_degC + self._astray_degC
         rises = target > air
         up_per_s, down_per_s = self._ramp_per_s
         limit = min(self._heating_per_s, up_per_s) if rises else -min(self._cooling_per_s, down_per_s)

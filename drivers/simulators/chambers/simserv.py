@@ -25,6 +25,8 @@ _UNKNOWN, _WRONG_PARAMETERS, _NO_PRIVILEGE, _NO_CHAMBER = "-5", "-6", "-12", "-4
 class SimulatedSimServ(SimulatedLines):
     """A `SimulatedDevice`: one chamber with one control variable. `model` says by default that it is simulated."""
 
+    _usual_alarm = "temperature limiter test space"
+
     def __init__(self, plant: ChamberPlant, *, model: str = "LabEvent T/110/70/3 simulated", **settings: Any) -> None:
         self._model = model
         self.gradient_degC_per_min = {"up": 0.0, "down": 0.0}
@@ -95,6 +97,3 @@ class SimulatedSimServ(SimulatedLines):
         if self.mode == "RUN" and on:
             return
         self.mode = "CONSTANT" if on else "OFF"
-
-    def _usual_alarm(self) -> str:
-        return "temperature limiter test space"

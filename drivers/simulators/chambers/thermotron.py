@@ -24,6 +24,8 @@ _SETPOINT = re.compile(r"SETP1,(-?\d+(?:\.\d*)?)")
 class SimulatedThermotron(SimulatedLines):
     """A `SimulatedDevice`: channel 1 of a Thermotron. `model` says by default that it is simulated."""
 
+    _usual_alarm = "5"
+
     def __init__(
         self,
         plant: ChamberPlant,
@@ -74,9 +76,6 @@ class SimulatedThermotron(SimulatedLines):
         return str(refusal) if self._replies == "code" else None
 
     def _refusal(self) -> str:
-        return "5"
-
-    def _usual_alarm(self) -> str:
         return "5"
 
     def _power_up(self) -> None:

@@ -27,6 +27,8 @@ _TEXTS = {"01": "software test spec.protection.."}  # as the manual prints it
 class SimulatedVoetschAscii(SimulatedLines):
     """A `SimulatedDevice`. `other_bits` are the bits that the layout does not name, all 0 where they are not given."""
 
+    _usual_alarm = "02"
+
     def __init__(
         self,
         plant: ChamberPlant,
@@ -106,9 +108,6 @@ class SimulatedVoetschAscii(SimulatedLines):
             self.mode = "RUN"
         elif self.mode == "RUN":
             self.mode = "OFF"
-
-    def _usual_alarm(self) -> str:
-        return "02"
 
     def _power_up(self) -> None:
         self._temper = False

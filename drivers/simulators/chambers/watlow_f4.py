@@ -77,7 +77,7 @@ class SimulatedWatlowF4(SimulatedModbus):
             case 901 if value <= 1:
                 self.fahrenheit = value == 0
             case 1217 if value == 1:
-                self._terminate()
+                self.mode = "CONSTANT" if self.mode == "RUN" else self.mode
             case self._enable if value <= 1:
                 self._switch(on=value == 1)
             case _ if 2000 <= address <= 2070 and address % 10 == 0 and value <= 1:
@@ -94,10 +94,6 @@ class SimulatedWatlowF4(SimulatedModbus):
         if not low <= setpoint <= high:
             raise Refusal(ILLEGAL_VALUE)
         self.setpoint_degC, self.limits = setpoint, ChamberLimits(low, high)
-
-    def _terminate(self) -> None:
-        if self.mode == "RUN":
-            self.mode = "CONSTANT"
 
     def _switch(self, *, on: bool) -> None:
         if not on:

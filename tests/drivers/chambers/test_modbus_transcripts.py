@@ -17,8 +17,8 @@ from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKin
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports.modbus import ModbusExchange, scaled, signed
+from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

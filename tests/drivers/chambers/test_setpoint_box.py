@@ -17,8 +17,8 @@ from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevic
 from drivers.simulators.chambers.described import SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
+from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

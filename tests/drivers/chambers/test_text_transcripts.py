@@ -17,7 +17,7 @@ from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
+from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 

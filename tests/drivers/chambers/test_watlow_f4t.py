@@ -16,10 +16,10 @@ from drivers.errors import ProtocolError, WrongDevice
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports import open_port
 from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.modbus_peer import modbus_server
+from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 
@@ -56,7 +56,7 @@ def test_our_driver_works_against_pymodbus_server() -> None:
 def _ramped(unit: str = "C") -> tuple[SupervisedChamber, SimulatedWatlowF4t]:
     clock, device = VirtualClock(), SimulatedWatlowF4t(ChamberPlant())
     scpi = MemoryTransport(SimulatedF4tScpi(device, unit=unit), clock, "sim://scpi")
-    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, scpi=scpi)
+    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
     return SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), device
 
 
@@ -106,7 +106,7 @@ def test_the_scpi_transcript(rate: bytes, scale: bytes, action: bytes, message: 
     ]
     scpi = TranscriptDevice(exchanges)
     port = MemoryTransport(SimulatedWatlowF4t(ChamberPlant()), clock, "sim://chamber")
-    controller = WatlowF4t(port, clock, scpi=MemoryTransport(scpi, clock, "sim://scpi"))
+    controller = WatlowF4t(port, clock, ramp_port=MemoryTransport(scpi, clock, "sim://scpi"))
     if message is None:
         assert controller.set_ramp_rate(2.5) is True
     else:
@@ -120,7 +120,7 @@ def test_the_air_moves_no_faster_than_the_ramp() -> None:
     clock, plant = VirtualClock(), ChamberPlant()
     device = SimulatedWatlowF4t(plant)
     scpi = MemoryTransport(SimulatedF4tScpi(device), clock, "sim://scpi")
-    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, scpi=scpi)
+    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
     chamber = RampedChamber(
         SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), clock, degC_per_min=0.5
     )

@@ -11,6 +11,7 @@ import pytest
 
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
+from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import kvh, stim300
 
 
@@ -56,8 +57,8 @@ def test_kvh_frames_decode_to_the_given_values_and_its_bits_mean_valid(reference
             assert [batch.column(f"acc_{axis}")[0] for axis in "xyz"] == expected["acc_g"]
             assert batch.wire("sequence")[0] == expected["seq"]
             assert batch.wire("temperature")[0] == expected["temp"]
-            assert batch.bits("gyro_x_valid")[0] == bool(expected["status"] & 1)
-            assert batch.bits("acc_z_valid")[0] == bool(expected["status"] & 64)
+            assert bits(batch, "gyro_x_valid")[0] == bool(expected["status"] & 1)
+            assert bits(batch, "acc_z_valid")[0] == bool(expected["status"] & 64)
 
 
 def test_kvh_built_in_test_frames_interleave_with_samples(reference: Path) -> None:

@@ -17,6 +17,7 @@ from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description, parse_description
 from drivers.frames.encoder import encode
 from drivers.frames.layout import FrameLayout
+from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import MFS_FILE
 
 IMUS = MFS_FILE.parent
@@ -124,7 +125,7 @@ def test_stim300_datagrams_have_their_values_with_and_without_line_ends(with_lin
                 assert batch.wire(f"{kind}_status")[0] == expected[f"{kind}_status"]
         if "aux_raw" in expected:
             assert int(batch.wire("pps")[0]).to_bytes(3, "big") == bytes(expected["aux_raw"])
-        assert batch.bits("gyro_overload")[0] == bool(expected["gyro_status"] & 0x10)
+        assert bits(batch, "gyro_overload")[0] == bool(expected["gyro_status"] & 0x10)
 
 
 @pytest.mark.slow
@@ -177,7 +178,7 @@ def test_kvh_frames_have_their_values_in_the_configured_units(reference: Path) -
         )
         assert values(batch, "acc") == expected["acc_g"]
         assert batch.column("temperature")[0] == expected["temp"]
-        assert batch.bits("gyro_x_valid")[0] == bool(expected["status"] & 1)
+        assert bits(batch, "gyro_x_valid")[0] == bool(expected["status"] & 1)
         rates = shipped("kvh1750", gyro_output="degrees per second", temperature_unit="degF")
         batch = decode_all(rates, bytes.fromhex(entry["hex"]))[0]["format_A"][0]
         assert values(batch, "gyro") == pytest.approx([3600 * value for value in expected["gyro"]], rel=1e-15)

@@ -166,7 +166,7 @@ def test_after_a_reset_the_unfinished_frame_is_gone_and_the_gap_is_not_a_loss() 
     decoder = StreamDecoder(mfs())
     assert decoder.feed(frames[0] + frames[1] + frames[2][:30]).counts.ok == 2
     decoder.reset()
-    assert decoder.pending == b""
+    assert decoder._rest == b""
     decoded = decoder.feed(frames[2][30:] + b"".join(frames[6:]))
     assert decoded.counts == StreamCounts(ok=4, skipped_bytes=29, resyncs=1)
     assert decoded["sample"].sequence.tolist() == [6, 7, 8, 9]

@@ -191,10 +191,10 @@ def test_no_identity_is_said_with_its_cause() -> None:
 def test_a_lost_port_is_an_error_and_a_closed_driver_stays_closed() -> None:
     """Unplugged is not the same as silent."""
     bench = Bench()
-    bench.transport.unplug()
+    bench.transport.unplug_between(0.0, 1.0)
     with pytest.raises(TransportError, match="sim://imu: the port is gone"):
         bench.imu.read_block()
-    bench.transport.replug()
+    bench.clock.sleep(1.0)
     bench.imu.read_block()
     bench.imu.close()
     with pytest.raises(TransportError, match="is closed"):

@@ -9,6 +9,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.unit import IndexSettings, SimulatedImu
+from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import SteadyPhysics, mfs, stim300
 
 INDEX = IndexSettings({"1": 1, "2": 2, "3": 3}, first="1", move_s=10.0)
@@ -60,10 +61,10 @@ def test_a_command_moves_the_index_and_the_frames_tell_it() -> None:
     samples = StreamDecoder(mfs()).feed(device.transmit(20.0))["sample"]
     times_s = np.arange(len(samples)) / 20
     moving = (times_s > 2.0) & (times_s < 12.0 - 1e-9)
-    assert (samples.bits("moving") == moving).all()
-    assert (samples.bits("in_position") == ~moving).all()
+    assert (bits(samples, "moving") == moving).all()
+    assert (bits(samples, "in_position") == ~moving).all()
     assert (samples.wire("index_position") == np.where(moving, 0, np.where(times_s > 2.0, 2, 1))).all()
-    assert not samples.bits("index_fault").any()
+    assert not bits(samples, "index_fault").any()
     assert physics.moves == [("1", 0.0, 0.0), ("2", 2.0, 12.0)]
 
 
@@ -74,9 +75,9 @@ def test_a_line_that_is_not_understood_is_rejected_until_the_next_good_one(bad: 
     device = unit(physics=physics)
     decoder = StreamDecoder(mfs())
     device.receive(bad, 1.0)
-    assert decoder.feed(device.transmit(2.0))["sample"].bits("command_rejected")[-1]
+    assert bits(decoder.feed(device.transmit(2.0))["sample"], "command_rejected")[-1]
     device.receive(line("MFS,INDEX,2"), 2.0)
-    assert not decoder.feed(device.transmit(3.0))["sample"].bits("command_rejected")[-1]
+    assert not bits(decoder.feed(device.transmit(3.0))["sample"], "command_rejected")[-1]
     assert len(physics.moves) == 2
 
 
@@ -123,7 +124,7 @@ def test_frozen_values_are_good_frames_that_say_the_same() -> None:
 def test_a_rotor_that_is_not_at_speed_sets_its_bit() -> None:
     """In its window only."""
     samples = StreamDecoder(mfs()).feed(unit(FaultWindow(ImuFault.SPIN_FAULT, 1.0, 2.0)).transmit(3.0))["sample"]
-    assert samples.bits("spin_fault").tolist() == [False] * 20 + [True] * 20 + [False] * 21
+    assert bits(samples, "spin_fault").tolist() == [False] * 20 + [True] * 20 + [False] * 21
 
 
 def test_a_description_without_roles_cannot_be_simulated() -> None:

@@ -7,8 +7,8 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports.lines import LineExchange, LineTiming
+from tests.drivers.transcript import TranscriptDevice
 
 TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5, attempts=3)
 

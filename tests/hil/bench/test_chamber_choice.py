@@ -16,7 +16,6 @@ from drivers.chambers import CHAMBER_DRIVERS
 from drivers.clock import Clock
 from drivers.errors import TransportError
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.transcript import TranscriptDevice
 from drivers.transports import Transport
 from hil.bench import build_bench, open_chamber
 from hil.config import Bench, load_bench, load_sweep, parse_bench, parse_sweep
@@ -26,6 +25,7 @@ from hil.night import start_night
 from hil.records.export import campaign_of_night
 from hil.solve import Estimate, solve_campaign
 from hil.twin.serve import client_bench, served
+from tests.drivers.transcript import TranscriptDevice
 
 _SHIPPED = load_bench("simulated")
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
 from hil.campaign.reader import read_campaign, read_series
-from hil.campaign.writer import SeriesFormat, write_campaign
+from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
@@ -91,15 +90,14 @@ def test_rows_of_all_sensors_are_chronological_and_a_person_can_read_them(campai
     assert not any("chronological" in warning for warning in read_campaign(folder).warnings)
 
 
-@pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path, form: SeriesFormat) -> None:
+def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path) -> None:
     """Times, rates with a missing sample, temperature; by collect, for either sensor."""
     rng = np.random.default_rng(3)
     rates = rng.normal(size=(5, 2))
     rates[2, 1] = np.nan
     first = Series(np.cumsum(rng.uniform(0.01, 0.02, 5)), rates, rng.normal(20, 1, 5))
     second = Series(np.arange(4.0), rng.normal(size=(4, 3)))
-    folder = write_campaign(campaign, tmp_path / "out", iter([(7, first), (4, second)]), form)
+    folder = write_campaign(campaign, tmp_path / "out", iter([(7, first), (4, second)]))
     back = read_campaign(folder)
     assert sorted(back.series_files) == [4, 7]
     for collect, written in ((7, first), (4, second)):
@@ -111,13 +109,6 @@ def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path, form: Seri
     read = read_series(back, 7)
     assert read is not None
     np.testing.assert_array_equal(read.temperature_degC, first.temperature_degC)
-
-
-def test_a_missing_sample_is_a_null_in_parquet(campaign: Campaign, tmp_path: Path) -> None:
-    """Other programs read null as missing; NaN they would average."""
-    samples = Series(np.arange(2.0), np.array([[1.0, np.nan], [2.0, 3.0]]))
-    folder = write_campaign(campaign, tmp_path / "out", [(7, samples)], "parquet")
-    assert pyarrow.parquet.read_table(folder / "series" / "0007.parquet")["RB_deg_per_hr"].null_count == 1
 
 
 def test_a_place_where_no_folder_can_be_made_is_bad_input(campaign: Campaign, tmp_path: Path) -> None:

@@ -215,11 +215,11 @@ def test_random_faults_are_the_same_for_a_seed_and_make_sense() -> None:
     for seed in range(1000):
         drawn = draw_faults(random.Random(seed), plan, (1, 5))
         assert 1 <= len(drawn) <= 5
-        assert [each.as_document() for each in drawn] == [
-            each.as_document() for each in draw_faults(random.Random(seed), plan, (1, 5))
+        assert [each.model_dump(exclude_none=True) for each in drawn] == [
+            each.model_dump(exclude_none=True) for each in draw_faults(random.Random(seed), plan, (1, 5))
         ]
         seen |= {(fault.device, fault.kind) for fault in drawn}
-        json.dumps([fault.as_document() for fault in drawn])
+        json.dumps([fault.model_dump(exclude_none=True) for fault in drawn])
     assert seen == {(device, kind) for device, kinds in CATALOGUE.items() for kind in kinds if kind not in NEVER}
 
 

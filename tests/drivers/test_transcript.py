@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.simulators.transcript import TranscriptDevice
+from tests.drivers.transcript import TranscriptDevice
 
 EXCHANGES = [(b"A?\r\n", b"1\r\n"), (b"B\r\n", b"")]
 
