@@ -50,7 +50,7 @@ def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> 
 
 
 def most_of(places: IntArray, odd: FloatArray) -> list[int]:
-    """Return the places that are oddest, all of them where they are not very many."""
+    """Return the places (k,) whose oddness (n,) is largest, all of them where they are not very many."""
     return [int(k) for k in places[np.argsort(-odd[places], kind="stable")][:MANY]]
 
 
