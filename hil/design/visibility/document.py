@@ -51,9 +51,11 @@ def visibility_document(
     return {
         "schema": "hil.visibility/1",
         "title": title,
-        "model": {str(number): sights.form for number, sights in maps.items()},
+        "model": (forms := {str(number): sights.form for number, sights in maps.items()}),
+        "forms": forms,
         "false_alarm_rate": first.false_alarm_rate,
         "noise": vars(first.noise),
+        "noise_level": vars(first.noise),
         "effects": [
             {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
             for number, sight in best.values()
