@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from hil.model import Model
-from procedures.words import numbered
+from procedures.words import numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -57,6 +57,32 @@ class Rival:
         if self.bayes_factor is not None:
             document |= {"bayes_factor": self.bayes_factor, "prior_odds": self.prior_odds}
         return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
+
+
+def rival_in_words(rival: Mapping[str, Any]) -> str:
+    """Say what the data say of a rival, and apart from it what was known before; empty where nobody can."""
+    data, before = rival.get("bayes_factor"), rival.get("prior_odds")
+    if data is None or before is None or not math.isfinite(data):
+        return ""
+    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {data:.2g} times as probable as the first name"
+    return f"the data {told}; before them it was {before:.2g} times as probable"
+
+
+def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """Yield of each parameter its name with sensor and unit, where it holds, and what it is, not only by how much more.
+
+    What follows a recorded number by an amplitude per power of it is told by how far it moves the rate.
+    """
+    for each in parameters:
+        sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
+        value, se, unit, total = each["value"], each["se"], each["unit"], each.get("total")
+        moves = each.get("moves_deg_per_hr")
+        if moves is not None:
+            value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
+        more = "" if total is None else f" ({value:+.4g} by this effect)"
+        error = "" if se is None else f" ± {se:.2g}"
+        whole = f"{value if total is None else total:.4g}{error}{more}"
+        yield f"{each['name']}{sensor}, {unit_in_words(unit)}", str(each.get("at") or ""), whole
 
 
 _SHAPES = {

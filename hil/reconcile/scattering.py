@@ -29,6 +29,7 @@ from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import in_words
+from procedures.words import unit_in_words
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -55,7 +56,9 @@ class Scattering:
         """Say what scatters, by how much, and what is wrong with the rows."""
         ranked = [f"{self.titles[n]} ({p:.2f})" for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN]
         if self.named:
-            values = [f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {s.parameter.unit}" for s in self.sizes]
+            values = [
+                f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {unit_in_words(s.parameter.unit)}" for s in self.sizes
+            ]
             first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}): "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:

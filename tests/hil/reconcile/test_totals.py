@@ -26,4 +26,4 @@ def test_an_increment_says_what_the_parameter_then_is() -> None:
     (told,) = with_totals([found], after)
     assert [each.get("total") for each in told.parameters] == [pytest.approx(22.0), None, None]
     lines = list(_values(told.parameters))
-    assert "22 ± 2 at -29.6 degC (-184 by this effect)" in lines[0]
+    assert "22 ± 2 (-184 by this effect) at -29.6 degC" in lines[0]
