@@ -28,12 +28,7 @@ class Disagreement:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        return {
-            "where": dict(self.where),
-            "size_deg_per_hr": self.size_deg_per_hr,
-            "se_deg_per_hr": self.se_deg_per_hr,
-            "q_value": self.q_value,
-        }
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)

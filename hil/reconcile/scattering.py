@@ -28,7 +28,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import in_words
+from hil.solve.wrong_rows import in_words, otherwise
 from procedures.words import unit_in_words
 
 ORDINARY = "ordinary"
@@ -67,7 +67,9 @@ class Scattering:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
         rows = self.campaign.sensors.items()
         soaks = [f"sensor {n}: {words}" for n, of in rows for words in dict.fromkeys(unsettled(of.conditions).values())]
-        return [*soaks, *told, *scatter.in_words(self.noise), *in_words(self.rows)]
+        asked = "what moves the mean is not asked here: hil reconcile may explain rows that are left out"
+        left_out = [*in_words(self.rows), asked] if self.rows else []
+        return [*soaks, *told, *scatter.in_words(self.noise), *left_out, *otherwise(self.campaign, self.rows)]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""

@@ -77,6 +77,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "mean_of_repeats": _named(budget, budget.total(asked.repeats, _beyond(budget, observed))),
         "run_to_run": _named(budget, _from_run_to_run(budget)),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
+        "as_solved": _as_solved(budget, observed),
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
@@ -95,6 +96,16 @@ def _total(each: RunScene) -> FloatArray:
     to_parameters = response(each.scene, each.form)
     parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
     return np.asarray(np.sqrt(np.sum(parts, axis=0)))
+
+
+def _as_solved(budget: Budget, observed: SensorRepeats | None) -> dict[str, float | None]:
+    """What `hil solve` states of one run: its noise, and what repeats and residuals show beside it."""
+    noise = next((each.analytic for each in budget.shares if each.source.id == "noise"), None)
+    if observed is None or noise is None:
+        return {}
+    own = dict(zip(budget.names, noise.tolist(), strict=True))
+    sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
+    return {name: _finite(value) for name, value in zip(observed.names, sd.tolist(), strict=True) if name in own}
 
 
 def _beyond(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
