@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
-from hil.design.budget.scenes import RunScene
+from hil.design.budget.scenes import MEASURED, RunScene
 from hil.errors import InputError
 from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import told_by
@@ -100,10 +100,11 @@ def _total(each: RunScene) -> FloatArray:
 
 def _as_solved(budget: Budget, observed: SensorRepeats | None) -> dict[str, float | None]:
     """What `hil solve` states of one run: its noise, and what repeats and residuals show beside it."""
-    noise = next((each.analytic for each in budget.shares if each.source.id == "noise"), None)
+    noise = next((each for each in budget.shares if each.source.id == "noise"), None)
     if observed is None or noise is None:
         return {}
-    own = dict(zip(budget.names, noise.tolist(), strict=True))
+    measured = noise.source.origin == MEASURED
+    own = {name: se if measured else np.nan for name, se in zip(budget.names, noise.analytic.tolist(), strict=True)}
     sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
     return {name: _finite(value) for name, value in zip(observed.names, sd.tolist(), strict=True) if name in own}
 

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hil.cli.app import run
+from hil.records.export import campaign_of_night
 from tests.hil.audit.folders import written
 
 REFERENCE = Path(__file__).parents[3] / "docs" / "reference" / "commands.md"
@@ -40,6 +41,11 @@ SLOW = {
     "check": ["check", "quick", "--bench", "simulated"],
     "decode": ["decode", "--frames", "mfs", "{raw}"],
 }
+
+
+def sweep_text(name: str) -> str:
+    """Return the text of a sweep that ships."""
+    return (REFERENCE.parents[2] / "configs" / "sweeps" / f"{name}.yaml").read_text()
 
 
 def kind(value: Any) -> str | None:
@@ -84,7 +90,10 @@ def table() -> dict[str, str]:
 def documents(commands: dict[str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """Return the JSON of each command over a campaign and a small night in `folder`."""
     night, campaign = folder / "night", written("good", folder / "campaign")
-    assert run(["run", "quick", "--bench", "simulated", "--out", str(night), "--quiet"]) == 0
+    sweep = folder / "cold.yaml"
+    sweep.write_text(sweep_text("quick").replace("[23 degC]", "[19.7 degF]"))
+    assert run(["run", str(sweep), "--bench", "simulated", "--out", str(night), "--quiet"]) == 0
+    assert "\nINCONCLUSIVE: 2 of 2 solutions" in capsys.readouterr().err
     raw = next((night / "blocks").glob("*.raw*"), night)
     found = {}
     for command, words in commands.items():
@@ -114,6 +123,8 @@ def test_a_key_has_one_type_or_stands_in_the_reference(tmp_path: Path, capsys: p
     assert found["status"]["judgement"]["verdict"] == "INCONCLUSIVE"
     assert run(["verify", str(tmp_path / "night")]) == 0
     assert "complete, INCONCLUSIVE" in capsys.readouterr().out
+    asked = campaign_of_night(tmp_path / "night").sensors[2].conditions.columns["setpoint_degC"]
+    assert asked == pytest.approx((19.7 - 32.0) / 1.8)  # not the -6.8 °C that the chamber makes of it: 19.8 °F
 
 
 @pytest.mark.slow
