@@ -89,13 +89,8 @@ _SHAPES = {
 
 def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
-    return {
-        "why": why,
-        "collects": [],
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
+    unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
+    return {"why": why, "collects": [], **unknown, "impossible": False}
 
 
 def runs_in_words(runs: Iterable[int]) -> str:
@@ -135,20 +130,10 @@ class FoundEffect:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        return {
-            "id": self.id,
-            "title": self.title,
-            "equation": self.equation,
-            "parameters": [dict(parameter) for parameter in self.parameters],
-            "shape": dict(self.shape),
-            "shape_in_words": self.shape_in_words,
-            "sensors": list(self.sensors),
-            "kind": self.kind,
-            "inside_collects": self.inside_collects,
-            "probability": self.probability,
-            "confusable_with": [rival.document() for rival in self.confusable_with],
-            "acts_on": self.acts_on,
-        }
+        as_it_is = ("id", "title", "equation", "parameters", "shape", "shape_in_words", "sensors", "kind")
+        as_it_is += ("inside_collects", "probability", "acts_on")
+        rivals = [rival.document() for rival in self.confusable_with]
+        return {name: getattr(self, name) for name in as_it_is} | {"confusable_with": rivals}
 
 
 @dataclass(frozen=True)
@@ -170,10 +155,7 @@ class Gap:
         return {
             "unit": "deg/hr",
             "statistic": "rms of held-out residuals (raw in deg/hr; standardised by their covariance)",
-            "before": self.before,
-            "after": self.after,
-            "noise_floor": self.noise_floor,
-            "held_out": self.held_out,
+            **{name: getattr(self, name) for name in ("before", "after", "noise_floor", "held_out")},
             "standardised": {"before": self.standardised_before, "after": self.standardised_after},
             "improvement_p_value": self.improved_p_value,
             "by_contiguous_block": dict(self.blocks),

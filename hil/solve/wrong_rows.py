@@ -97,20 +97,15 @@ def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
-    treated = [
-        {(r["sensor"], each) for r in of if r["done"] != USED for each in r["collects"]}
+    search, quick = (
+        {(int(r["sensor"]), int(n)) for r in of if r["done"] != USED for n in r["collects"]}
         for of in (rows, rows_of(campaign))
-    ]
+    )
+    here = "hil solve, report, budget and thermal, which judge by neighbours and residuals alone,"
     return [
-        f"sensor {sensor}: {numbered('collect', [n for s, n in one - other if s == sensor])}: {what}"
-        for (one, other, what) in (
-            (*treated, "hil solve, report, budget and thermal use them: they judge by neighbours and residuals alone"),
-            (
-                *treated[::-1],
-                "hil solve, report, budget and thermal do not use them as they are; the search explains them",
-            ),
-        )
-        for sensor in sorted({s for s, _ in one - other})
+        f"sensor {sensor}: {numbered('collect', sorted(n for s, n in odd if s == sensor))}: {here} {what}"
+        for odd, what in ((search - quick, "use them"), (quick - search, "do not use them as they are"))
+        for sensor in sorted({s for s, _ in odd})
     ]
 
 

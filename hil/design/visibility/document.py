@@ -69,17 +69,7 @@ def visibility_document(
             for number, sights in maps.items()
         },
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
-        "changes": [
-            {
-                "change": one.change,
-                "cost": one.cost,
-                "newly_visible": list(one.newly_visible),
-                "separated": [list(pair) for pair in one.separated],
-                "protected": [list(pair) for pair in one.protected],
-                "size_ratio": one.size_ratio,
-            }
-            for one in changes
-        ],
+        "changes": [vars(one) for one in changes],
     }
 
 
