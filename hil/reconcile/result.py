@@ -130,8 +130,8 @@ class FoundEffect:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        as_it_is = ("id", "title", "equation", "parameters", "shape", "shape_in_words", "sensors", "kind")
-        as_it_is += ("inside_collects", "probability", "acts_on")
+        as_it_is = ["id", "title", "equation", "parameters", "shape", "shape_in_words", "sensors", "kind"]
+        as_it_is += ["inside_collects", "probability", "acts_on"]
         rivals = [rival.document() for rival in self.confusable_with]
         return {name: getattr(self, name) for name in as_it_is} | {"confusable_with": rivals}
 

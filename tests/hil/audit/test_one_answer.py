@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from hil.cli.app import run
-from tests.hil.audit.folders import FOLDERS, written
+from tests.hil.audit.folders import FOLDERS, LOGS, written
 
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
 
-MODEL = {"poses": "triad-12", "poses, one wrong": "triad-12"}
+MODEL = dict.fromkeys(("poses", "poses, one wrong", *LOGS), "triad-12")
 COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     "solve": lambda folder, _: ["solve", str(folder), "--json"],
     "thermal": lambda folder, _: ["thermal", str(folder), "--json"],
