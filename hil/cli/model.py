@@ -76,6 +76,7 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         yield f"measure next: {f'{what}: ' if what else ''}{document['next_experiment']['why']}"
     for note in document.get("notes", []):
         yield f"note: {note}"
+    yield "every ± is one standard error"
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
