@@ -49,6 +49,11 @@ def duration(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
+def unit_in_words(unit: str) -> str:
+    """Return a unit as it is printed behind a number: what has none is a ratio, not 1."""
+    return "ratio" if unit == "1" else unit
+
+
 def spelled(number: int) -> str:
     """Write a small number as a word: no, one, two … twelve, 13."""
     return _NUMBERS[number] if number < len(_NUMBERS) else str(number)

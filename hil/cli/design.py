@@ -142,6 +142,8 @@ def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Tab
     seen = sensor["observed_run_to_run"]
     if seen:
         table.add_row("observed from run to run", "", *(_one(seen.get(name, {}).get("sd")) for name in names))
+    if sensor["as_solved"]:
+        table.add_row("one run, as hil solve states it", "", *(_one(sensor["as_solved"].get(name)) for name in names))
     return table
 
 

@@ -76,6 +76,8 @@ def reconcile(
 
 def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
     """The result in a screenful."""
+    from hil.reconcile.result import rival_in_words
+
     mark = "  SIMULATED" if document["simulated"] else ""
     yield f"{document['campaign']}, model {document['model_before']}{mark}"
     how = "" if document["calibration"] == "one set" else " (the model calibrated at each temperature)"
@@ -88,7 +90,8 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {effect['equation']}{', ' * bool(effect['shape_in_words'])}{effect['shape_in_words']}"
         yield from _values(effect["parameters"])
         for rival in effect["confusable_with"][:4]:
-            yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}"
+            why = rival_in_words(rival)
+            yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}{f': {why}' if why else ''}"
     gap = document["gap"]
     if gap["before"] is not None:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
@@ -112,18 +115,16 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
         yield f"measure next: {f'{what}: ' if what else ''}{document['next_experiment']['why']}"
     for note in document.get("notes", []):
         yield f"note: {note}"
+    yield "every ± is one standard error"
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """One line per parameter and sensor, however many temperatures it has a value at."""
+    from hil.reconcile.result import stated
+
     lines: dict[str, list[str]] = {}
-    for each in parameters:
-        sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
-        se = "" if each["se"] is None else f" ± {each['se']:.2g}"
-        at = "" if not each.get("at") else f" at {each['at']}"
-        whole = each["value"] if each.get("total") is None else each["total"]
-        more = "" if each.get("total") is None else f" ({each['value']:+.4g} by this effect)"
-        lines.setdefault(f"{each['name']}{sensor}, {each['unit']}", []).append(f"{whole:.4g}{se}{at}{more}")
+    for name, at, value in dict.fromkeys(stated(parameters)):
+        lines.setdefault(name, []).append(f"{value} at {at}" if at else value)
     for name, values in lines.items():
         yield f"  {name}: {'; '.join(values)}"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import sqlite3
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -178,8 +179,14 @@ def _start(
 
 
 def _end(ended: NightOutcome) -> int:
-    with suppress(OSError):  # the terminal was closed; the journal says it
+    """Say how it ended, and whether it is good: complete and good are two words."""
+    from hil.cli.watch import look_at
+
+    with suppress(OSError, InputError, sqlite3.Error):  # a closed terminal, a full disk; the journal says what it can
         messages().print(f"{ended.folder}: {ended.state}: {ended.reason}")
+        judged = look_at(ended.folder)[0]["verdict"]
+        if judged:
+            messages().print(f"{judged['verdict']}: {judged['reason']}")
         if ended.exit_status != Exit.DONE:
             messages().print(f"to carry on: hil resume {ended.folder}")
     return ended.exit_status
@@ -243,7 +250,13 @@ def verify(
             console.print(f"problem: {problem}")
         missing = any(problem.startswith("missing: ") for problem in document["problems"])
         how = "complete" if document["complete"] else "NOT complete" if missing else "NOT as it was written"
-        console.print(f"{folder}: {how}, {document['blocks_checked']} blocks checked, {document['signature']}")
+        judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
+        checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
+        console.print(
+            f"{folder}: {how}, {judged['verdict']}, {checked}{'  SIMULATED' if document['simulated'] else ''}"
+        )
+        if judged["verdict"] not in ("PASS", "ERROR"):
+            console.print(f"{judged['verdict']}: {judged['reason']}")
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
 
 

@@ -18,7 +18,7 @@ from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples
 from hil.records.live import snapshot_of
-from hil.records.status import in_brief, night_status, recorded_end
+from hil.records.status import in_brief, night_status, recorded_verdict
 from procedures.progress import Snapshot
 
 EVERY_S = 1.0
@@ -51,13 +51,12 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
         try:
             with reading(folder) as journal:
                 refuse_damaged_samples(journal)
-                end = recorded_end(journal)
-                verdict = {key: end[key] for key in ("verdict", "reason")} if end else None
+                verdict = recorded_verdict(journal)
         except Damaged as damage:
             verdict = {"verdict": "ERROR", "reason": str(damage)}
             if status["state"] == "complete":
                 status |= {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
-    status["verdict"] = verdict
+    status |= {"verdict": verdict, "judgement": verdict}
     if status["now"] is None:
         return status, None
     with reading(folder) as journal:

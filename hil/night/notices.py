@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from collections import Counter
 
 from hil.config import Bench
 from hil.night.notify import Notifier
 from hil.records import SqliteJournal
-from procedures.verdict import self_calibration_verdict
+from hil.records.status import recorded_verdict
 
 
 def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
@@ -33,10 +32,9 @@ def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:
 
 
 def in_words_at_the_end(journal: SqliteJournal, how: str) -> str:
-    """Say how it ended, with the reason and the numbers."""
-    done = journal.completed()
-    runs = [steps for steps in journal.plan.self_calibrations.values() if all(step.key in done for step in steps)]
-    verdicts = Counter(self_calibration_verdict(steps, done).verdict.value for steps in runs)
-    told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
-    counts = f"{len(runs)} of {len(journal.plan.self_calibrations)} self-calibrations{f' ({told})' if told else ''}"
+    """Say how it ended, whether it is good, with the reason and the numbers."""
+    done, asked = journal.completed(), journal.plan.self_calibrations
+    judged = recorded_verdict(journal) or {"verdict": "not judged"}
+    runs = sum(all(step.key in done for step in steps) for steps in asked.values())
+    counts = f"{judged['verdict']}; {runs} of {len(asked)} self-calibrations"
     return f"{how}; {counts}; {len(done)} of {len(journal.plan.steps)} steps; {journal.folder}"

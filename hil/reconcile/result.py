@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from hil.model import Model
-from procedures.words import numbered
+from procedures.words import numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -28,12 +28,7 @@ class Disagreement:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        return {
-            "where": dict(self.where),
-            "size_deg_per_hr": self.size_deg_per_hr,
-            "se_deg_per_hr": self.se_deg_per_hr,
-            "q_value": self.q_value,
-        }
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -59,6 +54,32 @@ class Rival:
         return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
 
 
+def rival_in_words(rival: Mapping[str, Any]) -> str:
+    """Say what the data say of a rival, and apart from it what was known before; empty where nobody can."""
+    data, before = rival.get("bayes_factor"), rival.get("prior_odds")
+    if data is None or before is None or not math.isfinite(data):
+        return ""
+    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {data:.2g} times as probable as the first name"
+    return f"the data {told}; before them it was {before:.2g} times as probable"
+
+
+def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """Yield of each parameter its name with sensor and unit, where it holds, and what it is, not only by how much more.
+
+    What follows a recorded number by an amplitude per power of it is told by how far it moves the rate.
+    """
+    for each in parameters:
+        sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
+        value, se, unit, total = each["value"], each["se"], each["unit"], each.get("total")
+        moves = each.get("moves_deg_per_hr")
+        if moves is not None:
+            value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
+        more = "" if total is None else f" ({value:+.4g} by this effect)"
+        error = "" if se is None else f" ± {se:.2g}"
+        whole = f"{value if total is None else total:.4g}{error}{more}"
+        yield f"{each['name']}{sensor}, {unit_in_words(unit)}", str(each.get("at") or ""), whole
+
+
 _SHAPES = {
     "tau_min": "time constant {:g} min",
     "tau_s": "time constant {:g} s",
@@ -68,13 +89,8 @@ _SHAPES = {
 
 def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
-    return {
-        "why": why,
-        "collects": [],
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
+    unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
+    return {"why": why, "collects": [], **unknown, "impossible": False}
 
 
 def runs_in_words(runs: Iterable[int]) -> str:
@@ -114,20 +130,10 @@ class FoundEffect:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        return {
-            "id": self.id,
-            "title": self.title,
-            "equation": self.equation,
-            "parameters": [dict(parameter) for parameter in self.parameters],
-            "shape": dict(self.shape),
-            "shape_in_words": self.shape_in_words,
-            "sensors": list(self.sensors),
-            "kind": self.kind,
-            "inside_collects": self.inside_collects,
-            "probability": self.probability,
-            "confusable_with": [rival.document() for rival in self.confusable_with],
-            "acts_on": self.acts_on,
-        }
+        as_it_is = ["id", "title", "equation", "parameters", "shape", "shape_in_words", "sensors", "kind"]
+        as_it_is += ["inside_collects", "probability", "acts_on"]
+        rivals = [rival.document() for rival in self.confusable_with]
+        return {name: getattr(self, name) for name in as_it_is} | {"confusable_with": rivals}
 
 
 @dataclass(frozen=True)
@@ -149,10 +155,7 @@ class Gap:
         return {
             "unit": "deg/hr",
             "statistic": "rms of held-out residuals (raw in deg/hr; standardised by their covariance)",
-            "before": self.before,
-            "after": self.after,
-            "noise_floor": self.noise_floor,
-            "held_out": self.held_out,
+            **{name: getattr(self, name) for name in ("before", "after", "noise_floor", "held_out")},
             "standardised": {"before": self.standardised_before, "after": self.standardised_after},
             "improvement_p_value": self.improved_p_value,
             "by_contiguous_block": dict(self.blocks),

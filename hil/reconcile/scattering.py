@@ -28,7 +28,8 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import in_words
+from hil.solve.wrong_rows import in_words, otherwise
+from procedures.words import unit_in_words
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -55,7 +56,9 @@ class Scattering:
         """Say what scatters, by how much, and what is wrong with the rows."""
         ranked = [f"{self.titles[n]} ({p:.2f})" for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN]
         if self.named:
-            values = [f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {s.parameter.unit}" for s in self.sizes]
+            values = [
+                f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {unit_in_words(s.parameter.unit)}" for s in self.sizes
+            ]
             first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}): "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
@@ -64,7 +67,9 @@ class Scattering:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
         rows = self.campaign.sensors.items()
         soaks = [f"sensor {n}: {words}" for n, of in rows for words in dict.fromkeys(unsettled(of.conditions).values())]
-        return [*soaks, *told, *scatter.in_words(self.noise), *in_words(self.rows)]
+        asked = "what moves the mean is not asked here: hil reconcile may explain rows that are left out"
+        left_out = [*in_words(self.rows), asked] if self.rows else []
+        return [*soaks, *told, *scatter.in_words(self.noise), *left_out, *otherwise(self.campaign, self.rows)]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""

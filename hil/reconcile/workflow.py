@@ -35,6 +35,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.solve.wrong_rows import otherwise
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
@@ -164,6 +165,8 @@ def _result(
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
+    rows = mistakes.rows_found(reading, campaign, outliers)
+    notes += otherwise(campaign, rows)
     return Reconciliation(
         campaign=campaign.title,
         model_before=model.title,
@@ -189,7 +192,7 @@ def _result(
         picture=findings.picture(fit, before, conditions),
         follows=reading.follows,
         noise=noise,
-        rows=mistakes.rows_found(reading, campaign, outliers),
+        rows=rows,
     )
 
 

@@ -40,6 +40,7 @@ _MEANINGS = {
 _STEP_COLUMNS: tuple[str, ...] = ("chamber_degC", "setpoint_degC", "time_since_power_on_s", "time_since_setpoint_s")
 _STEP_COLUMNS += ("time_since_index_s", "n_samples")
 _EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
+_CHAMBERS_DIGIT_DEGC = 0.051  # half of the tenth to which chambers keep a setpoint
 _SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
 
 
@@ -246,6 +247,9 @@ def _columns(rows: Sequence[_Row], sensor: Sensor) -> dict[str, FloatArray]:
     for row in rows:
         data, record = row.collect.data, row.record
         cells = {name: data.get(name) for name in _STEP_COLUMNS}
+        asked, held = row.collect.step.temperature_degC, cells["setpoint_degC"]
+        if asked is not None and held is not None and abs(asked - held) <= _CHAMBERS_DIGIT_DEGC:
+            cells["setpoint_degC"] = asked  # 19.7 °F, which the chamber calls -6.8 °C
         cells |= {name: record.get(name) for name in _SENSOR_COLUMNS}
         cells |= data.get("conditions", {}) | record.get("conditions", {})
         measured = record.get("accelerations", {})

@@ -158,6 +158,12 @@ def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
     return {} if event is None else event.evidence
 
 
+def recorded_verdict(journal: JournalReader) -> dict[str, str] | None:
+    """Return whether the night is good, which is another question than whether it is complete: `verdict`, `reason`."""
+    end = recorded_end(journal)
+    return {key: end[key] for key in ("verdict", "reason")} if end else None
+
+
 def _left(journal: JournalReader) -> Left | None:
     """How the newest controller, or its watchdog, left the chamber; None where that has not come yet."""
     for event in (journal.standing(_UNSAFE, "safe-state"), journal.standing("safe-state", _UNSAFE)):

@@ -26,7 +26,7 @@ from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
 from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
-from hil.records.status import missing_in_words, recorded_end
+from hil.records.status import missing_in_words, recorded_end, recorded_verdict
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -42,9 +42,12 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
     complete, signature = False, "whether it is signed was not looked at"
+    verdict: dict[str, str] | None = None
+    simulated = None
     try:
         with reading(folder, damaged_too=True) as journal:
             problems += journal.found
+            simulated = journal.night.simulated
             rows = journal.blocks()
             attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
             withdrawn = journal.withdrawn()
@@ -62,13 +65,18 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
-            complete = not missing
+            complete, verdict = not missing, recorded_verdict(journal)
+            if problems:
+                verdict = {"verdict": "ERROR", "reason": problems[0]}
             problems += [f"missing: {what}" for what in missing]
     except Damaged as error:  # it cannot be believed any further
         problems += [] if problems else [str(error)]
+        verdict = {"verdict": "ERROR", "reason": problems[0]}
     return {
         "schema": "hil.verify/1",
         "complete": complete and not problems,
+        "judgement": verdict,
+        "simulated": simulated,
         "problems": problems,
         "blocks_checked": len(rows),
         "notes": notes,

@@ -23,6 +23,7 @@ from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.neighbours import Found, compared_with_neighbours
 from procedures.verdict import Judgement, Verdict, combine
+from procedures.words import numbered
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 PRIOR = 0.1
@@ -92,6 +93,20 @@ def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
 def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say of each entry of key `rows` what is done and why."""
     return [f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}" for each in rows]
+
+
+def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
+    search, quick = (
+        {(int(r["sensor"]), int(n)) for r in of if r["done"] != USED for n in r["collects"]}
+        for of in (rows, rows_of(campaign))
+    )
+    here = "hil solve, report, budget and thermal, which judge by neighbours and residuals alone,"
+    return [
+        f"sensor {sensor}: {numbered('collect', sorted(n for s, n in odd if s == sensor))}: {here} {what}"
+        for odd, what in ((search - quick, "use them"), (quick - search, "do not use them as they are"))
+        for sensor in sorted({s for s, _ in odd})
+    ]
 
 
 def treated(campaign: Campaign) -> Campaign:

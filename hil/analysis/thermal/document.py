@@ -46,7 +46,8 @@ def _sensor(fit: SensorFit) -> dict[str, Any]:
             "scatter_of_one_collect": fit.rate_noise_deg_per_hr,
             **_improvement(fit.improvement),
         },
-        "verdict": {"improves": fit.improvement.is_certain, "words": verdict_in_words(fit)},
+        "verdict": (judged := {"improves": fit.improvement.is_certain, "words": verdict_in_words(fit)}),
+        **judged,
         "notes": list(fit.notes),
     }
 
@@ -82,7 +83,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
             )
         ],
         "values": [
-            {"temperature_degC": temperature, "value": value, "se": se}
+            {"temperature_degC": temperature, "value": value, "se": se, "sd": se}
             for temperature, value, se in zip(
                 fit.layout.stations.centre_degC.tolist(),
                 each.values.values.tolist(),
@@ -115,7 +116,8 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         "improvement": _improvement(each.improvement),
         "finding": each.finding,
         "confirmed": each.is_confirmed,
-        "verdict": parameter_in_words(each),
+        "verdict": (words := parameter_in_words(each)),
+        "words": words,
     }
 
 

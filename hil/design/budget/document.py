@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
-from hil.design.budget.scenes import RunScene
+from hil.design.budget.scenes import MEASURED, RunScene
 from hil.errors import InputError
 from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import told_by
@@ -77,6 +77,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "mean_of_repeats": _named(budget, budget.total(asked.repeats, _beyond(budget, observed))),
         "run_to_run": _named(budget, _from_run_to_run(budget)),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
+        "as_solved": _as_solved(budget, observed),
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
@@ -95,6 +96,17 @@ def _total(each: RunScene) -> FloatArray:
     to_parameters = response(each.scene, each.form)
     parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
     return np.asarray(np.sqrt(np.sum(parts, axis=0)))
+
+
+def _as_solved(budget: Budget, observed: SensorRepeats | None) -> dict[str, float | None]:
+    """What `hil solve` states of one run: its noise, and what repeats and residuals show beside it."""
+    noise = next((each for each in budget.shares if each.source.id == "noise"), None)
+    if observed is None or noise is None:
+        return {}
+    measured = noise.source.origin == MEASURED
+    own = {name: se if measured else np.nan for name, se in zip(budget.names, noise.analytic.tolist(), strict=True)}
+    sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
+    return {name: _finite(value) for name, value in zip(observed.names, sd.tolist(), strict=True) if name in own}
 
 
 def _beyond(budget: Budget, observed: SensorRepeats | None) -> FloatArray:

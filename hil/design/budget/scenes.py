@@ -34,6 +34,7 @@ from procedures.settings import Restabilisation
 _SAME_G = 0.05
 """g: an orientation of the bench file is a collect's where gravity lies along the same axes to this."""
 
+MEASURED = "measured standard errors"
 _LARGEST_NOISE = 1e9
 """deg/hr: an average with more is none."""
 
@@ -115,9 +116,7 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
             bench.name,
             slope,
             slope_origin,
-            "measured standard errors"
-            if stated is not None
-            else f"angle_random_walk {walk:g} deg/√hr over the collect",
+            MEASURED if stated is not None else f"angle_random_walk {walk:g} deg/√hr over the collect",
         )
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)

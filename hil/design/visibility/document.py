@@ -51,9 +51,11 @@ def visibility_document(
     return {
         "schema": "hil.visibility/1",
         "title": title,
-        "model": {str(number): sights.form for number, sights in maps.items()},
+        "model": (forms := {str(number): sights.form for number, sights in maps.items()}),
+        "forms": forms,
         "false_alarm_rate": first.false_alarm_rate,
         "noise": vars(first.noise),
+        "noise_level": vars(first.noise),
         "effects": [
             {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
             for number, sight in best.values()
@@ -67,17 +69,7 @@ def visibility_document(
             for number, sights in maps.items()
         },
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
-        "changes": [
-            {
-                "change": one.change,
-                "cost": one.cost,
-                "newly_visible": list(one.newly_visible),
-                "separated": [list(pair) for pair in one.separated],
-                "protected": [list(pair) for pair in one.protected],
-                "size_ratio": one.size_ratio,
-            }
-            for one in changes
-        ],
+        "changes": [vars(one) for one in changes],
     }
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from procedures.words import unit_in_words
+
 
 def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
@@ -31,7 +33,7 @@ def _against_typical(effect: Mapping[str, Any]) -> float:
 def _seen(effect: Mapping[str, Any]) -> str:
     smallest = effect["smallest_visible"]
     low, high = smallest["typical"]
-    size = "never" if smallest["value"] is None else f"{smallest['value']:.3g} {smallest['unit']}"
+    size = "never" if smallest["value"] is None else f"{smallest['value']:.3g} {unit_in_words(smallest['unit'])}"
     small = smallest["value"] is not None and smallest["value"] <= high
     verdict = f"typical {low:g} to {high:g}" + ("" if small else ": too small to be found")
     return f"  {effect['id']:<18} {smallest['parameter']:<10} {size:<34} {verdict}"

@@ -43,6 +43,10 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
         }
         if candidate.tier == 2:
             channel = _channel_and_power(candidate, number, conditions)[0]
+            own = [n for n in values if _channel_and_power(candidate, n, conditions)[0] == channel]
+            whole = sum(values[n][0] * candidate.columns[:, channel, n] for n in own)
+            entry["moves_deg_per_hr"] = float(np.ptp(whole))
+            entry["moves_se_deg_per_hr"] = abs(error / value) * float(np.ptp(whole)) if len(own) == 1 else None
             entry["name"] = f"{_parameter_of(candidate, channel, conditions)} × {candidate.driver}"
         out.append(entry)
     return out

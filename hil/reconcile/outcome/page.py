@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from hil.model import save_model
-from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, values_off
+from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
 from procedures.words import listed, numbered, percent
 
 _TEMPLATE = "page.html.j2"
 _LIMIT = 5.0
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
+_MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
 
 VERDICTS = {
@@ -69,7 +70,13 @@ def summary(result: Reconciliation) -> list[str]:
     if not result.effects:
         if result.verdict == "none":
             how = per_temperature or " fitted to these collects"
-            nothing = f"The model {result.model_before},{how}, leaves nothing but noise."
+            more = result.gap.standardised_after
+            noise = (
+                "nothing but noise"
+                if not more > _MORE_THAN_NOISE
+                else (f"nothing that can be told from noise, of {more:.2g} times the variance that the fit gives it")
+            )
+            nothing = f"The model {result.model_before},{how}, leaves {noise}."
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
@@ -110,26 +117,23 @@ def summary(result: Reconciliation) -> list[str]:
 
 
 def _by_temperature(effect: FoundEffect) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Parameters side by side, one row per temperature: headings and rows; empty where there are few."""
-    places = list(dict.fromkeys(str(p["at"]) for p in effect.parameters))
-    names = list(dict.fromkeys(f"sensor {p['sensor']}: {p['name']}, {p['unit']}" for p in effect.parameters))
-    if len(places) < 3 or len(effect.parameters) < 6:
-        return [], []
-    cells = {
-        (str(p["at"]), f"sensor {p['sensor']}: {p['name']}, {p['unit']}"): f"{_number(p['value'])} ± {_number(p['se'])}"
-        for p in effect.parameters
-    }
+    """Parameters side by side, by temperature; one row per parameter where there are few: headings and rows."""
+    told = list(dict.fromkeys(stated(effect.parameters)))
+    cells = {(at, name): value for name, at, value in told}
+    places, names = (list(dict.fromkeys(each[i] for each in told)) for i in (1, 0))
+    if len(places) < 3 or len(told) < 6:
+        return ["value ± one standard error", "at"], [(name, [value, at]) for name, at, value in told]
     return names, [(place, [cells.get((place, name), "–") for name in names]) for place in places]
 
 
 def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
-    """The leader and its rivals: name, probability, and how alike they are."""
+    """The leader and its rivals: name, probability, how alike they are, what data and what knowledge before say."""
     rows = [(effect.id, effect.probability, "")]
     for rival in effect.confusable_with:
         alike = "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
         if rival.same_on:
             alike = f"the same on sensor {listed(rival.same_on)}, taken by itself"
-        rows.append((rival.id, rival.probability, alike))
+        rows.append((rival.id, rival.probability, "; ".join(filter(None, (alike, rival_in_words(rival.document()))))))
     return rows
 
 

@@ -17,6 +17,7 @@ from scipy.special import ndtr, ndtri
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
 from hil.model.effects.history import joined
+from hil.reconcile.result import without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.changes import Addition, additions
@@ -81,14 +82,8 @@ def next_experiment(
 
 
 def _the_same_again(why: str, sensor: SensorProblem) -> dict[str, Any]:
-    return {
-        "why": why,
-        "what": "the same collects again",
-        "collects": _described(sensor.collects.conditions),
-        "expected_difference_deg_per_hr": None,
-        "power": None,
-        "impossible": False,
-    }
+    collects = _described(sensor.collects.conditions)
+    return {**without_collects(why), "what": "the same collects again", "collects": collects}
 
 
 def repeated(noncentrality: float) -> tuple[int, float]:

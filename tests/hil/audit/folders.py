@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from hil.analysis.published.table import read_published_table
 from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from tests.hil.analysis.thermal.nights import TRIAD
 from tests.hil.solve.test_neighbours import campaign, with_rates
@@ -94,6 +96,11 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "poses, one wrong": lambda: _triad(wrong=True),
     "Table 1": lambda: read_published_table(Path("rd-gc-86-1-table-1")),
 }
+
+REAL = sorted((Path(__file__).parents[4] / "shared" / "data" / "campaigns").glob("*/campaign.*"))
+"""Real logs, where they stand beside the checkout."""
+LOGS = {path.parent.name: partial(read_campaign, path.parent) for path in REAL}
+FOLDERS |= LOGS
 
 
 def written(name: str, folder: Path) -> Path:

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from hil.cli.app import run
-from tests.hil.audit.folders import FOLDERS, written
+from tests.hil.audit.folders import FOLDERS, LOGS, written
 
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
 
-MODEL = {"poses": "triad-12", "poses, one wrong": "triad-12"}
+MODEL = dict.fromkeys(("poses", "poses, one wrong", *LOGS), "triad-12")
 COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     "solve": lambda folder, _: ["solve", str(folder), "--json"],
     "thermal": lambda folder, _: ["thermal", str(folder), "--json"],
@@ -80,6 +80,18 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
     },
+    "how sure one run is": {
+        "budget": lambda document: {
+            (int(n), of["run"], name): sd
+            for n, of in document["sensors"].items()
+            for name, sd in of["as_solved"].items()
+        },
+        "solve": lambda document: {
+            (each["sensor"], each["run"], name): of["sd"]
+            for each in document["solutions"]
+            for name, of in each["parameters"].items()
+        },
+    },
     "whose its temperatures are": {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
@@ -88,7 +100,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
 }
 
 
-MEANS = ("the mean at a temperature", "how sure that mean is")
+IN_COMMON = ("the mean at a temperature", "how sure that mean is", "how sure one run is")
 
 
 @pytest.fixture
@@ -115,7 +127,8 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
         first = next(iter(told), "")
         for command, answer in told.items():
             # Thermal leaves out temperatures at which not every parameter can be told: of means what both have.
-            some = question in MEANS
+            # A budget is of one run.
+            some = question in IN_COMMON
             keys = set(answer) & set(told[first]) if some else set(answer) | set(told[first])
             assert keys or not some, f"{question}: {first} and {command} have nothing in common"
             for key in keys:

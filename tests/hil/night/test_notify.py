@@ -81,7 +81,7 @@ def test_a_night_tells_that_it_started_and_how_it_finished(
     assert started["title"] == "simulated SIMULATED, night: started"
     assert "expected end 1985-10-01" in started["text"]
     assert finished["title"].endswith("finished")
-    assert "complete: every step is done; 1 of 1 self-calibrations (1 " in finished["text"]
+    assert "complete: every step is done; INCONCLUSIVE; 1 of 1 self-calibrations; " in finished["text"]
     for path in (tmp_path / "night").rglob("*"):
         assert not path.is_file() or b"token-of-mine" not in path.read_bytes(), path
 

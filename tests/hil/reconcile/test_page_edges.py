@@ -26,11 +26,29 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Reconciliation:
     return reconcile(read_campaign(folder), model)
 
 
+@pytest.mark.slow
+def test_what_the_data_exclude_makes_nothing_ambiguous(tmp_path: Path) -> None:
+    """Ageing of 25 noise sizes: its rivals overlap by 0.991, and are less probable by a thousand."""
+    case = make_case(72, ("ageing",), d=25.0, model="matrix-6")
+    found = reconcile(read_campaign(write_case(case, tmp_path / "campaign")), "matrix-6")
+    assert [(each.id, each.kind) for each in found.effects] == [("ageing", "named")]
+    assert all(rival.bayes_factor < 1e-3 for rival in found.effects[0].confusable_with)
+
+
 def test_values_of_another_unit_are_said_to_be_off(plain: Reconciliation) -> None:
     """The form describes the data, the values do not: the verdict is none, and notes and page say what is off."""
     assert plain.verdict == "none"
     assert any("not this unit's" in note for note in plain.notes)
     assert "not this unit" in page(plain)
+
+
+def test_what_is_left_is_called_noise_only_where_it_is(plain: Reconciliation) -> None:
+    """Held-out residuals of 1.53 times the noise's mean square are not "nothing but noise" on the same page."""
+    said = "leaves nothing but noise"
+    assert said in page(replace(plain, gap=replace(plain.gap, standardised_after=1.05)))
+    loud = page(replace(plain, gap=replace(plain.gap, standardised_after=1.53)))
+    assert said not in loud
+    assert "nothing that can be told from noise, of 1.5 times the variance" in loud
 
 
 @pytest.mark.parametrize(

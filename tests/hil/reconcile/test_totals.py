@@ -9,7 +9,7 @@ from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.model_file import SCHEMA
 from hil.reconcile.outcome.findings import with_totals
-from hil.reconcile.result import FoundEffect
+from hil.reconcile.result import FoundEffect, rival_in_words
 
 
 def test_an_increment_says_what_the_parameter_then_is() -> None:
@@ -26,4 +26,28 @@ def test_an_increment_says_what_the_parameter_then_is() -> None:
     (told,) = with_totals([found], after)
     assert [each.get("total") for each in told.parameters] == [pytest.approx(22.0), None, None]
     lines = list(_values(told.parameters))
-    assert "22 ± 2 at -29.6 degC (-184 by this effect)" in lines[0]
+    assert "22 ± 2 (-184 by this effect) at -29.6 degC" in lines[0]
+
+
+def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
+    """5.606e-15 per second to the third is nothing to anybody; what has no unit is a ratio; powers are told once."""
+    cubic = {"name": "BB × start_s^3", "unit": "deg/hr", "sensor": 2, "at": "", "moves_deg_per_hr": 12.5}
+    curve = {"unit": "deg/hr", "sensor": 2, "at": "", "moves_deg_per_hr": 3.0, "moves_se_deg_per_hr": None}
+    parameters = [
+        {**cubic, "value": 5.606e-15, "se": 5.9e-16, "moves_se_deg_per_hr": 1.3},
+        {"name": "scale", "value": 0.0439, "se": 0.001, "unit": "1", "sensor": 2, "at": ""},
+        *({"name": "BA × t", "value": v, "se": 1e-9, **curve} for v in (1e-5, 1e-10)),
+    ]
+    assert list(_values(parameters)) == [
+        "  BB × start_s^3 (sensor 2), deg/hr from one end of these collects to the other: 12.5 ± 1.3",
+        "  scale (sensor 2), ratio: 0.0439 ± 0.001",
+        "  BA × t (sensor 2), deg/hr from one end of these collects to the other: 3",
+    ]
+
+
+def test_what_the_data_say_of_a_rival_stands_apart_from_what_was_known_before() -> None:
+    """1.00 and 0.00 beside "ambiguous" is no contradiction where physics alone ranks the two, and says so."""
+    said = rival_in_words({"bayes_factor": 1.0, "prior_odds": 0.0004})
+    assert said == "the data cannot tell it apart; before them it was 0.0004 times as probable"
+    assert "the data make it 0.13 times as probable" in rival_in_words({"bayes_factor": 0.13, "prior_odds": 0.05})
+    assert rival_in_words({"id": "k2", "probability": 0.1}) == ""

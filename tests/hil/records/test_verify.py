@@ -47,6 +47,8 @@ def test_a_full_night_is_complete(full_night: Path, plan: Plan) -> None:
     assert verify_night(full_night) == {
         "schema": "hil.verify/1",
         "complete": True,
+        "judgement": None,
+        "simulated": True,
         "problems": [],
         "blocks_checked": 2 * collects,
         "notes": [],
