@@ -35,7 +35,7 @@ from hil.model.model_file import save_model
 from hil.model.stated_noise import SensorNoise
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
-from hil.reconcile.search.problem import pose
+from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.solve.temperatures import same_temperature
 
@@ -116,7 +116,7 @@ def likeness(
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:
     """Return a form with the values that fit a campaign, at each temperature where `calibrated`."""
-    sensors = pose(campaign, form, ()).sensors
+    sensors, _ = fitted_sensors(campaign, form)
     return improved(form, sensors, [], [], {}, frozenset(sensors if calibrated else ()))
 
 
@@ -164,20 +164,18 @@ def _scattered(rows: Collects, model: Model, rng: np.random.Generator) -> Collec
 
 def with_white_noise(model: Model, campaign: Campaign) -> Model:
     """Return the model with the white noise that the standard errors show, where it states none."""
-    noise = dict(model.noise)
+    noise, called = dict(model.noise), levels(campaign)
     for number, rows in campaign.sensors.items():
         stated, own = noise.get(number, SensorNoise()), rows.conditions
         if "angle_random_walk" in stated.model_fields_set:
             continue
-        white = np.nanmedian(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None], axis=1)
-        white = np.where(np.isfinite(white), white, _ANGLE_RANDOM_WALK)
-        station, inside = same_temperature(own), own.columns.get("temperature_degC", np.full(len(own), np.nan))
-        known = np.flatnonzero(np.isfinite(inside) & (station >= 0))
-        own_of = {int(k): known[station[known] == k] for k in station[known]} or {0: np.arange(len(own))}
-        at = {float(np.nan_to_num(inside[of]).mean()): float(np.median(white[of])) for _, of in sorted(own_of.items())}
-        told = {"temperature_degC": [*at], "value": [*at.values()]} if len(at) > 1 else next(iter(at.values()))
-        curve = Table(unit=_WHITE, table=told) if len(at) > 1 else Constant(unit=_WHITE, value=told)
-        noise[number] = stated.model_copy(update={"angle_random_walk": curve})
+        white = np.nan_to_num(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None])
+        white = np.median(np.where(white > 0.0, white, _ANGLE_RANDOM_WALK), axis=1)
+        station = same_temperature(own)
+        at = {float(each): float(np.median(white[station == k])) for k, each in enumerate(called) if k in station}
+        curve = Constant(unit=_WHITE, value=float(np.median(white)))
+        told = Table(unit=_WHITE, table={"temperature_degC": [*at], "value": [*at.values()]}) if len(at) > 1 else curve
+        noise[number] = stated.model_copy(update={"angle_random_walk": told})
     return model.model_copy(update={"noise": noise})
 
 
