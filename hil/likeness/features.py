@@ -126,7 +126,7 @@ def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Itera
     yield "run_scatter", "size", np.abs(left) ** _NORMAL, "everywhere"
     yield "run_scatter", "size of runs", np.abs(of_run) ** _NORMAL, "once"
     yield "run_scatter", "size within runs", np.abs(left - of_run) ** _NORMAL, "once"
-    yield "run_scatter", "tails", np.abs(left / scale) ** 3, "once"
+    yield "run_scatter", "mean size over rms", np.abs(left) / scale, "once"  # of tails, nearly normal (Geary)
     yield "run_scatter", "likeness of neighbouring collects", left * np.roll(left, 1) / scale**2, "once"
     yield (
         "run_scatter",

@@ -66,7 +66,7 @@ def test_what_is_the_same_within_its_resolution_is_alike() -> None:
 
 
 def test_beyond_the_most_unlike_draw_chances_are_as_stated() -> None:
-    """Of eight draws ranks say no less than 1/9; below it chances are as often as they say, by the tail of Student's t."""
+    """Eight draws' ranks say no less than 1/9; below it chances are what they say, by the tail of Student's t."""
     rng = np.random.default_rng(6)
     found = np.array([verdict(nights(rng.standard_normal((9, 12))))["p_value"] for _ in range(1500)])
     assert 0.02 < np.mean(found < 0.03) < 0.04
