@@ -114,7 +114,8 @@ def _along(rows: Conditions, left: FloatArray) -> Iterator[tuple[str, str, Float
         x = np.nan_to_num(np.stack([values, values**2], 1) if values.ndim == 1 else values)
         x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
         share = np.sum((orthonormal(x - x.mean(axis=0)).T @ left) ** 2) / max(float(np.sum(left**2)), 1e-9)
-        yield "averages", f"share along {name}", np.full(len(rows), share), "once"
+        called = f"share along {name.replace('_', ' ')}"  # its unit is not the condition's
+        yield "averages", called, np.full(len(rows), share), "once"
 
 
 def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Iterator[tuple[str, str, FloatArray, str]]:
@@ -127,13 +128,8 @@ def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Itera
     yield "run_scatter", "size of runs", np.abs(of_run) ** _NORMAL, "once"
     yield "run_scatter", "size within runs", np.abs(left - of_run) ** _NORMAL, "once"
     yield "run_scatter", "mean size over rms", np.abs(left) / scale, "once"  # of tails, nearly normal (Geary)
-    yield "run_scatter", "likeness of neighbouring collects", left * np.roll(left, 1) / scale**2, "once"
-    yield (
-        "run_scatter",
-        "likeness of neighbouring runs",
-        of_run * np.roll(of_run, run.tolist().count(0)) / scale**2,
-        "once",
-    )
+    for what, values, lag in (("collects", left, 1), ("runs", of_run, int(np.sum(run == run[0])))):
+        yield "run_scatter", f"likeness of neighbouring {what}", values * np.roll(values, lag) / scale**2, "once"
     yield "series", "log_se", np.log(np.maximum(errors, 1e-9)), "everywhere"
 
 
