@@ -50,7 +50,8 @@ def asked_of(name: str, triad: bool) -> str:
 
     Raises `InputError` where every model of the sensor has it.
     """
-    for model in ("triad-12",) if triad else ("matrix-6-thermal", "matrix-6", "collins-4"):
+    rotor = ("matrix-6-thermal", "matrix-6", "collins-4")
+    for model in ("triad-12",) if triad else rotor:
         if name not in FORM_EFFECTS[model]:
             return model
     raise InputError("every model of this sensor has it")

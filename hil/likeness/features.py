@@ -22,6 +22,7 @@ from hil.records.reader import is_night
 from hil.solve.identifiability import orthonormal
 from hil.solve.temperatures import level_degC, same_temperature
 
+_Quantity = tuple[str, str, FloatArray, str]  # part, name, (n,) values of each collect, at which places it is compared
 PARTS = ("averages", "run_scatter", "series", "conditions")
 RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "se": 0.03}
 """Differences that count as none, by the unit that ends a name: no bench repeats its conditions better."""
@@ -55,7 +56,9 @@ def features(
         }
         told += [("conditions", name, np.full(len(rows), value), "once") for name, value in times_s.items()]
         places = {how: list(_places(rows, called, how)) for how in ("once", "by temperature", "everywhere")}
-        asked = [({"sensor": number}, [*told, *_along(rows, np.nan_to_num(left))])]
+        asked: list[tuple[dict[str, Any], list[_Quantity]]] = [
+            ({"sensor": number}, [*told, *_along(rows, np.nan_to_num(left))])
+        ]
         for k, channel in enumerate(rows.sensor.channels):
             at = {"sensor": number, "channel": channel}
             asked.append((at, [*_of_channel(rows, left[:, k], errors[:, k]), *_inside(source, rows, k)]))
@@ -104,7 +107,7 @@ def _places(rows: Conditions, called: Sequence[float], how: str) -> Iterator[tup
             yield {"temperature_degC": at, "position": label}, (station == k) & (rows.position == label)
 
 
-def _along(rows: Conditions, left: FloatArray) -> Iterator[tuple[str, str, FloatArray, str]]:
+def _along(rows: Conditions, left: FloatArray) -> Iterator[_Quantity]:
     """Yield which share of what is left, (n, c), follows the pose, the time or a condition: where an effect shows."""
     interval_s = collect_interval_s(rows)
     place = place_in_run(rows, interval_s) if interval_s > 0.0 else np.zeros(len(rows))
@@ -118,8 +121,8 @@ def _along(rows: Conditions, left: FloatArray) -> Iterator[tuple[str, str, Float
         yield "averages", called, np.full(len(rows), share), "once"
 
 
-def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Iterator[tuple[str, str, FloatArray, str]]:
-    """Yield part, name, (n,) values of each collect, and at which places their means are compared."""
+def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Iterator[_Quantity]:
+    """Yield what is compared of a channel's rates: what is left of them, (n,), and their errors."""
     yield "averages", "mean", left, "everywhere"
     scale = max(float(np.sqrt(_mean(left**2))), 1e-9)
     _, run = np.unique(rows.run, return_inverse=True)
@@ -133,7 +136,7 @@ def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Itera
     yield "series", "log_se", np.log(np.maximum(errors, 1e-9)), "everywhere"
 
 
-def _inside(source: Source, rows: Conditions, channel: int) -> Iterator[tuple[str, str, FloatArray, str]]:
+def _inside(source: Source, rows: Conditions, channel: int) -> Iterator[_Quantity]:
     table = np.full((len(rows), len(_INSIDE)), np.nan)
     for row, collect in enumerate(rows.collect.tolist()):
         series = source.series(collect) if collect in source.recorded else None
