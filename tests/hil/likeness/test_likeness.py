@@ -20,6 +20,7 @@ from hil.config.sweep import parse_sweep
 from hil.errors import InputError
 from hil.likeness import draws, likeness
 from hil.likeness.again import configuration
+from hil.likeness.features import RESOLUTION
 from hil.model import Model, load_model
 from hil.night import start_night
 from hil.records.export import open_source
@@ -50,6 +51,8 @@ def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, mon
     assert set(first["parts"]) == {"averages", "run_scatter", "series", "conditions"}
     assert all(0.0 < each <= 1.0 for each in first["parts"].values())
     assert [json.loads(path.read_text())["simulated"] for path in sorted(tmp_path.iterdir())] == [True] * 3
+    kept = [json.loads(key) for key in json.loads((tmp_path / "draw-0003.json").read_text())["numbers"]]
+    assert not [name for part, _, name in kept if part == "averages" and name.split("_")[-1] in RESOLUTION]
     (tmp_path / "draw-0003.json").unlink()
     began: list[int] = []
 
