@@ -5,8 +5,9 @@
     python -m benchmarks.coverage run --keep few.jsonl --sweep triad --twin    # also told apart before, and not after
     python -m benchmarks.coverage table coverage.jsonl                         # for docs/, wrong names first
 
-The unit is what `matrix-6-thermal` says (a triad: `triad-12`), with white noise, and one effect on top, with all its
-parameters at the low, middle or high end of what is typical; `hil reconcile` looks for it with that model.
+The unit is what `matrix-6-thermal` says (a triad: `triad-12`; for an effect that this has, a smaller model without it),
+with white noise, and one effect on top, with all its parameters at the low, middle or high end of what is typical;
+`hil reconcile` looks for it with that model.
 """
 
 from __future__ import annotations
@@ -44,9 +45,21 @@ _COVERED = 2.0  # standard errors
 _WHITE = {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.12}}
 
 
-def unit(triad: bool) -> dict[str, Any]:
-    """Return the model file of the unit without an effect."""
-    if triad:
+def asked_of(name: str, triad: bool) -> str:
+    """Return the built-in that looks for an effect, and that the unit is without it: one that has it not already.
+
+    Raises `InputError` where every model of the sensor has it.
+    """
+    rotor = ("matrix-6-thermal", "matrix-6", "collins-4")
+    for model in ("triad-12",) if triad else rotor:
+        if name not in FORM_EFFECTS[model]:
+            return model
+    raise InputError("every model of this sensor has it")
+
+
+def unit(model: str) -> dict[str, Any]:
+    """Return the model file of the unit without an effect: what `model` can say."""
+    if model == "triad-12":
         names = {f"B{a}": ("deg/hr", 20.0 - 9.0 * k) for k, a in enumerate("XYZ")}
         names |= {
             f"G{a}{b}": ("deg/hr/g", 30.0 - 7.0 * k + 11.0 * m)
@@ -57,14 +70,21 @@ def unit(triad: bool) -> dict[str, Any]:
     else:
         rotor = {"BA": (15.0, -0.22, 0.003), "BB": (-10.0, 0.85, -0.004), "GSA": (60.0, 0.2, 0.0005)}
         rotor |= {"GSB": (-25.0, -0.09, 0.0003), "MUA": (9.0, -0.12, 0.002), "MUB": (-7.0, 0.1, 0.001)}
+        powers = 3 if model == "matrix-6-thermal" else 1
+        for name in ("MUA", "MUB") if model == "collins-4" else ():
+            rotor[name] = (0.0, 0.0, 0.0)
         sensors = {
             n: {
-                name: {"unit": "deg/hr" + "/g" * (name[0] != "B"), "polynomial": list(each), "reference_degC": 25.0}
+                name: {
+                    "unit": "deg/hr" + "/g" * (name[0] != "B"),
+                    "polynomial": list(each[:powers]),
+                    "reference_degC": 25.0,
+                }
                 for name, each in rotor.items()
             }
             for n in (1, 2)
         }
-    form = "triad-12" if triad else "matrix-6"
+    form = "triad-12" if model == "triad-12" else "matrix-6"
     return {
         "schema": "hil.model/1",
         "title": "unit",
@@ -131,12 +151,13 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="hil-") as at:
         folder = Path(at)
         try:
-            bare = night(folder / "without", sweep, unit(triad))
+            model = asked_of(name, triad)
+            bare = night(folder / "without", sweep, unit(model))
             conditions = bare.sensors[number].conditions
             if not entry.applies_to(conditions.sensor):
                 return {**out, "why_not": "cannot be in this sensor"}
             of = next(each for each in (*EFFECTS, *VARIANCE_EFFECTS) if each.id == name) if kind == "inside" else entry
-            document, term = unit(triad), hidden(of, conditions, size)
+            document, term = unit(model), hidden(of, conditions, size)
             if of in EFFECTS:
                 document["terms"] = [{**term, "sensor": number}]
             else:
@@ -145,7 +166,6 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
         except InputError as error:
             return {**out, "why_not": str(error)[:160]}
         added = campaign.sensors[number].rates_deg_per_hr - bare.sensors[number].rates_deg_per_hr
-        model = "triad-12" if triad else "matrix-6-thermal"
         if kind == "mean":
             rows, truth = campaign.sensors[number].conditions, load_model(folder / "with" / "model.yaml")
             values = [each["value"] for each in term["parameters"].values()]
@@ -167,12 +187,12 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
 def promised(campaign: Campaign, model: str, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
     """Return whether `hil visibility` promises that this size is found, and how large that is beside it."""
     told = {each["id"]: each for each in campaign_document(campaign, built_in_model(model))["effects"]}
-    if name not in told or name in FORM_EFFECTS[model]:
-        return {"promised": False, "in_model": name in FORM_EFFECTS[model], "class": []}
+    if name not in told:
+        return {"promised": False, "class": []}
     smallest = told[name]["smallest_visible"]
     size = term["parameters"].get(smallest["parameter"], {}).get("value", 0.0)
     share = size / smallest["value"] if smallest["value"] else 0.0
-    return {"promised": share >= 1.0, "beside_visible": share, "class": told[name]["class"], "in_model": False}
+    return {"promised": share >= 1.0, "beside_visible": share, "class": told[name]["class"]}
 
 
 def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
@@ -221,9 +241,7 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
             yield f"{head} – | – | – | not simulated: {each['why_not']} | – | – | – | – |"
             continue
         names = ", ".join(f"{name} {p:.2f}" for name, p in each["found"].items()) or "nothing"
-        said = (
-            "in the model" if each.get("in_model") else "yes" if each["named"] else "class" if in_class(each) else "no"
-        )
+        said = "yes" if each["named"] else "class" if in_class(each) else "no"
         gap = " → ".join("–" if value is None else f"{value:.2f}" for value in each["gap"])
         twin = " → ".join(f"{each[key]:.2g}" for key in ("twin_before", "twin_after") if key in each) or "–"
         off = f"{each['off']:.1%}" if "off" in each else "–"

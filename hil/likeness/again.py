@@ -25,10 +25,9 @@ from hil.records.reader import is_night
 from hil.solve.temperatures import level_degC, same_temperature
 
 _LOOKED_AT = {"interval": "90 s", "read_interval": "90 s"}  # seldom: simulated devices keep every byte
-_FRAME_BYTES, _STATUS_BYTES = 7, 4  # sync, id and checksum of an MFS frame; its status, counter and position
+_OVERHEAD_BYTES = 11  # sync, id, status, counter, position and checksum of an MFS frame
 _INFERRED = "inferred"
 _MARGIN_DEGC = 20.0
-_UP = 0.2  # deg/hr of horizontal earth rate: below it nothing tells how a sensor lies about the vertical
 
 
 def configuration(source: Source) -> tuple[dict[str, Any], bool]:
@@ -64,30 +63,28 @@ def _inferred(campaign: Campaign) -> dict[str, Any]:
     site = _site(campaign)
     stream = parse_yaml(read_text(find_config("imus", "mfs")), "mfs")
     frame, roles = stream["frames"]["sample"], stream["roles"]
-    fields = {name: frame["fields"][name] for name in ("status", "counter", "index_position")}
     rows = [each.conditions for each in campaign.sensors.values()]
+    fields: dict[str, str] = {}  # name and unit
     sensors: dict[int, Any] = {}
-    roles["sensors"], size = {}, 0
+    roles |= {"sensors": {}, "conditions": {}}
     for own in rows:
         sensor, n = own.sensor, own.sensor.number
         rates = {channel: f"rate_{n}_{k}" for k, channel in enumerate(sensor.channels)}
         axes = {axis: f"accel_{n}_{k}" for k, axis in enumerate(sensor.axes)}
-        fields |= {name: _field("i32", 0.001, "deg/hr") for name in rates.values()}
-        fields |= {name: _field("i32", 1e-6, "g") for name in axes.values()}
-        fields[f"inside_{n}_degC"] = _field("i16", 0.01, "degC")
-        size += 4 * len(rates) + 4 * len(axes) + 2
+        fields |= dict.fromkeys(rates.values(), "deg/hr") | dict.fromkeys(axes.values(), "g")
+        fields[f"inside_{n}_degC"] = "degC"
         roles["sensors"][n] = {"rates": rates, "accelerations": axes, "temperature": f"inside_{n}_degC"}
         if "spin_period_us" in own.columns:
-            fields[f"spin_{n}_us"] = _field("u32", 0.001, "us")
+            fields[f"spin_{n}_us"] = "us"
             roles["sensors"][n]["conditions"] = {"spin_period_us": f"spin_{n}_us"}
-            size += 4
         lies = {at: {"matrix": _axes(site, own, at).tolist()} for at in dict.fromkeys(own.position.tolist())}
         sensors[n] = {"axes": list(sensor.axes), "channels": dict(sensor.channels), "orientations": lies}
-    also = {"case_degC": _field("i16", 0.01, "degC"), "supply_V": _field("i16", 0.001, "V")}
-    also = {name: each for name, each in also.items() if any(name in own.columns for own in rows)}
-    fields |= also
-    roles["conditions"] = {name: name for name in also}
-    frame |= {"fields": fields, "length": _FRAME_BYTES + _STATUS_BYTES + size + 2 * len(also)}
+    for name in ("case_degC", "supply_V"):
+        if any(name in own.columns for own in rows):
+            fields[name], roles["conditions"][name] = name.split("_")[1], name
+    frame["fields"] = {name: frame["fields"][name] for name in ("status", "counter", "index_position")}
+    frame["fields"] |= {name: {"type": "f64", "unit": unit} for name, unit in fields.items()}
+    frame["length"] = _OVERHEAD_BYTES + 8 * len(fields)
     sweep, rest_s = _sweep(campaign, rows[0])
     levels = [float(str(each).split()[0]) for each in sweep["temperatures"]]
     limits = {"low": f"{min(*levels, 23.0) - _MARGIN_DEGC} degC", "high": f"{max(*levels, 23.0) + _MARGIN_DEGC} degC"}
@@ -109,10 +106,6 @@ def _inferred(campaign: Campaign) -> dict[str, Any]:
     return {**texts, "imu": yaml.safe_dump(stream, sort_keys=False)}
 
 
-def _field(kind: str, scale: float, unit: str) -> dict[str, Any]:
-    return {"type": kind, "scale": scale, "unit": unit}
-
-
 def _site(campaign: Campaign) -> Site:
     """Where it was measured: as the campaign says, else by the earth rate's part along gravity."""
     said = {f"{name}_deg": campaign.site.get(f"{name}_deg") for name in ("latitude", "heading")}
@@ -126,20 +119,19 @@ def _site(campaign: Campaign) -> Site:
 def _axes(site: Site, rows: Conditions, position: str) -> FloatArray:
     """Return the sensor's axes in the bench frame, (3, 3), rows: those with its gravity and earth rate at a position.
 
-    Of the mirror image, which has the same, nothing shows at rest.
+    Of the mirror image, which has the same, nothing shows at rest; nor, where the earth rate has no horizontal part, of
+    how a sensor lies about the vertical.
     """
     here = rows.position == position
-    seen = rows.f_g[here].mean(axis=0), rows.w_deg_per_hr[here].mean(axis=0)
-    bench = site.gravity_g(), site.earth_rate_deg_per_hr()
-    frames = []
-    for up, rate in (bench, seen):
+    pairs = []
+    for up, rate in (
+        (site.gravity_g(), site.earth_rate_deg_per_hr()),
+        (rows.f_g[here].mean(axis=0), rows.w_deg_per_hr[here].mean(axis=0)),
+    ):
         up = up / np.linalg.norm(up)
-        level = rate - up * (rate @ up)
-        if np.linalg.norm(level) < _UP:  # how it lies about the vertical, nothing told
-            level = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-        level = level / np.linalg.norm(level)
-        frames.append(np.stack([up, level, np.cross(up, level)]))
-    return np.asarray(frames[1].T @ frames[0])
+        pairs.append(np.stack([up, rate - up * (rate @ up)]))
+    left, _, right = np.linalg.svd(pairs[1].T @ pairs[0])
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
 def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]:

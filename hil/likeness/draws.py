@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -35,7 +35,7 @@ from hil.model.model_file import save_model
 from hil.model.stated_noise import SensorNoise
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
-from hil.reconcile.search.problem import pose
+from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.solve.temperatures import same_temperature
 
@@ -93,30 +93,24 @@ def likeness(
     nights = [features(source, form, calibrated=follows)]
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0])])
     keep.mkdir(parents=True, exist_ok=True)
-    make = partial(
-        _drawn, document, known, source.campaign, form, follows, seed, keep, sha256(told.encode()).hexdigest()
-    )
+    alike = sha256(told.encode()).hexdigest()
+    make = partial(_drawn, document, known, source.campaign, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
-    if count == 1:
-        for number in range(draws):
-            nights.append(make(number))
+    pool = ProcessPoolExecutor(count, get_context("spawn")) if count > 1 else None
+    try:
+        for number, night in enumerate((pool.map if pool else map)(make, range(draws))):
+            nights.append(night)
             done(number + 1)
-    else:
-        with ProcessPoolExecutor(count, get_context("spawn")) as pool:
-            try:
-                for number, night in enumerate(pool.map(make, range(draws))):
-                    nights.append(night)
-                    done(number + 1)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+    finally:
+        if pool:
+            pool.shutdown(wait=False, cancel_futures=True)
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
     return {**head, "model": model.title, "draws": draws, "seed": seed, **verdict(nights, _ASSUMED if assumed else 1.0)}
 
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:
     """Return a form with the values that fit a campaign, at each temperature where `calibrated`."""
-    sensors = pose(campaign, form, ()).sensors
+    sensors, _ = fitted_sensors(campaign, form)
     return improved(form, sensors, [], [], {}, frozenset(sensors if calibrated else ()))
 
 
@@ -149,35 +143,30 @@ def _drawn_values(entry: Any, rng: np.random.Generator, *, size: bool) -> Any:
 
 
 def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator) -> Campaign:
-    """Return the campaign with rates drawn from a model: its collects' averages, without any bytes."""
-    drawn = {number: _scattered(rows, model, rng) for number, rows in campaign.sensors.items()}
-    return replace(campaign, sensors=drawn)
-
-
-def _scattered(rows: Collects, model: Model, rng: np.random.Generator) -> Collects:
-    """Return the collects as the model's rates with all noise that it states and that the errors state."""
-    own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
-    noise = errors * rng.standard_normal(errors.shape) + sum(each.draw(own, rng) for each in model.stated_scatter(own))
-    rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
-    return replace(rows, rates_deg_per_hr=rates)
+    """Return the campaign with rates drawn from a model, with all noise that it and the standard errors state."""
+    sensors = {}
+    for number, rows in campaign.sensors.items():
+        own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
+        noise = errors * rng.standard_normal(errors.shape) + sum(s.draw(own, rng) for s in model.stated_scatter(own))
+        rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
+        sensors[number] = replace(rows, rates_deg_per_hr=rates)
+    return replace(campaign, sensors=sensors)
 
 
 def with_white_noise(model: Model, campaign: Campaign) -> Model:
     """Return the model with the white noise that the standard errors show, where it states none."""
-    noise = dict(model.noise)
+    noise, called = dict(model.noise), levels(campaign)
     for number, rows in campaign.sensors.items():
         stated, own = noise.get(number, SensorNoise()), rows.conditions
         if "angle_random_walk" in stated.model_fields_set:
             continue
-        white = np.nanmedian(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None], axis=1)
-        white = np.where(np.isfinite(white), white, _ANGLE_RANDOM_WALK)
-        station, inside = same_temperature(own), own.columns.get("temperature_degC", np.full(len(own), np.nan))
-        known = np.flatnonzero(np.isfinite(inside) & (station >= 0))
-        own_of = {int(k): known[station[known] == k] for k in station[known]} or {0: np.arange(len(own))}
-        at = {float(np.nan_to_num(inside[of]).mean()): float(np.median(white[of])) for _, of in sorted(own_of.items())}
-        told = {"temperature_degC": [*at], "value": [*at.values()]} if len(at) > 1 else next(iter(at.values()))
-        curve = Table(unit=_WHITE, table=told) if len(at) > 1 else Constant(unit=_WHITE, value=told)
-        noise[number] = stated.model_copy(update={"angle_random_walk": curve})
+        white = np.nan_to_num(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None])
+        white = np.median(np.where(white > 0.0, white, _ANGLE_RANDOM_WALK), axis=1)
+        station = same_temperature(own)
+        at = {float(each): float(np.median(white[station == k])) for k, each in enumerate(called) if k in station}
+        curve = Constant(unit=_WHITE, value=float(np.median(white)))
+        told = Table(unit=_WHITE, table={"temperature_degC": [*at], "value": [*at.values()]}) if len(at) > 1 else curve
+        noise[number] = stated.model_copy(update={"angle_random_walk": told})
     return model.model_copy(update={"noise": noise})
 
 
@@ -205,9 +194,8 @@ def _drawn(
         save_model(values, folder / "model.yaml")
         text = yaml.safe_dump({**document, "model": read_text(folder / "model.yaml")}, sort_keys=False)
         bench, sweep = configuration_of(text, folder / "files")
-        ended = start_night(
-            folder / "night", sweep, bench, seed=int(rng.integers(2**31)), terminal=Agrees(), who="the twin"
-        )
+        own = int(rng.integers(2**31))
+        ended = start_night(folder / "night", sweep, bench, seed=own, terminal=Agrees(), who="the twin")
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
         source = open_source(folder / "night")

@@ -34,17 +34,10 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     told = [json.loads(key) for key in keys]
     floor = np.array([coarse * RESOLUTION.get(name.split("_")[-1], 0.01 / coarse) for _, _, name in told])
     chances = unlike(values, floor)
-    parts = {part: [k for k, each in enumerate(told) if each[0] == part] for part in PARTS}
-    places: dict[str, list[int]] = {}
-    for k, (_, where, _) in enumerate(told):
-        places.setdefault(json.dumps(where), []).append(k)
     asked = [(part, name) for part, _, name in told]
     weight = 1.0 / np.array([asked.count(each) for each in asked])
-    of_parts, of_places = (
-        {name: combined(chances[:, own], weight[own]) for name, own in groups.items() if own}
-        for groups in (parts, places)
-    )
-    p_parts, p_places = (corrected(each) for each in (of_parts, of_places))
+    p_parts = corrected(chances, weight, [part for part, _, _ in told])
+    p_places = corrected(chances, weight, [json.dumps(where) for _, where, _ in told])
     where = [{"where": json.loads(name), "p_value": p} for name, p in p_places.items()]
     return {
         "p_value": min(p_parts.values()),
@@ -65,18 +58,14 @@ def unlike(values: FloatArray, floor: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(2.0 * stdtr(others - 1, -np.abs(values - mean) / spread), 1e-300))
 
 
-def combined(chances: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the harmonic mean of p-values over the last axis, (n, k) with weights (k,) to (n,)."""
-    return np.asarray(weight.sum() / np.sum(weight / chances, axis=1))
+def corrected(chances: FloatArray, weight: FloatArray, groups: Sequence[str]) -> dict[str, float]:
+    """Return the first night's p-value by group, from p-values (n, k), weights (k,) and the k names of their groups.
 
-
-def corrected(chances: Mapping[str, FloatArray]) -> dict[str, float]:
-    """Return the first night's p-value by name, each against the smallest that every other night has, (n,) each."""
-    smallest = np.sort(np.min([each[1:] for each in chances.values()], axis=0))
-    return {name: _placed(float(each[0]), smallest) for name, each in chances.items()}
-
-
-def _placed(chance: float, others: FloatArray) -> float:
-    rank = int(np.searchsorted(others, chance))
-    share = 1.0 if rank else chance / others[0]
-    return max(float((rank + share) / (len(others) + 1)), SMALLEST)
+    A group's is the harmonic mean of its own, put among the smallest of any group that each other night has.
+    """
+    names, own = list(dict.fromkeys(groups)), np.array(groups)
+    score = np.stack([weight[own == g].sum() / np.sum((weight / chances)[:, own == g], axis=1) for g in names])
+    smallest = np.sort(score[:, 1:].min(axis=0))
+    rank = np.searchsorted(smallest, score[:, 0])
+    placed = (rank + np.where(rank > 0, 1.0, score[:, 0] / smallest[0])) / (len(smallest) + 1)
+    return dict(zip(names, np.maximum(placed, SMALLEST).tolist(), strict=True))

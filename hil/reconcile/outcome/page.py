@@ -23,6 +23,7 @@ _LIMIT = 5.0
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
+_TOLD, _LEAST = 0.05, 1e-4  # simulated nights are told apart below; p-values are said down to
 
 VERDICTS = {
     "none": "Nothing is missing: no disagreement beyond the noise.",
@@ -51,6 +52,7 @@ def page(result: Reconciliation) -> str:
         places=[place_in_words(d.where) for d in result.disagreements],
         most_places=_MOST_PLACES,
         summary=summary(result),
+        twin=_twin(result.twin),
         tables=[_by_temperature(effect) for effect in result.effects],
     )
 
@@ -114,6 +116,19 @@ def summary(result: Reconciliation) -> list[str]:
     if result.next_experiment and result.next_experiment.get("what"):
         said.append(f"Measure next: {result.next_experiment['what']}.")
     return said
+
+
+def _twin(asked: Mapping[str, Any] | None) -> str:
+    """Say whether nights simulated before and after can be told from the measured one; nothing where nobody asked."""
+    if not asked:
+        return ""
+    said = []
+    for when, words in (("before", "as it was"), ("after", "as it is now")):
+        chance = asked[when]["p_value"]
+        told = "can" if chance < _TOLD else "cannot"
+        size = "below 0.0001" if chance < _LEAST else f"= {chance:.2g}"
+        said.append(f"from those with the model {words} it {told} be told (p {size})")
+    return f"The night beside {asked['draws']} simulated ones, through bytes: {', '.join(said)}."
 
 
 def _by_temperature(effect: FoundEffect) -> tuple[list[str], list[tuple[str, list[str]]]]:

@@ -105,17 +105,12 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
 
     Raises `InputError` where the form does not fit a sensor or needs a column that the campaign lacks.
     """
-    sensors: dict[int, SensorProblem] = {}
     blocks: list[Block] = []
     candidates: list[Candidate] = []
-    notes: list[str] = []
-    for number, collects in campaign.sensors.items():
-        form, note = _form(model, collects.conditions)
-        notes += note
-        sensor = _sensor(number, collects, model, form)
-        sensors[number] = sensor
-        columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-        blocks += sensor_blocks(number, collects, sensor.known_rates(), columns)
+    sensors, notes = fitted_sensors(campaign, model)
+    for number, sensor in sensors.items():
+        columns = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
+        blocks += sensor_blocks(number, sensor.collects, sensor.known_rates(), columns)
     bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
     if any(bears):
         notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]
@@ -127,6 +122,16 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, asked))
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
+
+
+def fitted_sensors(campaign: Campaign, model: Model) -> tuple[dict[int, SensorProblem], list[str]]:
+    """Fit the model's form to every sensor, and note where it is another; raises `InputError` where it does not fit."""
+    sensors, notes = {}, []
+    for number, collects in campaign.sensors.items():
+        form, note = _form(model, collects.conditions)
+        sensors[number] = _sensor(number, collects, model, form)
+        notes += note
+    return sensors, notes
 
 
 def _starved(block: Block, collects: Collects) -> str:

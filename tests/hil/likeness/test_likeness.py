@@ -20,6 +20,7 @@ from hil.config.sweep import parse_sweep
 from hil.errors import InputError
 from hil.likeness import draws, likeness
 from hil.likeness.again import configuration
+from hil.likeness.features import RESOLUTION
 from hil.model import Model, load_model
 from hil.night import start_night
 from hil.records.export import open_source
@@ -50,6 +51,8 @@ def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, mon
     assert set(first["parts"]) == {"averages", "run_scatter", "series", "conditions"}
     assert all(0.0 < each <= 1.0 for each in first["parts"].values())
     assert [json.loads(path.read_text())["simulated"] for path in sorted(tmp_path.iterdir())] == [True] * 3
+    kept = [json.loads(key) for key in json.loads((tmp_path / "draw-0003.json").read_text())["numbers"]]
+    assert not [name for part, _, name in kept if part == "averages" and name.split("_")[-1] in RESOLUTION]
     (tmp_path / "draw-0003.json").unlink()
     began: list[int] = []
 
@@ -126,6 +129,6 @@ def test_a_night_of_a_real_bench_is_simulated_on_its_own_chamber_and_unit(night:
 @pytest.mark.slow
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
-    write_triad(1, 8.0, tmp_path / "campaign")
-    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=20)["p_value"] > 0.01
-    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=20)["p_value"] < 0.001
+    write_triad(1, 20.0, tmp_path / "campaign")
+    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=8)["p_value"] > 0.01
+    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=8)["p_value"] < 0.001

@@ -63,3 +63,12 @@ def test_what_is_the_same_within_its_resolution_is_alike() -> None:
     assert verdict(of(0.3))["p_value"] == pytest.approx(1.0 / 21.0, rel=1.0)  # the most unlike, by next to nothing
     assert verdict(of(9.0))["p_value"] < 1e-3
     assert verdict(of(9.0), 10.0)["p_value"] > 1e-3
+
+
+def test_beyond_the_most_unlike_draw_chances_are_as_stated() -> None:
+    """Eight draws' ranks say no less than 1/9; below it chances are what they say, by the tail of Student's t."""
+    rng = np.random.default_rng(6)
+    found = np.array([verdict(nights(rng.standard_normal((9, 12))))["p_value"] for _ in range(1500)])
+    assert 0.02 < np.mean(found < 0.03) < 0.04
+    assert 0.005 < np.mean(found < 0.01) < 0.02
+    assert np.mean(found < 0.001) < 0.005

@@ -64,3 +64,15 @@ def test_an_experiment_without_collects_has_a_page(
     """What cannot be settled by a further collect, or is not known in numbers, is still written."""
     write_result(replace(plain, next_experiment=experiment), tmp_path)
     assert str(experiment["why"]) in (tmp_path / "reconciliation.html").read_text()
+
+
+def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain: Reconciliation) -> None:
+    """Before and after, in words, where the gap is; nothing where nobody asked."""
+    asked = {"draws": 20, "seed": 1, "before": {"p_value": 1e-6}, "after": {"p_value": 0.412}}
+    told = (
+        "The night beside 20 simulated ones, through bytes: from those with the model as it was it can be told "
+        "(p below 0.0001), from those with the model as it is now it cannot be told (p = 0.41)."
+    )
+    text = page(replace(plain, twin=asked))
+    assert text.index("How much smaller the gap is") < text.index(told) < text.index("What to measure next")
+    assert "simulated ones" not in page(plain)
