@@ -23,6 +23,7 @@ from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
+from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
 from hil.reconcile.search.terms import SECOND_TIER, terms
 from hil.reconcile.search.tied import AtBest, tied_gain
@@ -161,6 +162,19 @@ def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> N
     assert total == pytest.approx(logsumexp(brute_force(search, chosen, 0)), abs=0.1)
 
 
+def test_the_sizes_of_a_set_are_found_from_wherever_the_climb_begins(
+    search: SensorSearch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the smallest size of every term, many steps away: nearly the same sizes, and the same evidence."""
+    chosen = tuple(sorted(term(search, name) for name in ("usual", "k2")))
+    usual = search.in_block(chosen, 0)
+    monkeypatch.setattr(SetInBlock, "_best_sizes", lambda self, _: [0] * len(self.options))
+    again = SensorSearch(search.blocks, search.terms).in_block(chosen, 0)
+    assert max(usual.best) > 2
+    assert np.abs(np.subtract(again.best, usual.best)).max() <= 1
+    assert logsumexp(again.by_kind(2)) == pytest.approx(logsumexp(usual.by_kind(2)), abs=0.1)
+
+
 def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
     """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
     candidates = [search.terms[term(search, name)].candidate for name in ("usual", "k2")]
@@ -227,6 +241,13 @@ def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
     apart = density(y, x, [shared, alone]) + density(v, z, [shared]) + 2.0 * log_weight
     apart += 0.1  # what other sizes add is in both blocks' evidence, and once in that of the one number
     assert tied_gain([first, second], [0]) == pytest.approx(together - apart, abs=1e-9)
+    # Known to be 0.7 but for a little: what is known is in both, apart and together.
+    known = Options(np.array([log_weight]), np.array([[0.7]]), np.array([[shared]]))
+    both = [replace(block, options=[known, *block.options[1:]]) for block in (first, second)]
+    mean = np.array([0.7, 0.0])
+    together = density(np.concatenate([y, v]) - stacked @ mean, stacked, [shared, alone]) + log_weight
+    apart = density(y - x @ mean, x, [shared, alone]) + density(v - z @ mean[:1], z, [shared]) + 2.0 * log_weight + 0.1
+    assert tied_gain(both, [0]) == pytest.approx(together - apart, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["", "MU_rr"])

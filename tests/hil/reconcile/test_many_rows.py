@@ -66,6 +66,8 @@ def test_a_step_is_found_where_it_is_though_not_every_place_was_tried_first() ->
     run, collect = best.candidate.shape["from_run"], best.candidate.shape["from_collect"]
     assert (run, collect) == (float(conditions.run[at]), float(at % 4))
     assert best.candidate.shape not in [c.shape for c in tried]
+    finer = [t.candidate.shape for t in jumps if t.candidate.shape not in [c.shape for c in tried]]
+    assert len(finer) == 2, "on either side of the best that was tried first"
 
 
 def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
@@ -98,8 +100,8 @@ def test_values_that_follow_alike_are_likelier_before_the_data() -> None:
 
 
 def test_what_shows_inside_pays_the_odds_that_anything_pays() -> None:
-    """One step in hundreds of series at a chance of 1 in 110 is nothing to be named; one at 1 in a million is."""
-    finding = {"id": "jump", "sensor": 1, "channel": "RB", "collect": 7, "collects": 1, "asked": 96, "q_value": 0.009}
+    """One step in hundreds of series at a chance of 1 in 330 is nothing to be named; one at 1 in a million is."""
+    finding = {"id": "jump", "sensor": 1, "channel": "RB", "collect": 7, "collects": 1, "asked": 96, "q_value": 0.003}
     finding |= {"estimates": {"J_deg_per_hr": -29.8, "t_s": 34.0}, "sentence": "Collect 7, channel RB: steps"}
     assert named_within([finding], SERIES_EFFECTS, 0.05) == []
     (found,) = named_within([{**finding, "q_value": 1e-6}], SERIES_EFFECTS, 0.05)
