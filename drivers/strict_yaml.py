@@ -117,8 +117,11 @@ def parse_yaml(text: str, source: str) -> dict[str, Any]:
 
 
 def first_mistake(error: ValidationError, document: object) -> str:
-    """Return the first thing that is wrong with `document` as one sentence that begins with its key."""
-    problems = error.errors(include_url=False)
+    """Return the first thing that is wrong with `document` as one sentence that begins with its key.
+
+    A key that nobody knows comes before one that is missing: the one is often the other, misspelt.
+    """
+    problems = sorted(error.errors(include_url=False), key=lambda each: each["type"] == "missing")
     parts, sentence = list(problems[0]["loc"]), plain_words(problems[0])
     if problems[0]["type"].startswith("union_tag"):
         parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))

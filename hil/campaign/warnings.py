@@ -9,6 +9,7 @@ import numpy as np
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR, Collects
 from hil.campaign.header import Header
 from hil.campaign.table import Table, rows_in_words
+from procedures.words import listed
 
 F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
@@ -88,6 +89,9 @@ def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
     names = dict.fromkeys(
         f"{channel}_se_deg_per_hr" for collects in sensors.values() for channel in collects.conditions.sensor.channels
     )
+    lacking = [name for name in names if name not in table.header]
+    if 0 < len(lacking) < len(names):
+        found.append(f"{table.path}: there is no column {listed(lacking)}: no standard error of that sensor is used")
     for name in names:
         if name not in table.header:
             continue

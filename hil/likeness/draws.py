@@ -14,8 +14,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -96,7 +98,7 @@ def likeness(
     alike = sha256(told.encode()).hexdigest()
     make = partial(_drawn, document, known, source.campaign, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
-    pool = ProcessPoolExecutor(count, get_context("spawn")) if count > 1 else None
+    pool = ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) if count > 1 else None
     try:
         for number, night in enumerate((pool.map if pool else map)(make, range(draws))):
             nights.append(night)
@@ -106,6 +108,17 @@ def likeness(
             pool.shutdown(wait=False, cancel_futures=True)
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
     return {**head, "model": model.title, "draws": draws, "seed": seed, **verdict(nights, _ASSUMED if assumed else 1.0)}
+
+
+def end_with_parent() -> None:
+    """Let this process end when the one that it draws for has ended, in whatever way: nobody else would tell it."""
+    if (parent := parent_process()) is not None:
+        Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:

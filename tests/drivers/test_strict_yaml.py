@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from drivers.errors import InputError
-from drivers.strict_yaml import parse_yaml
+from drivers.strict_yaml import first_mistake, parse_yaml
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
@@ -56,3 +57,16 @@ def test_a_text_of_the_largest_size_is_read_or_refused_in_seconds() -> None:
     assert parse_yaml("a: 1\n" + "# nothing\n" * 399_000, "f.yaml") == {"a": 1}
     with pytest.raises(InputError, match="more than 200000 values"):
         parse_yaml("a: [" + "1," * 1_999_000 + "]", "f.yaml")
+
+
+def test_a_key_that_nobody_knows_is_named_before_the_one_that_is_missing() -> None:
+    """The one is the other, misspelt."""
+
+    class Section(BaseModel):
+        model_config = ConfigDict(extra="forbid")
+        temperature_degC: float
+
+    document = {"temprature_degC": 20.0}
+    with pytest.raises(ValidationError) as caught:
+        Section.model_validate(document)
+    assert first_mistake(caught.value, document).startswith("temprature_degC: ")

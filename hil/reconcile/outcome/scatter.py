@@ -96,6 +96,7 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
             rows = own.channel == c
             observed = float(np.sqrt(np.mean(np.diag(block.noise_alone())[rows])))
             stated = float(np.sqrt(np.mean(own.sigma[rows] ** 2))) if own.sigma_stated else None
+            known = own.sigma**2 + block.search.noise.stated_variance() if own.sigma_stated else None
             offset = block.point["offset"] * block.search.unit * np.sqrt(block.scale)
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
             out.append(
@@ -103,6 +104,7 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
                     "sensor": own.sensor,
                     "channel": channels[c],
                     "stated_deg_per_hr": stated,
+                    "explained_deg_per_hr": None if known is None else float(np.sqrt(np.mean(known[rows]))),
                     "observed_deg_per_hr": observed,
                     "run_offset_deg_per_hr": float(offset),
                     "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
@@ -135,11 +137,12 @@ def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[D
 
 
 def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the averages scatter by more than their standard errors, one sentence per channel."""
+    """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
     return [
         f"sensor {n['sensor']}, {n['channel']}: the averages scatter "
-        f"{n['observed_deg_per_hr'] / n['stated_deg_per_hr']:.2g} times as much as their standard errors say, "
+        f"{n['observed_deg_per_hr'] / n['explained_deg_per_hr']:.2g} times as much as their standard errors "
+        f"{'and the model say' if n['explained_deg_per_hr'] > 1.01 * n['stated_deg_per_hr'] else 'say'}, "
         f"by {n['observed_deg_per_hr']:.3g} deg/hr"
         for n in noise
-        if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["stated_deg_per_hr"]
+        if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["explained_deg_per_hr"]
     ]

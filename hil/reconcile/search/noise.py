@@ -208,6 +208,10 @@ class Noise:
         back = np.argsort(self.order)
         return np.asarray(out[np.ix_(back, back)] + self.by_temperature(profile))
 
+    def stated_variance(self) -> FloatArray:
+        """Return the variance that the model states beside the rows' own errors, (N,), (deg/hr)²."""
+        return np.asarray(self.unit * self.stated.variance()[np.argsort(self.order)])
+
     def by_temperature(self, profile: int) -> FloatArray:
         """Return what base values that follow temperature add to V, (N, N), in the block's own order of rows."""
         seen = (self.by_station @ self.factor(profile))[np.argsort(self.order)]

@@ -300,6 +300,10 @@ WARNED_TABLES = {
         r"rows 2-7, column RA_deg_per_hr: the channel never changes \(always 5",
     ),
     "not chronological": (cell(5, "start_s", "100"), "row 5, column start_s: earlier"),
+    "one error column gone": (
+        without("RB_se_deg_per_hr") + "\n",
+        "there is no column RB_se_deg_per_hr: no standard error",
+    ),
     "error of zero": (cell(5, "RA_se_deg_per_hr", "0"), "row 5, column RA_se_deg_per_hr: a standard error of 0"),
     "faster than the Earth": (cell(5, "w_B_deg_per_hr", "100"), "row 5: |w| is up to"),
     "undeclared column": (

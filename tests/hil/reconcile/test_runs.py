@@ -12,6 +12,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import summary
+from hil.reconcile.outcome.scatter import in_words
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
 
 
@@ -195,3 +196,13 @@ def test_a_jump_keeps_its_name() -> None:
     campaign = campaign_of(rows, base_rates(rows) + jump(rows, np.random.default_rng(1)))
     result = reconcile(campaign, "matrix-6", prove=False)
     assert [effect.id for effect in result.effects] == ["jump"]
+
+
+def test_what_the_model_explains_is_no_surprise() -> None:
+    """Five times the standard errors, where the model states nothing; nothing to be said where it states as much."""
+    channel = {"sensor": 2, "channel": "RB", "stated_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0}
+    (told,) = in_words([{**channel, "explained_deg_per_hr": 1.0}])
+    assert "5 times as much as their standard errors say" in told
+    (told,) = in_words([{**channel, "explained_deg_per_hr": 2.5}])
+    assert "2 times as much as their standard errors and the model say" in told
+    assert in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
