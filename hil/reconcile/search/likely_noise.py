@@ -45,9 +45,10 @@ class _Rows:
         rest, half_log_det = self._without_values(at, places)
         prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
         own = self.grid.log_prior[at][:, None] + prior
-        return np.array(
+        found = np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
+        return np.where(np.isfinite(found), found, -1e300)  # columns that say nothing here say nothing of its noise
 
     def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
