@@ -90,7 +90,7 @@ def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_th
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a wander of the bias stands beside it, and its verdict is ambiguous")
+@pytest.mark.xfail(strict=False, reason="a wander of the bias stands beside it, and its verdict is ambiguous")
 def test_the_fourth_collect_settles_it() -> None:
     """With Collect 4 in the data it is MU_real, with the right signs."""
     campaign = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
