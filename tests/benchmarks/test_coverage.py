@@ -31,7 +31,6 @@ def test_every_entry_of_the_catalogue_is_asked_for() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="found, and not named: not understood yet")
 def test_an_effect_in_the_bytes_is_found_named_and_covered() -> None:
     """An acceleration sensitivity that follows the square, in the sweep that can tell it."""
     found = case(("recommended", "mean", "k2", "high"), twin=False)

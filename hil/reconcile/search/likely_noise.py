@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, SEEN, Scale, log_sum, student
 from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
 from hil.solve.identifiability import independent_columns
@@ -45,10 +45,9 @@ class _Rows:
         rest, half_log_det = self._without_values(at, places)
         prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
         own = self.grid.log_prior[at][:, None] + prior
-        found = np.array(
+        return np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
-        return np.where(np.isfinite(found), found, -1e300)  # columns that say nothing here say nothing of its noise
 
     def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
@@ -126,7 +125,9 @@ def likely_points(
 
     found = [rows.climb(v) for v in range(len(pairs))]
     profiles = list(dict.fromkeys(p for own, _ in found for p in own[: max(2, PROFILES // len(found))]))
-    near = np.flatnonzero(np.any([beside > beside.max() - 2.0 * DEPTH for _, beside in found], axis=0))
+    near = np.flatnonzero(
+        np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)
+    )
     heights = rows.heights(near, profiles)
     best = np.max(heights - heights.max(axis=(1, 2), keepdims=True), axis=0)
     at, which = (part.ravel() for part in np.indices(best.shape))
@@ -138,9 +139,26 @@ def likely_points(
 
 
 def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points, and the quiet ones, whatever the base alone says of them."""
-    quiet = (every.kind < 0) & (every.level == every.level.max()) & (every.offset < 1.0)
-    quiet &= every.profile == every.profile[int(np.argmax(best))]
-    order = np.argsort(-best)[:POINTS]
-    kept = np.unique(np.concatenate([order[best[order] > -DEPTH], np.flatnonzero(quiet)]))
-    return every.take(kept), best[kept]
+    """Keep the best points; the best of every kind, for what one block speaks against another may ask for; the quiet.
+
+    The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
+    """
+    order = np.argsort(-best)
+    kept = np.zeros(len(best), dtype=bool)
+    kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
+    kept |= _highest(best, every.kind) | (_quiet(every) & (every.profile == every.profile[order[0]]))
+    return every.take(np.flatnonzero(kept)), best[kept]
+
+
+def _highest(height: FloatArray, kind: IntArray) -> BoolArray:
+    """Tell which of points (t,) is the highest of its kind (t,)."""
+    out = np.zeros(len(height), dtype=bool)
+    for each in np.unique(kind):
+        own = np.flatnonzero(kind == each)
+        out[own[np.argmax(height[own])]] = True
+    return out
+
+
+def _quiet(points: Points) -> BoolArray:
+    """Tell which of the points are ordinary noise with next to no offset from run to run, (t,)."""
+    return np.asarray((points.kind < 0) & (points.level == points.level.max()) & (points.offset < 1.0))

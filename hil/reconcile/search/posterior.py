@@ -168,8 +168,7 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
         found += [Found(chosen, name, float(w)) for name, w in zip(["", *names], by_kind, strict=True)]
     weights = np.array([f.log_weight for f in found])
     nothing = np.array([_is_nothing(f, searches) for f in found])
-    with np.errstate(invalid="ignore"):  # where no set can be weighed there are no odds, and another world is read
-        log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
+    log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
     total = np.logaddexp.reduce(weights)
     order = [int(i) for i in np.argsort(-weights) if weights[i] > total - 3.0 * WORTH]
     sets = [Found(found[i].terms, found[i].kind, float(weights[i] - total)) for i in order]

@@ -51,7 +51,6 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="a wander of the bias stands beside it, and its verdict is ambiguous")
 def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
     """What has too few rows for a test is left out of it, and the result says which."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
@@ -60,7 +59,7 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
     conditions = replace(other.conditions.rows(np.flatnonzero(once)), sensor=replace(ROTOR, number=1))
     second = Collects(conditions, other.rates_deg_per_hr[once], other.rates_se_deg_per_hr[once])
     result = reconcile(replace(full, sensors={1: second, 2: other}), "collins-4")
-    assert [e.id for e in result.effects if e.acts_on == "mean"] == ["MU_real"]
+    assert ids(result) == ["MU_real"]
     assert result.verdict == "named"
     assert result.effects[0].sensors == [2]
     assert any("sensor 1, RA and RB" in note or "sensor 1, RA" in note for note in result.notes)
@@ -150,7 +149,6 @@ def test_values_that_follow_temperature_are_found_not_calibrated_away() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="ageing is named beside it at .83, where runs are correlated")
 def test_a_scale_factor_beside_constants_has_the_size_that_it_has() -> None:
     """de/dT acts on the whole rates: the part that the base can imitate is not taken from the base."""
     slope = 1500e-6
@@ -160,9 +158,7 @@ def test_a_scale_factor_beside_constants_has_the_size_that_it_has() -> None:
 
     result = reconcile(hidden_campaign(7, grows, thermal=False, quiet=0.5), "matrix-6", prove=False)
     assert ids(result)[0] == "scale"
-    assert all(effect.probability < 0.8 for effect in result.effects[1:] if effect.acts_on == "mean"), [
-        (e.id, e.kind, e.probability) for e in result.effects
-    ]
+    assert all(effect.acts_on == "scatter" for effect in result.effects[1:])  # runs are correlated
     value, error = values(result)["de_dT"]
     assert abs(value - 1e6 * slope) < 3.0 * error
 

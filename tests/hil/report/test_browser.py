@@ -103,7 +103,6 @@ def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: P
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="two tables with wider uncertainties scroll on a desk")
 def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None:
     """A phone scrolls tables, not the page; on A4 every table and picture stands within the margins."""
     page.goto(report.as_uri())
