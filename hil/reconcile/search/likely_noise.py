@@ -17,7 +17,7 @@ from hil.reconcile.search.evidence import LEAST, SEEN, Scale, log_sum, student
 from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
 from hil.solve.identifiability import independent_columns
 
-POINTS = 24
+POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""

@@ -172,7 +172,7 @@ def test_the_sizes_of_a_set_are_found_from_wherever_the_climb_begins(
     again = SensorSearch(search.blocks, search.terms).in_block(chosen, 0)
     assert max(usual.best) > 2
     assert np.abs(np.subtract(again.best, usual.best)).max() <= 1
-    assert logsumexp(again.by_kind(2)) == pytest.approx(logsumexp(usual.by_kind(2)), abs=0.1)
+    assert logsumexp(again.by_kind(2)) == pytest.approx(logsumexp(usual.by_kind(2)), abs=0.2)
 
 
 def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
