@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign, Conditions, FloatArray
 from hil.config import load_bench, load_sweep
 from hil.config.bench import Bench, parse_bench
 from hil.design.visibility.document import campaign_document
@@ -32,8 +32,9 @@ from hil.errors import InputError
 from hil.likeness import likeness
 from hil.likeness.draws import Agrees
 from hil.model import built_in_model, load_model
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, flattened
 from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, effect_by_id
+from hil.model.forms import named_form
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile
 from hil.records.export import export_campaign, open_source
@@ -119,12 +120,14 @@ def night(folder: Path, sweep: str, document: Mapping[str, Any]) -> Campaign:
 
 
 def hidden(entry: Described, conditions: Conditions, size: str) -> dict[str, Any]:
-    """Return the term of an effect: each of its parameters at a size, a little smaller than the one before."""
+    """Return the term of an effect at a size, its parameters of different sizes and signs: alike, some cancel."""
     shapes = {each.name: each.grid or (1.0,) for each in entry.shapes_for(conditions)}
     parameters = {}
     for place, each in enumerate(entry.parameters_for(conditions)):
         low, high = each.typical
-        value = {"low": max(low, 0.1 * high), "middle": each.size, "high": high}[size] * 0.9**place
+        value = {"low": max(low, 0.1 * high), "middle": each.size, "high": high}[size] * (
+            np.cos(place) if entry in EFFECTS else 0.9**place
+        )
         parameters[each.name] = {"unit": each.unit, "value": float(value)}
     return {
         "effect": entry.id,
@@ -173,7 +176,7 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
             column = np.einsum("ncp,p->nc", np.nan_to_num(columns), values)
             if np.any(column):  # nothing, where the condition was not recorded
                 out["off"] = float(np.abs(added - column).max() / np.abs(column).max())
-            out |= promised(campaign, model, name, term)
+            out |= promised(campaign, number, model, name, columns, values)
         out["rms"] = float(np.sqrt(np.mean(added**2)))
         result = reconcile(campaign, model)
         out |= judged(result, name, term)
@@ -184,14 +187,28 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
     return out
 
 
-def promised(campaign: Campaign, model: str, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
-    """Return whether `hil visibility` promises that this size is found, and how large that is beside it."""
-    told = {each["id"]: each for each in campaign_document(campaign, built_in_model(model))["effects"]}
+def promised(
+    campaign: Campaign, number: int, model: str, name: str, columns: FloatArray, values: Sequence[float]
+) -> dict[str, Any]:
+    """Return whether `hil visibility` promises that an effect (n, c, p) is found at values (p,), and by how much.
+
+    It promises of each parameter alone; several at once show as much as what they leave together beside the base.
+    """
+    asked = built_in_model(model)
+    seen: Any = campaign_document(campaign, asked)["sensors"]
+    told = {each["id"]: each for each in seen[str(number)]["effects"]}
     if name not in told:
         return {"promised": False, "class": []}
+    collects = campaign.sensors[number]
+    weight = 1.0 / collects.rates_se_deg_per_hr.ravel()
+    form = named_form(asked.form, collects.conditions)
+    base = weight[:, None] * flattened(form.columns(collects.conditions))
+    own = weight[:, None] * flattened(np.nan_to_num(columns))
+    own -= base @ np.linalg.lstsq(base, own)[0]
     smallest = told[name]["smallest_visible"]
-    size = term["parameters"].get(smallest["parameter"], {}).get("value", 0.0)
-    share = size / smallest["value"] if smallest["value"] else 0.0
+    parameters = [p.name for p in effect_by_id(name).parameters_for(collects.conditions)]
+    least = np.linalg.norm(own[:, parameters.index(smallest["parameter"])]) * (smallest["value"] or np.inf)
+    share = float(np.linalg.norm(own @ np.asarray(values)) / least)
     return {"promised": share >= 1.0, "beside_visible": share, "class": told[name]["class"]}
 
 

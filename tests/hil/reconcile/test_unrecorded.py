@@ -124,8 +124,11 @@ def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
     plain = hidden_campaign(7, hidden, thermal=False, mu=False)
     since = np.full(len(plain.sensors[2]), 30.0)
     result = reconcile(with_columns(plain, time_since_index_s=since), "collins-4", prove=False)
-    assert [effect.id for effect in result.effects[:2]] == ["MU_real", "GS_T"]
-    assert all(other.kind == "ambiguous" for other in result.effects[2:])  # the bias of runs wanders
+    assert result.effects[0].id == "MU_real"
+    assert result.calibration == "per temperature" or result.effects[1].id == "GS_T"  # values of each hold it as well
+    assert all(
+        other.kind == "ambiguous" and other.id != "convection" for other in result.effects[1:] if other.id != "GS_T"
+    )
 
 
 @pytest.mark.slow
