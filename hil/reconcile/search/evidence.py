@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from hil.campaign import FloatArray, IntArray
+from hil.reconcile.search.chains import Whitened
 from hil.reconcile.search.noise import Noise, Points
 
 Scale = tuple[float, float, float]
@@ -24,6 +25,8 @@ UNKNOWN: tuple[Scale, ...] = ((0.3, 0.3, 1.0),)
 """Of s² in the variance that a rough fit leaves, where no errors are stated."""
 SEEN = 1e-6
 """A direction of which less is left beside the base is the base's."""
+ROUNDING = 1e-13
+"""Share of the squared residuals that rounding may cost."""
 LEAST = 1e-12
 """Sum of squares below which nothing but rounding is left."""
 
@@ -80,10 +83,9 @@ class Beside:
     freedom: int
 
     @classmethod
-    def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], y: FloatArray, base: FloatArray) -> Beside:
-        """Project the base (N, p) out of data y (N,), both in the block's order of rows."""
+    def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], white: Whitened) -> Beside:
+        """Project the base out of data: `white` has the columns by temperature, the base's, and the data last."""
         many = noise.by_station.shape[1]
-        white = noise.whiten(points, np.column_stack([noise.by_station, base[noise.order], y[noise.order]]))
         factor = np.array([noise.factor(int(p)) for p in points.profile])
         seen = white.columns[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
         # 1 + seen seen' has the inverse root 1 − U (1 − (1 + λ)^-½) U', λ being the squares of what is seen.
@@ -94,7 +96,7 @@ class Beside:
         log_base = -white.half_log_det - np.sum(np.log(root), axis=1)
         known = _less(values, white.columns[:, :, many:])
         residual = known[:, :, -1]
-        nothing = cls(scales, values, known[:, :, :0], residual, np.zeros(len(points)), log_base, len(y))
+        nothing = cls(scales, values, known[:, :, :0], residual, np.zeros(len(points)), log_base, residual.shape[1])
         return nothing.beside(known[:, :, :-1])
 
     def beside(self, columns: FloatArray) -> Beside:
@@ -264,6 +266,21 @@ def explained(values: FloatArray, z: FloatArray) -> FloatArray:
     """Return how much of the squared residuals free amplitudes explain, (…,)."""
     usable = values > 1e-10 * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
     return np.asarray(np.sum(np.where(usable, z**2 / np.where(usable, values, 1.0), 0.0), axis=-1))
+
+
+def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what amplitudes N(0, 1) leave of squared residuals, (…,), and half of log det (1 + Gram), (…,).
+
+    Of Gram matrices (…, q, q), scores (…, q) and squared residuals (…,): one elimination gives both.
+    """
+    size = score.shape[-1]
+    both = np.empty((*score.shape[:-1], size + 1, size + 1))
+    both[..., :size, :size] = gram
+    both[..., size, :size] = both[..., :size, size] = score
+    both[..., size, size] = rss * (1.0 + ROUNDING) + LEAST
+    both[..., range(size), range(size)] += 1.0
+    pivots = np.diagonal(np.linalg.cholesky(both), axis1=-2, axis2=-1)
+    return pivots[..., -1] ** 2, np.sum(np.log(pivots[..., :-1]), axis=-1)
 
 
 def log_sum(values: FloatArray) -> FloatArray:

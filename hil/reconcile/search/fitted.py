@@ -117,7 +117,9 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     total = weighed.terms_log + own.points.log_prior
     names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
-    _, mean, deviation = weighed.prior_at(weighed.best) if weighed.options else (0.0, np.zeros(0), np.zeros(0))
+    mean = deviation = np.zeros(0)
+    if weighed.options:
+        _, (mean,), (deviation,) = weighed.prior_at(np.array([weighed.best]))
     scale = weighed.left_at(t)[1]
     names_of = ("kind", "amount", "offset", "level", "profile")
     point = {name: float(getattr(own.points, name)[t]) for name in names_of}

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Beside, Options, decoupled, explained, log_sum
+from hil.reconcile.search.evidence import LEAST, Beside, Options, decoupled, explained, log_sum, shrunk
 from hil.reconcile.search.noise import Points
 from hil.reconcile.search.terms import Part
 from hil.reconcile.search.tied import AtBest
@@ -33,6 +33,7 @@ class SetInBlock:
     terms_log: FloatArray
     best: list[int]
     slack: Sequence[FloatArray]
+    variance: Sequence[FloatArray]
 
     @classmethod
     def of(cls, beside: Beside, points: Points, members: Sequence[tuple[int, Part, Options, FloatArray]]) -> SetInBlock:
@@ -44,7 +45,8 @@ class SetInBlock:
         score = (beside.residual[:, None, :] @ columns)[:, 0]
         places = [np.arange(first, end) for first, end in pairwise(ends)]
         options = [own for _, _, own, _ in members]
-        out = cls(beside, points, gram, score, owner, options, places, [j for j, *_ in members], np.zeros(0), [], [])
+        at = [j for j, *_ in members]
+        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], [])
         out._weigh()
         return out
 
@@ -54,42 +56,43 @@ class SetInBlock:
             self.terms_log = self.beside.log_null()
             return
         # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
-        starts = [self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in self._with_and_without()]
+        free = self._free()
+        scales = range(len(self.beside.scales))
+        self.variance = [self.beside.scale_left(free, k) for k in scales]
+        with_all = log_sum(np.array([self.beside.student(free, np.zeros(len(free)), k) for k in scales]))
+        either = (self.beside.log_null(), with_all)
+        starts = np.array([self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in either])
         heights = self._at(starts)
         first = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
-        self.best, self.terms_log = starts[first], heights[first]
+        self.best, self.terms_log = starts[first].tolist(), heights[first]
+        every = np.array([(e, o) for e, own in enumerate(self.options) for o in range(len(own))])
         for _ in range(ROUNDS):
             t = np.array([int(np.argmax(self.terms_log + self.points.log_prior))])
-            tried = [(e, o) for e in self._all() for o in range(len(self.options[e]))]
-            found = self._at([self._with(e, o) for e, o in tried], t)[:, 0].tolist()
-            most = [max((f, o) for (i, o), f in zip(tried, found, strict=True) if i == e)[1] for e in self._all()]
-            leaps = [most, self._with(*tried[int(np.argmax(found))])]
-            if leaps[1] == self.best:
+            found = self._at(self._instead(every), t)[:, 0]
+            of_each = [np.flatnonzero(every[:, 0] == e) for e in range(len(self.options))]
+            most = np.concatenate([every[places[np.argmax(found[places])]][1:] for places in of_each])
+            leaps = np.array([most, self._instead(every[[np.argmax(found)]])[0]])
+            if leaps[1].tolist() == self.best:
                 break
             heights = self._at(leaps)
             better = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
-            self.best, self.terms_log = leaps[better], heights[better]
-        tried = [(e, o) for e in self._all() for o in self._near(e)]
-        found = self._at([self._with(e, o) for e, o in tried])
-        of = np.array([e for e, _ in tried])
-        self.slack = [log_sum(found[of == e]) - self.terms_log for e in self._all()]
+            self.best, self.terms_log = leaps[better].tolist(), heights[better]
+        near = every[np.abs(every[:, 1] - np.array(self.best)[every[:, 0]]) <= 2]
+        found = self._at(self._instead(near))
+        self.slack = [log_sum(found[near[:, 0] == e]) - self.terms_log for e in range(len(self.options))]
         self.terms_log = self.terms_log + np.sum(self.slack, axis=0)
 
-    def _all(self) -> range:
-        return range(len(self.options))
+    def _instead(self, changes: IntArray) -> IntArray:
+        """Return the best sizes with one of them another, (m, e), for changes (m, 2) of a member's size."""
+        out = np.tile(np.array(self.best), (len(changes), 1))
+        out[np.arange(len(changes)), changes[:, 0]] = changes[:, 1]
+        return out
 
-    def _near(self, e: int) -> range:
-        return range(max(0, self.best[e] - 2), min(len(self.options[e]), self.best[e] + 3))
-
-    def _with(self, e: int, option: int) -> list[int]:
-        return [*self.best[:e], option, *self.best[e + 1 :]]
-
-    def _with_and_without(self) -> tuple[FloatArray, FloatArray]:
-        """Log evidence (t,) of the base alone, and, roughly, with amplitudes that are free."""
-        values, z = decoupled(self.gram, self.score)
-        left = np.maximum(self.beside.rss - explained(values, z), LEAST)
-        terms = [self.beside.student(left, np.zeros(len(left)), k) for k in range(len(self.beside.scales))]
-        return self.beside.log_null(), log_sum(np.array(terms))
+    def _free(self) -> FloatArray:
+        """Return what is left where all amplitudes are free, (t,)."""
+        unit = np.sqrt(np.maximum(np.diagonal(self.gram, axis1=1, axis2=2), LEAST))
+        values, z = decoupled(self.gram / (unit[:, :, None] * unit[:, None, :]), self.score / unit)
+        return np.maximum(self.beside.rss - explained(values, z), LEAST)
 
     def _best_sizes(self, t: int) -> list[int]:
         """Return the sizes that a free fit at one point of the noise makes most probable."""
@@ -104,32 +107,31 @@ class SetInBlock:
             best.append(int(np.argmax(own.log_weights - 0.5 * misfit)))
         return best
 
-    def prior_at(self, chosen: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
-        """Return log weight, mean (k,) and deviation (k,) of a choice of sizes."""
-        pairs = list(zip(self.options, chosen, strict=True))
-        mean = np.concatenate([np.zeros(0), *(own.mean[o] for own, o in pairs)])
-        deviation = np.concatenate([np.zeros(0), *(own.deviation[o] for own, o in pairs)])
-        return float(sum(own.log_weights[o] for own, o in pairs)), mean, deviation
+    def prior_at(self, choices: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return log weights (o,), means (o, k) and deviations (o, k) of choices of sizes (o, e)."""
+        each = list(zip(self.options, choices.T, strict=True))
+        log_weights = np.sum([own.log_weights[o] for own, o in each], axis=0)
+        return (
+            log_weights,
+            np.hstack([own.mean[o] for own, o in each]),
+            np.hstack([own.deviation[o] for own, o in each]),
+        )
 
-    def _at(self, choices: Sequence[Sequence[int]], at: IntArray | slice = slice(None)) -> FloatArray:
-        """Log evidence (o, t) of several choices of sizes, at some points."""
-        priors = [self.prior_at(chosen) for chosen in choices]
-        mean, deviation = (np.array([p[i] for p in priors])[:, None, :] for i in (1, 2))
+    def _at(self, choices: IntArray, at: IntArray | slice = slice(None)) -> FloatArray:
+        """Log evidence (o, t) of several choices of sizes (o, e), at some points."""
+        log_weights, mean, deviation = self.prior_at(choices)
+        mean, deviation = mean[:, None, :], deviation[:, None, :]
         gram, score, beside = self.gram[at], self.score[at], self.beside.at(at)
         rss = beside.rss
         if np.any(mean):
             pull = np.einsum("tpq,oxq->otp", gram, mean)
             rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=-1), score - pull
-        scaled = gram * (deviation[..., :, None] * deviation[..., None, :])
-        values, z = decoupled(scaled, score * deviation)
-        least = np.maximum(rss - explained(values, z), LEAST)
         terms = []
-        for k in range(len(beside.scales)):
-            variance = beside.scale_left(least, k)[..., None]
-            shrunk = 1.0 + values / variance
-            left = np.maximum(rss - np.sum(z**2 / (variance * shrunk), axis=-1), LEAST)
-            terms.append(beside.student(left.T, 0.5 * np.sum(np.log(shrunk), axis=-1).T, k).T)
-        return np.asarray(np.array([p[0] for p in priors])[:, None] + log_sum(np.array(terms)))
+        for k, variance in enumerate(self.variance):
+            root = deviation / np.sqrt(variance[at])[:, None]
+            left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
+            terms.append(beside.student(left.T, half_log_det.T, k).T)
+        return np.asarray(log_weights[:, None] + log_sum(np.array(terms)))
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (v,), ordinary noise first."""

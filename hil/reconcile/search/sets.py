@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.reconcile.search.chains import Whitened
 from hil.reconcile.search.evidence import (
     HOLDS,
     SEEN,
@@ -55,7 +56,7 @@ class BlockSearch:
     unit: float
     beside: Beside
     scanned: IntArray
-    _whitening: FloatArray | None = None
+    _whitening: Whitened | None = None
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
@@ -75,23 +76,27 @@ class BlockSearch:
         """
         data = [y / self.unit for y in units] or [self.y]
         self.points, best = likely_points(self.noise, self.scales, data, self.block.base, extras)
-        self.scanned = np.argsort(-best)[:SCANNED]
+        self.scanned, self._whitening = np.argsort(-best)[:SCANNED], None
         self.measure(self.y)
 
     def measure(self, y: FloatArray) -> None:
         """Take other data (N,), in units of the noise."""
-        self.y, self._whitening = y, None
-        self.beside = Beside.of(self.noise, self.points, self.scales, y, independent_columns(self.block.base, SEEN))
+        self.y = y
+        base = independent_columns(self.block.base, SEEN)
+        rows = np.column_stack([self.noise.by_station, base[self.noise.order], y[self.noise.order]])
+        self.beside = Beside.of(self.noise, self.points, self.scales, self._white(rows))
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        own = columns[self.noise.order] / self.unit
-        if len(own) > DENSE:
-            index = np.arange(len(self.points))[at]
-            return self.beside.at(at).project(self.noise.whiten(self.points.take(index), own).columns)
+        return self.beside.at(at).project(self._white(columns[self.noise.order] / self.unit, at).columns)
+
+    def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> Whitened:
+        """Whiten columns (N, k), in the order of time, at some of the points: few rows by one matrix, kept."""
+        if len(columns) > DENSE:
+            return self.noise.whiten(self.points.take(np.arange(len(self.points))[at]), columns)
         if self._whitening is None:
-            self._whitening = self.noise.whiten(self.points, np.eye(len(own))).columns
-        return self.beside.at(at).project(self._whitening[at] @ own)
+            self._whitening = self.noise.whiten(self.points, np.eye(len(columns)))
+        return Whitened(self._whitening.columns[at] @ columns, self._whitening.half_log_det[at])
 
 
 @dataclass
@@ -123,8 +128,6 @@ class SensorSearch:
     def forget(self) -> None:
         """Compute everything anew from now on: the terms or the points of the noise are others."""
         self._laid, self._known, self._weighed, self._members = [], {}, {}, {}
-        for block in self.blocks:
-            block.measure(block.y)
 
     @property
     def log_odds(self) -> FloatArray:
