@@ -128,7 +128,7 @@ def _result(
     }
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
-    gap = findings.gap_of(proof, fit, before, chances, reading.chance)
+    gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
     wrong = mistakes.mistakes_found(reading, campaign)
     within = [
@@ -146,7 +146,7 @@ def _result(
     after = model
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
-        own = findings.gap_of(of_names, fit, before, chances, reading.chance)
+        own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
         record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
             (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j))

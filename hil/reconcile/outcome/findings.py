@@ -25,15 +25,23 @@ NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
 
+FEWEST_REPEATS = 30
+"""Degrees of freedom from which repeats measure the noise to an eighth."""
+
 
 def gap_of(
-    proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chances: tuple[int, int], chance: float
+    proof: tuple[HeldOut, HeldOut] | None,
+    fit: Fitted,
+    before: Fitted,
+    conditions: Mapping[int, Conditions],
+    chances: tuple[int, int],
+    chance: float,
 ) -> Gap:
     """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
 
     `chances` are the number and the seed of the sign flips, `chance` that nothing is missing at all.
     """
-    noise = float(np.sqrt(np.mean(np.concatenate([np.diag(b.noise_alone()) for b in fit.blocks]))))
+    noise = _noise(fit, conditions)
     if proof is None:
         sizes = [np.concatenate([f.residual(block) for block in f.blocks]) for f in (before, fit)]
         rms = [round(float(np.sqrt(np.mean(r**2))), 6) for r in sizes]
@@ -54,6 +62,27 @@ def gap_of(
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
         log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
     )
+
+
+def _noise(fit: Fitted, conditions: Mapping[int, Conditions]) -> float:
+    """Return the rms of the noise, deg/hr: what repeats show by themselves, whatever the model, or what was fitted.
+
+    Repeats are rows in one pose at one temperature; what the set explains of them is taken off. The smaller of the two
+    is nearer: a model that lacks something takes it for noise, and so do repeats that something moves.
+    """
+    squares, free, known = 0.0, 0, []
+    for block in fit.blocks:
+        own = block.search.block
+        known.append(np.diag(block.noise_alone()))
+        of = conditions[own.sensor]
+        alike = np.column_stack([own.station, own.channel, of.f_g[own.rows], of.w_deg_per_hr[own.rows]])
+        _, group = np.unique(np.round(alike, 3), axis=0, return_inverse=True)
+        left = own.y - fit.design(block) @ fit.values
+        mean = np.bincount(group, left) / np.bincount(group)
+        squares += float(np.sum((left - mean[group]) ** 2))
+        free += len(left) - len(mean)
+    fitted_rms = float(np.sqrt(np.mean(np.concatenate(known))))
+    return fitted_rms if free < FEWEST_REPEATS else min(fitted_rms, float(np.sqrt(squares / free)))
 
 
 def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresolved: bool) -> str:

@@ -53,6 +53,18 @@ def test_a_fold_chooses_by_the_rows_that_it_does_not_hold_out() -> None:
     assert likeliest_without(np.array([0.0, -1.0]), np.array([-9.0, -2.0])) == 0
 
 
+def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
+    """MU of its own at each setpoint is called scatter of MU here; the floor is what runs at one setpoint differ by."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, EIGHT, 2)
+    place, run = (np.unique(of, return_inverse=True)[1] for of in (rows.setpoint, rows.run))
+    mu = rng.normal(0.0, 8.0, (8, 2))[place] + rng.normal(0.0, 3.0, (16, 2))[run]
+    rates = 10.0 + mu * rows.f[:, 2:] + 40.0 * rows.f[:, :1] + rows.w[:, :2] + rng.normal(0.0, 0.9, mu.shape)
+    gap = reconcile(campaign_of(rows, rates), "matrix-6", prove=False).gap
+    assert gap.noise_floor == pytest.approx(np.sqrt(0.9**2 + 3.0**2 / 3.0), rel=0.35)
+
+
+@pytest.mark.slow
 def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration() -> None:
     """No name for what differs at each temperature; beside one set of values the same data would get several."""
     result = reconcile(turning(), "matrix-6", prove=False)
