@@ -71,6 +71,7 @@ def test_what_no_collect_proves_shows_in_all_together(
     assert together[0]["q_value"] < 1e-3 * min([f["q_value"] for f in alone], default=1.0)
 
 
+@pytest.mark.slow
 def test_what_the_model_has_on_record_is_not_found_again(tmp_path: Path) -> None:
     """The improved model, read back, finds nothing more in the same data."""
     campaign = campaign_with("beat", tmp_path)

@@ -99,6 +99,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     return load_model(path)
 
 
+@pytest.mark.slow
 def test_reconcile_finds_nothing_missing_beside_the_curves_of_the_same_unit(model: Model) -> None:
     """On another night of the same unit: no verdict but none, and its values hold as they stand."""
     night = rotor_night(np.random.default_rng(2), ROTOR, run_to_run={})
