@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +30,21 @@ RowIndex = BoolArray | IntArray
 SCHEMA = "hil.campaign/1"
 
 
+Technology = Literal["", "rotor", "DTG", "RLG", "FOG", "MEMS", "gas"]
+"""What a gyro may be, as far as typical sizes of effects differ by it; empty where nobody stated it."""
+
+
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor's layout: its three axes, and which axis each channel measures rate about (in column order)."""
+    """A sensor's layout: its three axes, and which axis each channel measures rate about (in column order).
+
+    Effects have other typical sizes in another `technology`.
+    """
 
     number: int
     axes: tuple[str, str, str]
     channels: Mapping[str, str]
+    technology: Technology = ""
 
     @property
     def channel_axes(self) -> IntArray:

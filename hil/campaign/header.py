@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from drivers.given_file import read_text
 from drivers.strict_yaml import parse_yaml
-from hil.campaign.data import SCHEMA, Sensor
+from hil.campaign.data import SCHEMA, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
@@ -99,12 +99,15 @@ def _sensor(where: str, number: int, layout: Mapping[Any, Any]) -> Sensor:
             raise InputError(f"{where}.channels: {channel!r} is no name of a channel")
         if axis not in axes:
             raise InputError(f"{where}.channels.{channel}: {axis!r} is not one of the axes {', '.join(axes)}")
-    unknown = sorted(str(key) for key in layout.keys() - {"axes", "channels"})
+    unknown = sorted(str(key) for key in layout.keys() - {"axes", "channels", "technology"})
     if unknown:
-        raise InputError(f"{where}.{unknown[0]}: this key is not known; a sensor has axes and channels")
+        raise InputError(f"{where}.{unknown[0]}: this key is not known; a sensor has axes, channels and technology")
+    technology = layout.get("technology", "")
+    if technology not in get_args(Technology):
+        raise InputError(f"{where}.technology: {technology!r} is none of {', '.join(get_args(Technology)[1:])}")
     # In the order of their axes: the six parameters of a rotor sensor do not depend on how the file lists its channels.
     ordered = dict(sorted(channels.items(), key=lambda item: axes.index(item[1])))
-    return Sensor(number, (axes[0], axes[1], axes[2]), ordered)
+    return Sensor(number, (axes[0], axes[1], axes[2]), ordered, technology)
 
 
 def _verdicts(path: Path, keys: Mapping[Any, Any]) -> Iterator[tuple[int, Judgement]]:

@@ -61,10 +61,12 @@ def _header(campaign: Campaign) -> str:
         keys["centrifuge"] = True
     if campaign.site:
         keys["site"] = dict(campaign.site)
-    keys["sensors"] = {
-        number: {"axes": list(rows.conditions.sensor.axes), "channels": dict(rows.conditions.sensor.channels)}
-        for number, rows in campaign.sensors.items()
-    }
+    keys["sensors"] = {}
+    for number, own in campaign.sensors.items():
+        sensor = own.conditions.sensor
+        keys["sensors"][number] = {"axes": list(sensor.axes), "channels": dict(sensor.channels)}
+        if sensor.technology:
+            keys["sensors"][number]["technology"] = sensor.technology
     if campaign.condition_units:
         keys["conditions"] = dict(campaign.condition_units)
     if campaign.series_block_s is not None:

@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
 from hil.campaign import Sensor
+from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
 from hil.config.notify import NotifySection
@@ -108,6 +109,7 @@ class SensorSection(Section):
 
     axes: tuple[str, str, str]
     channels: dict[str, str] = Field(min_length=1)
+    technology: Technology = ""
     orientations: Annotated[dict[str, Any], BeforeValidator(_labels)] = Field(min_length=1)
     assumed: bool = False
 
@@ -225,7 +227,7 @@ class Bench(WholeFile):
     def sensor(self, number: int) -> Sensor:
         """Return a sensor's layout, as the equation and campaigns use it."""
         section = self.sensors[number]
-        return Sensor(number, section.axes, dict(section.channels))
+        return Sensor(number, section.axes, dict(section.channels), section.technology)
 
     def orientations(self, number: int) -> Mapping[str, Orientation]:
         """Return the orientation of a sensor at each position."""

@@ -74,14 +74,14 @@ class Parameter:
         low, high = self.typical
         return max(low, 0.01 * high), high
 
-    def for_sensor(self, sensor: Sensor, technology: str | None = None) -> Parameter:
+    def for_sensor(self, sensor: Sensor) -> Parameter:
         """Return this parameter with `typical` as it is for a sensor.
 
-        With a `technology` of `typical_other` it is that range. Without one a rotor sensor keeps the rotor's, and any
-        other sensor, whose technology a campaign does not tell, gets the span of all that are listed.
+        Of the sensor's technology that is its own range. A rotor sensor whose technology nobody stated keeps the
+        rotor's, and any other gets the span of all that are listed.
         """
-        if technology is not None and technology in self.typical_other:
-            return replace(self, typical=self.typical_other[technology])
+        if sensor.technology in self.typical_other:
+            return replace(self, typical=self.typical_other[sensor.technology])
         if sensor.is_rotor or not self.typical_other:
             return self
         ranges = list(self.typical_other.values())
@@ -152,10 +152,10 @@ class Described(ABC):
             if not any(np.any(np.isfinite(conditions.columns.get(name, np.nan))) for name in need.split("|"))
         )
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return the parameters as they are for these rows, one per column of `columns`, in that order."""
         sensor = conditions.sensor
-        declared = [parameter.for_sensor(sensor, technology) for parameter in self.parameters]
+        declared = [parameter.for_sensor(sensor) for parameter in self.parameters]
         if not self.per_channel:
             return tuple(declared)
         return tuple(

@@ -90,9 +90,9 @@ class MagneticSensitivity(Effect):
     incidental = True
     experiment = "Change the heading; a Helmholtz coil; the chamber's heater off during collects."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return one sensitivity per channel and axis: mAA, mAB, mAS, mBA, …."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         labels = (row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes)
         return tuple(replace(unit, name=f"m{label}") for label in labels)
 

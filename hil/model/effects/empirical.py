@@ -45,7 +45,7 @@ class EmpiricalTerm(Effect):
         """Return the driver's median, which a fitted term must keep."""
         return (ShapeParameter("reference", "", (driver_reference(self.driver, conditions),)),)
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return q, with its unit; typical is what moves the parameter by 0.1 to 10 over the driver's spread."""
         spread = float(np.std(driver_values(self.driver, conditions))) or 1.0
         unit = "1"

@@ -203,9 +203,9 @@ class LinearSensitivity(Effect):
         "Two headings, and orientations that turn the vertical axis: earth rate's vertical part is along gravity."
     )
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return GXX, GXY, …: row by channel, column by axis."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         return tuple(Parameter(name, unit.unit, unit.typical) for name in sensitivity_names(conditions.sensor))
 
     def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
@@ -235,9 +235,9 @@ class LinearSensitivityTemperature(LinearSensitivity):
     searched, known_as = False, "g_sensitivity"  # of which it is a form
     experiment = "The same orientations at two temperatures at least, revisited."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return G1_XX, G1_XY, …: row by channel, column by axis."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         labels = (row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes)
         return tuple(Parameter(f"G1_{label}", unit.unit, unit.typical) for label in labels)
 

@@ -26,10 +26,10 @@ class SquaredAcceleration(Effect):
     may_follow_temperature = True
     experiment = "Collect 4 gives the contrast kSS - kAA; the sum needs a centrifuge."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return one coefficient per channel and product of axes, named k, the two axes, and the channel's axis."""
         sensor = conditions.sensor
-        unit = self.parameters[0].for_sensor(sensor, technology)
+        unit = self.parameters[0].for_sensor(sensor)
         return tuple(
             Parameter(f"k{sensor.axes[i]}{sensor.axes[j]}_{label}", unit.unit, unit.typical)
             for i, j in _products(sensor)

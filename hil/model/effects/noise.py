@@ -336,9 +336,9 @@ class PowerCycleBias(Effect):
         several = _FEWEST_CYCLES <= count <= 0.6 * len(np.unique(conditions.run))
         return (ShapeParameter("power_cycles", "", (float(count),) if several else ()),)
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return b_1_A, b_1_B, b_2_A, …: one per power cycle and channel."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         cycles = range(1, len(np.unique(power_cycles(conditions))) + 1)
         return tuple(
             replace(unit, name=f"b_{cycle}_{label}") for cycle in cycles for label in channel_labels(conditions.sensor)

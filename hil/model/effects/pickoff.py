@@ -70,9 +70,9 @@ class ScaleFactor(Effect):
     confusable_with = ("earth", "GS_T", "misalign")
     experiment = "Two headings, or a rate table."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return e and de_dT, once for a rotor, else once per channel."""
-        declared = super().parameters_for(conditions, technology)
+        declared = super().parameters_for(conditions)
         if conditions.sensor.is_rotor:
             return declared
         labels = channel_labels(conditions.sensor)
@@ -114,9 +114,9 @@ class Misalignment(Effect):
     odds = OUTSIDE
     experiment = "Change the heading: G stays, W turns. A rate table settles it."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return mAB, mAS, mBA, mBS (for a triad mXY, mXZ, …): channel's axis, then the axis it leans toward."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         return tuple(replace(unit, name=f"m{label}{axis}") for _, label, _, axis in _leanings(conditions.sensor))
 
     def accepts(self, parameter: str) -> bool:

@@ -89,9 +89,9 @@ class IndexPositionError(_IndexedRotorEffect):
     odds = OUTSIDE
     experiment = "Measure the angle or G in every collect; approach each position from both sides."
 
-    def parameters_for(self, conditions: Conditions, technology: str | None = None) -> tuple[Parameter, ...]:
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return one angle per position of these rows: d_1, d_2, d_3."""
-        unit = self.parameters[0].for_sensor(conditions.sensor, technology)
+        unit = self.parameters[0].for_sensor(conditions.sensor)
         return tuple(Parameter(f"d_{label}", unit.unit, unit.typical) for label in np.unique(conditions.position))
 
     def accepts(self, parameter: str) -> bool:

@@ -242,6 +242,10 @@ REFUSED_HEADERS = {
     "unknown axis": (YAML.replace("RB: B", "RB: Q"), r"sensors\.2\.channels\.RB: 'Q' is not one of the axes"),
     "no channels": (YAML.replace("{RA: A, RB: B}", "{}"), r"sensors\.2\.channels"),
     "sensor's name": (YAML.replace("  2:", "  two:"), r"sensors\.two: a sensor is called by a whole number"),
+    "unknown technology": (
+        YAML.replace("channels:", "technology: laser\n    channels:"),
+        r"sensors\.2\.technology: 'laser' is none of rotor, DTG, RLG, FOG, MEMS, gas",
+    ),
     "unknown key of a sensor": (YAML.replace("channels:", "chanels: {}\n    channels:"), r"sensors\.2\.chanels"),
     "two columns of one name": (YAML.replace("RB: B", "w_A: B"), "would share the column w_A_deg_per_hr"),
     "site": (YAML + "site: {latitude_deg: north}\n", r"key site\.latitude_deg: 'north' is not a number"),

@@ -13,7 +13,7 @@ from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
-TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})
+TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"}, "MEMS")
 
 
 COLLECT = {1: 10, 3: 5, 5: 7, 7: 9, 2: 6, 4: 4, 6: 8}

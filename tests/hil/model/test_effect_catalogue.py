@@ -257,7 +257,8 @@ def test_typical_sizes_follow_the_technology() -> None:
     """A rotor's range for the rotor; the named technology's, or the span of all, for another sensor."""
     effect = effect_by_id("bias_T")
     assert effect.parameters_for(one_run())[0].typical == (0.2, 2.0)
-    assert effect.parameters_for(triad_poses(), "MEMS")[0].typical == (1.0, 30.0)
+    mems = replace(triad_poses(), sensor=replace(triad_poses().sensor, technology="MEMS"))
+    assert effect.parameters_for(mems)[0].typical == (1.0, 30.0)
     assert effect.parameters_for(triad_poses())[0].typical == (0.005, 30.0)
 
 
