@@ -12,7 +12,8 @@ from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
-from hil.reconcile.search.spoiled import wrong_rows
+from hil.reconcile.search.spoiled import MANY as MANY_PLACES
+from hil.reconcile.search.spoiled import runs_to_ask, wrong_rows
 from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
@@ -56,7 +57,7 @@ def _search(
     if not testable:
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
-    candidates += [*wrong_rows(sensor.number, blocks, conditions), *_exchanges(sensor, mislabelled)]
+    candidates += [*wrong_rows(sensor.number, blocks, conditions), *_exchanges(sensor, blocks, mislabelled)]
     site = problem.campaign.site
     known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
@@ -69,7 +70,6 @@ def _search(
         share = float(np.log(len(finer) + 1.0))
         found = terms(finer, blocks, noise, known, calibrated=own_values)
         search.terms += [replace(t, log_odds=parent.log_odds - share) for t in found]
-    search.forget()
     return search
 
 
@@ -110,16 +110,22 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
             yield replace(candidate, shape=value, columns=columns)
 
 
-def _exchanges(sensor: SensorProblem, mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
-    """Yield one candidate per exchange of labels in one run: its columns are what the exchange would change."""
+def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
+    """Yield one candidate per exchange of labels in one run: its columns are what the exchange would change.
+
+    Of very many runs those are asked about that are odd.
+    """
     conditions = sensor.collects.conditions
-    if len(np.unique(conditions.run)) < FEWEST_RUNS:
+    runs = len(np.unique(conditions.run))
+    if runs < FEWEST_RUNS:
         return  # the other runs cannot say what a run should have shown
     for effect in (e for e in mislabelled if not e.in_models):
         if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        bases = {run: sensor.base_without(conditions.run == run) for run in np.unique(conditions.run).tolist()}
-        for shape in (s for s in effect.shape_grid(conditions) if s.get("run") in bases):
+        grid = list(effect.shape_grid(conditions))
+        asked = runs_to_ask(blocks, conditions, MANY_PLACES * runs // max(len(grid), 1)).tolist()
+        bases = {run: sensor.base_without(conditions.run == run) for run in asked}
+        for shape in (s for s in grid if s.get("run") in bases):
             columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
             if np.any(columns):
                 parameters = effect.parameters_for(conditions)

@@ -8,7 +8,7 @@ search.likely_sets()           # the sets that are worth anything
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -108,6 +108,7 @@ class SensorSearch:
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[Laid]] = field(default_factory=list)
+    _scannable: int = 0
     _members: dict[tuple[int, int], tuple[Options, FloatArray]] = field(default_factory=dict)
 
     def leading(self) -> list[int]:
@@ -126,8 +127,8 @@ class SensorSearch:
         self.forget()
 
     def forget(self) -> None:
-        """Compute everything anew from now on: the terms or the points of the noise are others."""
-        self._laid, self._known, self._weighed, self._members = [], {}, {}, {}
+        """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
+        self._laid, self._scannable, self._known, self._weighed, self._members = [], 0, {}, {}, {}
 
     @property
     def log_odds(self) -> FloatArray:
@@ -135,12 +136,16 @@ class SensorSearch:
         return np.array([term.log_odds for term in self.terms])
 
     def _groups(self) -> list[list[Laid]]:
-        if not self._laid:
-            for b, search in enumerate(self.blocks):
-                empty = np.zeros((len(search.y), 0))
-                columns = [empty if (p := t.parts[b]) is None else p.columns for t in self.terms]
-                groups = Group.several(columns, [t.amplitudes[b] for t in self.terms])
-                self._laid.append([Laid.of(g, search.projected(g.columns, search.scanned)) for g in groups])
+        """Return what is scanned, by block: what came since the last time is laid out beside what was."""
+        self._laid = self._laid or [[] for _ in self.blocks]
+        first, self._scannable = self._scannable, len(self.terms)
+        new = self.terms[first:]
+        for b, search in enumerate(self.blocks if new else ()):
+            empty = np.zeros((len(search.y), 0))
+            columns = [empty if (p := t.parts[b]) is None else p.columns for t in new]
+            for group in Group.several(columns, [t.amplitudes[b] for t in new]):
+                own = replace(group, places=group.places + first)
+                self._laid[b].append(Laid.of(own, search.projected(own.columns, search.scanned)))
         return self._laid
 
     def scan(self, given: Set) -> FloatArray:

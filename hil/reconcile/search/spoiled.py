@@ -27,19 +27,17 @@ def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> 
     Where there are very many, of those that differ most from their neighbours.
     """
     shape = (len(conditions), len(conditions.sensor.channels))
-    odd = np.zeros(len(conditions))
-    for block in blocks:
-        np.maximum.at(odd, block.rows, _oddness(block, conditions))
-    for row in sorted(most_of(np.unique(np.concatenate([block.rows for block in blocks])), odd)):
+    odd = _odd(blocks, conditions)
+    rows = np.unique(np.concatenate([block.rows for block in blocks]))
+    for row in sorted(rows[np.argsort(-odd[rows], kind="stable")][:MANY].tolist()):
         several = np.zeros((*shape, shape[1]))
         several[row] = np.eye(shape[1])
         yield _wrong("row", number, several, {"row": float(row)})
         for channel in range(shape[1]):
             yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
-    of_run = np.array([odd[conditions.run == run].mean() for run in conditions.run.tolist()])
+    odd_runs = runs_to_ask(blocks, conditions, MANY)
     for block in blocks:
-        first = np.unique(block.run, return_index=True)[1]
-        for run in sorted(block.run[k] for k in most_of(first, of_run[block.rows])):
+        for run in np.unique(block.run[np.isin(conditions.run[block.rows], odd_runs)]).tolist():
             here = np.flatnonzero(block.run == run)
             if not 1 < len(here) < 0.5 * len(block.y):
                 continue
@@ -49,9 +47,19 @@ def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> 
             yield _wrong("run", number, columns, of_block)
 
 
-def most_of(places: IntArray, odd: FloatArray) -> list[int]:
-    """Return the places (k,) whose oddness (n,) is largest, all of them where they are not very many."""
-    return [int(k) for k in places[np.argsort(-odd[places], kind="stable")][:MANY]]
+def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, most: int) -> IntArray:
+    """Return the numbers of at most so many runs (k,), those that differ most from their neighbours."""
+    odd, runs = _odd(blocks, conditions), np.unique(conditions.run)
+    of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
+    return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[:most]]))
+
+
+def _odd(blocks: Sequence[Block], conditions: Conditions) -> FloatArray:
+    """How far each collect (n,) is off its neighbours, in the worst of its channels."""
+    out = np.zeros(len(conditions))
+    for block in blocks:
+        np.maximum.at(out, block.rows, _oddness(block, conditions))
+    return out
 
 
 def _oddness(block: Block, conditions: Conditions) -> FloatArray:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from hil.model import load_model
-from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.model.effects.catalogue import EFFECTS, SERIES_EFFECTS, effect_by_id
 from hil.reconcile.inside import named_within
 from hil.reconcile.search.candidates import MANY as SHAPES
 from hil.reconcile.search.candidates import catalogue_candidates
-from hil.reconcile.search.layout import searches
+from hil.reconcile.search.layout import _exchanges, searches
 from hil.reconcile.search.noise import FIXED, FOLLOWS, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.spoiled import MANY, wrong_rows
-from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
+from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
 
 def season(hidden: object = None) -> Problem:
@@ -42,6 +42,25 @@ def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
     every = few.sensors[2].collects.conditions
     asked = {int(c.shape["row"]) for c in wrong_rows(2, few.blocks, every) if c.name == "row"}
     assert asked == set(range(len(every)))
+
+
+def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
+    """The run in which two collects changed places is asked about, and most of the hundred and twenty are not."""
+
+    def exchanged(rows: Rows) -> np.ndarray:
+        rates = base_rates(rows, thermal=False)
+        change = np.zeros_like(rates)
+        first, second = np.flatnonzero(rows.run == 77)[[0, 2]]
+        change[[first, second]] = rates[[second, first]] - rates[[first, second]]
+        return change
+
+    problem = season(exchanged)
+    swap = next(effect for effect in EFFECTS if not effect.in_models)
+    found = list(_exchanges(problem.sensors[2], problem.blocks, [swap]))
+    asked = {c.shape["run"] for c in found}
+    assert 77.0 in asked
+    assert len(asked) < 40
+    assert len(found) <= MANY
 
 
 @pytest.mark.slow
