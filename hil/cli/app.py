@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from hil.cli import (
     chamber,
@@ -28,13 +31,42 @@ from hil.cli import simulate as device
 from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
 
+GROUPS = {
+    "Before a night": "plan check visibility design budget",
+    "A night": "demo run status dashboard pause continue confirm abort resume watchdog notify",
+    "Its results": "report solve reconcile twin scatter thermal allan plot export verify repair replay",
+    "Tables and the catalogue": "import audit reproduce effects",
+    "Devices": "simulate chamber decode frames",
+}
+"""Under which title `hil --help` has which commands, in the order in which they are needed."""
+
+
+class Grouped(TyperGroup):
+    """The commands by what they are for, not by where they were written."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a list of commands for each group."""
+        wide = max(map(len, self.list_commands(ctx)))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                about = ((name, self.commands[name]) for name in names.split())
+                space = formatter.width - wide - 6
+                formatter.write_dl([(name.ljust(wide), own.get_short_help_str(space)) for name, own in about])
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"hil {version('hil')}")
+        raise typer.Exit
+
+
 app = typer.Typer(
     name="hil",
+    cls=Grouped,
     help="Run a gyro self-calibration bench by itself: chamber, collects, matrix solution, report.",
     epilog="Exit status: 0 done, 1 failed or aborted, 2 bad input, 3 stopped with the bench safe, 4 incomplete, "
     "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -64,6 +96,15 @@ app.add_typer(frames.frames_app)
 for picture in plot.COMMANDS:
     plot.plot_app.command()(with_status(picture))
 app.add_typer(plot.plot_app)
+
+
+@app.callback()
+def _options(
+    asked: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    pass
 
 
 def main() -> None:

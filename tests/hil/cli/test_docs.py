@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
-from hil.cli.app import app
+from hil.cli.app import GROUPS, app
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -102,3 +104,19 @@ def test_every_page_is_in_the_index() -> None:
         lists = (folder / "README.md").read_text()
         for page in folder.glob("*.md"):
             assert page.name == "README.md" or f"({page.name}" in lists, f"{name_of(page)} is not in its index"
+
+
+def test_every_command_stands_in_one_group_of_the_help() -> None:
+    """What is in none could be found by nobody; what is in two is told twice."""
+    grouped = " ".join(GROUPS.values()).split()
+    assert sorted(grouped) == sorted(below(CLI))
+    text = CliRunner().invoke(app, ["--help"]).output
+    titles = [text.index(f"{title}:") for title in GROUPS]
+    assert titles == sorted(titles)
+    assert text.index("A night:") < text.index("  run ") < text.index("Its results:") < text.index("  reconcile ")
+
+
+def test_the_version_is_that_of_the_project() -> None:
+    """As pyproject.toml states it."""
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert CliRunner().invoke(app, ["--version"]).output == f"hil {stated}\n"

@@ -175,6 +175,14 @@ def test_the_sizes_of_a_set_are_found_from_wherever_the_climb_begins(
     assert logsumexp(again.by_kind(2)) == pytest.approx(logsumexp(usual.by_kind(2)), abs=0.2)
 
 
+def test_terms_that_come_later_are_scanned_as_if_they_had_been_there(search: SensorSearch) -> None:
+    """What was laid out stays; what is new stands in its own place."""
+    several = SensorSearch(search.blocks, list(search.terms))
+    scores = several.scan(())
+    several.terms += [search.terms[3], search.terms[0]]
+    assert several.scan(()) == pytest.approx(np.append(scores, scores[[3, 0]]), abs=1e-9)
+
+
 def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
     """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
     candidates = [search.terms[term(search, name)].candidate for name in ("usual", "k2")]
