@@ -22,13 +22,14 @@ from pathlib import Path
 
 from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
+from hil.campaign.reader import read_campaign
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
-from hil.records.export import campaign_of_night
+from hil.records.export import campaign_of_night, export_campaign
 from hil.report.against import compare
 from hil.report.content import gather
 from hil.report.statements import good
@@ -130,10 +131,11 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
             start_night(before, sweep_of(case), load_bench("simulated"), seed=seed)
             against = compare(campaign, campaign_of_night(before))
         content = gather(campaign, None, against)
+        exported = read_campaign(export_campaign(folder, folder.with_name("exported")).folder)
     except InputError as error:
         return Told("nothing", "\n".join([*said, str(error)]))
     found = [each for sensor in content.sensors for each in sensor.solutions]
-    said += [each.reason for each in found] + list(content.campaign.warnings)
+    said += [each.reason for each in found] + [*content.campaign.warnings, *exported.warnings]
     said.append(good(content)[1])
     worst = good(content)[0] if outcome.state == "complete" else str(Verdict.INCONCLUSIVE)
     return Told("not begun" if stopped and worst == Verdict.PASS else worst, "\n".join(said))

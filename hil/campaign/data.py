@@ -118,13 +118,15 @@ class Collects:
 class Series:
     """The rates within one collect: `t_s` (k,) from its start, `rates_deg_per_hr` (k, c), NaN where a cell is empty.
 
-    `temperature_degC` has shape (k,) or is None; `block_s` is the averaging time of each row, None for single samples.
+    `temperature_degC` has shape (k,) or is None; `block_s` is the averaging time of each row, None for single samples,
+    `n_samples`, (k,) or None, of how many samples each is the mean.
     """
 
     t_s: FloatArray
     rates_deg_per_hr: FloatArray
     temperature_degC: FloatArray | None = None
     block_s: float | None = None
+    n_samples: FloatArray | None = None
 
 
 @dataclass(frozen=True)

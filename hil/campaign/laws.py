@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, Series
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
@@ -26,7 +26,11 @@ _STEP_DEGC = 2.0  # from one collect to the next, beside what the slopes of both
 _NEXT_S = 1800.0
 _ROUNDED_S = 90.0  # what a spreadsheet that counts in minutes makes of two times
 _UNTIL = 0.25  # of a collect: so much of it is over when the next begins, whatever was rounded
-_SERIES_SIGMAS = 6.0
+_SIGMAS, _DRIFTS = 6.0, 3.0  # by how much samples that are not in a series may be off its mean: noise, and a drift
+_SAMPLES = 0.5  # of the samples stand in the series: its rows are samples, or say how many each is of
+_FEW = 10  # rows that do not tell how others scatter
+_DIGITS, _ULPS, _SUMS = 12, 8.0, 1e-9
+_NEAR = 1e-4  # five digits would not show a difference
 _OF_A_RUN = {"supply_V": 1.2, "spin_period_us": 1.05}
 _SAMPLE_RATE, _ERROR = 1.25, 10.0
 """By which factor a record of one collect may differ from the usual one of its run."""
@@ -60,9 +64,10 @@ class Law:
     def words(self) -> str:
         """What the worst of them shows, and what belongs there."""
         i = int(np.argmax(self.excess))
-        low, high = f"{self.low[i]:.5g}", f"{self.high[i]:.5g}"
+        near = min(abs(self.shown[i] - self.low[i]), abs(self.shown[i] - self.high[i])) < _NEAR * abs(self.shown[i])
+        shown, low, high = (f"{each[i]:.{10 if near else 5}g}" for each in (self.shown, self.low, self.high))
         ends = f"at most {high}" if low == "-inf" else f"at least {low}" if high == "inf" else f"{low} to {high}"
-        return f"{self.record} is {self.shown[i]:.5g}, where {ends} belongs by {self.by}"
+        return f"{self.record} is {shown}, where {ends} belongs by {self.by}"
 
 
 def laws(
@@ -70,7 +75,7 @@ def laws(
 ) -> Iterator[Law]:
     """Yield what can be said of a sensor's collects, those of another sensor of the unit `beside` them.
 
-    `series` holds mean and standard error of each channel, (2, c), by the number of each collect that has its samples.
+    `series` holds what `average` says of each collect, by its number, that has its samples.
     """
     c = collects.conditions
     columns, none = c.columns, np.full(len(c), np.nan)
@@ -103,11 +108,47 @@ def laws(
         error = collects.rates_se_deg_per_hr[:, k]
         per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR, usual)
         yield Law(per_second.record, error, per_second.low / np.sqrt(c.duration_s), np.full(len(c), np.inf), usual)
-        if not series:
-            continue
-        mean, se = np.array([series.get(n, np.full((2, k + 1), np.nan))[:, k] for n in c.collect.tolist()]).T
-        allowed = _SERIES_SIGMAS * np.fmax(se, error)
-        yield Law(channel, collects.rates_deg_per_hr[:, k], mean - allowed, mean + allowed, "its samples in series")
+    records = [*zip(c.sensor.channels, collects.rates_deg_per_hr.T, strict=True), ("temperature_degC", shown)]
+    for k, (name, averages) in enumerate(records if series else ()):
+        unknown = np.full((2, len(records)), np.nan)
+        mean, off = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
+        off = off + _digit(averages)
+        yield Law(name, averages, mean - off, mean + off, "its samples in series")
+
+
+def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
+    """Return the mean of each of c channels and of the temperature, and how far all samples may be from it, (2, c + 1).
+
+    Where the series has all `n_samples` (NaN: unknown) of the collect, that is no further than digits go; otherwise as
+    far as what it does not have can move a mean.
+    """
+    t_s, rates, temperature = series.t_s, series.rates_deg_per_hr, series.temperature_degC
+    values = np.column_stack([rates, np.full(len(t_s), np.nan) if temperature is None else temperature])
+    of_each = series.n_samples
+    each = of_each if of_each is not None and np.all(of_each > 0.0) else np.ones(len(t_s))
+    weights = np.where(np.isfinite(values), each[:, None], 0.0)
+    held, rows = weights.sum(axis=0), np.count_nonzero(weights, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(weights * values, axis=0) / held
+        sd = np.sqrt(np.nansum(weights * np.square(values - mean), axis=0) / held)
+        missing, of = np.abs(n_samples - held), np.fmax(n_samples, held)
+        expected = duration_s / float(np.median(np.diff(t_s))) if len(t_s) > 1 else np.inf
+        as_rows = (np.abs(expected - rows) + 1.0) / np.fmax(expected, rows)  # means over some time, of who knows what
+        share = np.where(missing < _SAMPLES * of, missing / of, as_rows)
+        off = sd * (_SIGMAS * np.sqrt(share / rows) + _DRIFTS * share)
+        off = np.where((rows < _FEW) & (share > 0.0), np.inf, off)
+    return np.stack([mean, off + np.array([_digit(each) for each in values.T]) + _SUMS * np.abs(mean)])
+
+
+def _digit(values: FloatArray) -> float:
+    """Return the size of the last digit that numbers, (n,), are written with."""
+    known, digits = values[np.isfinite(values)], _DIGITS
+    while digits:
+        finer = known * 10.0 ** (digits - 1)
+        if np.any(np.abs(finer - np.rint(finer)) > _ULPS * np.spacing(finer)):
+            break
+        digits -= 1
+    return float(10.0**-digits)
 
 
 def soaked(c: Conditions) -> BoolArray:

@@ -149,8 +149,8 @@ def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iter
         folder.mkdir(exist_ok=True)
         columns = {"t_s": samples.t_s}
         columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensors[collect]))}
-        if samples.temperature_degC is not None:
-            columns["temperature_degC"] = samples.temperature_degC
+        optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
+        columns |= {name: values for name, values in optional.items() if values is not None}
         disk.write(folder / f"{collect:04d}.csv", _csv(columns))
     if folder.is_dir():
         disk.synchronise_folder(folder)

@@ -141,22 +141,25 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.verdicts[2].reason
 
 
-@pytest.mark.parametrize("edited", [False, True])
-def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edited: bool) -> None:
-    """Read from a folder, whose collects.csv somebody has edited."""
+@pytest.mark.parametrize(
+    ("counted", "off", "said"),
+    [("20", 0.0, ""), ("20", 3e-6, "RA is 14.250003, where 14.24999"), ("", 0.6, ""), ("", 1.0, "RA is 15.25, where 13.")],
+)
+def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, counted: str, off: float, said: str) -> None:
+    """Exactly where the series counts all its samples; else by what rows of unequal weight, or missing ones, can do."""
     write_campaign(campaign(), tmp_path / "campaign")
     series = tmp_path / "campaign" / "series"
     series.mkdir()
     noise = np.random.default_rng(1).normal(0.0, 5.0, (60, 2))
     noise -= noise.mean(axis=0)
-    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f}" for t, (a, b) in enumerate(noise)]
-    (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr", *lines]))
+    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f},{counted}" for t, (a, b) in enumerate(noise)]
+    (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr,n_samples", *lines]))
     table = tmp_path / "campaign" / "collects.csv"
-    if edited:
-        table.write_text(table.read_text().replace(",14.25,8.25,", ",114,8.25,"))
+    table.write_text(table.read_text().replace(",14.25,8.25,", f",{14.25 + off},8.25,"))
     judged = read_campaign(tmp_path / "campaign")
-    assert list(judged.verdicts) == ([2] if edited else [])
-    assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited
+    assert list(judged.verdicts) == ([2] if said else [])
+    assert ("in series" in " ".join(judged.warnings)) is bool(said)
+    assert f"collect 10: sensor 2: {said}" in " ".join(judged.warnings) or not said
 
 
 DESIGNS: tuple[dict[str, Any], ...] = (
