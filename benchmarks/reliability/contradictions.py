@@ -22,9 +22,9 @@ from pathlib import Path
 
 from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
-from hil.campaign.reader import read_campaign
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
+from hil.campaign.reader import read_campaign
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.night import start_night
@@ -112,6 +112,10 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
                 return given if not len(times_s) else {**given, **tamper(times_s, given, live)}
 
             unit.signals = signals  # type: ignore[method-assign]
+        if case.laid is not None and live.simulators is not None:
+            timeline, laid = live.simulators.unit._timeline, dict([case.laid])
+            add = timeline.add
+            timeline.add = lambda asked, *when: add(laid.get(asked, asked), *when)  # type: ignore[method-assign]
         imu, clock = live.devices.imu, live.devices.clock
         blocks = []
         for _ in range(20):

@@ -109,6 +109,7 @@ def laws(
         per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR, usual)
         yield Law(per_second.record, error, per_second.low / np.sqrt(c.duration_s), np.full(len(c), np.inf), usual)
     records = [*zip(c.sensor.channels, collects.rates_deg_per_hr.T, strict=True), ("temperature_degC", shown)]
+    records.append(("n_samples", column("n_samples")))
     for k, (name, averages) in enumerate(records if series else ()):
         unknown = np.full((2, len(records)), np.nan)
         mean, off = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
@@ -117,10 +118,10 @@ def laws(
 
 
 def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
-    """Return the mean of each of c channels and of the temperature, and how far all samples may be from it, (2, c + 1).
+    """Return the mean of c channels and of the temperature, how many samples it is of, and how far off each may be.
 
-    Where the series has all `n_samples` (NaN: unknown) of the collect, that is no further than digits go; otherwise as
-    far as what it does not have can move a mean.
+    The shape is (2, c + 2). Where the series has all `n_samples` (NaN: unknown) of the collect, a mean is no further
+    off than digits go; otherwise as far as what it does not have can move it.
     """
     t_s, rates, temperature = series.t_s, series.rates_deg_per_hr, series.temperature_degC
     values = np.column_stack([rates, np.full(len(t_s), np.nan) if temperature is None else temperature])
@@ -137,7 +138,9 @@ def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
         share = np.where(missing < _SAMPLES * of, missing / of, as_rows)
         off = sd * (_SIGMAS * np.sqrt(share / rows) + _DRIFTS * share)
         off = np.where((rows < _FEW) & (share > 0.0), np.inf, off)
-    return np.stack([mean, off + np.array([_digit(each) for each in values.T]) + _SUMS * np.abs(mean)])
+    off += np.array([_digit(column) for column in values.T]) + _SUMS * np.abs(mean)
+    count = np.nan if each is not of_each else each.sum()
+    return np.stack([np.append(mean, count), np.append(off, 0.0)])
 
 
 def _digit(values: FloatArray) -> float:
