@@ -117,6 +117,42 @@ def test_a_record_that_the_others_contradict_fails_its_run(
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
 
 
+HERE = np.tile([[-2.0, 10.0, -6.0], [-2.0, 10.0, 6.0], [6.0, 10.0, -2.0]], (3, 1))
+TURNED = np.where(RUN[:, None] == 2, HERE * [-1.0, -1.0, 1.0], HERE)  # run 2 at another heading
+
+
+@pytest.mark.parametrize(
+    ("w", "row", "factor", "failed"),
+    [
+        (HERE, 4, [1, 1, 1], []),
+        (HERE, 4, [1, -1, 1], [2]),
+        (TURNED, 0, [1, 1, 1], []),
+        (TURNED, 0, [1, 1, 0], [1]),
+        (HERE, 1, [2, 2, 2], [1]),
+    ],
+)
+def test_one_collect_alone_has_no_other_earth_rate(
+    w: FloatArray, row: int, factor: list[int], failed: list[int]
+) -> None:
+    """Than the others at its position; a run at a heading of its own may, but none faster than the Earth turns."""
+    made = campaign()
+    conditions = made.sensors[2].conditions
+    changed = np.where(np.arange(9)[:, None] == row, w * factor, w)
+    rows = replace(made.sensors[2], conditions=replace(conditions, w_deg_per_hr=changed))
+    assert list(judged_by_its_records(replace(made, sensors={2: rows})).verdicts) == failed
+
+
+def test_f_that_is_not_that_of_its_position_fails() -> None:
+    """With no accelerometers to contradict it."""
+    made = campaign()
+    conditions = made.sensors[2].conditions
+    f_g = np.where(np.arange(9)[:, None] == 4, -conditions.f_g, conditions.f_g)
+    rows = replace(made.sensors[2], conditions=replace(conditions, f_g=f_g))
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
+    assert "the distance of f, g, from the usual, is 2, where at most 0.1 belongs" in judged.verdicts[2].reason
+
+
 @pytest.mark.parametrize(("digits", "said"), [(9, True), (1, False)])
 def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> None:
     """One collect's in another, unless they are rounded so far that two may agree; one channel's in another, always."""
