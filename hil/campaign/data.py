@@ -7,8 +7,9 @@ reconcile, thermal and report work on data that this project did not record.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,17 +78,10 @@ class Conditions:
 
     def rows(self, index: RowIndex) -> Conditions:
         """Return the chosen rows: a mask or an array of indices, shape (n,) or (k,)."""
-        return Conditions(
-            self.sensor,
-            self.collect[index],
-            self.run[index],
-            self.position[index],
-            self.start_s[index],
-            self.duration_s[index],
-            self.f_g[index],
-            self.w_deg_per_hr[index],
-            {name: values[index] for name, values in self.columns.items()},
-        )
+        chosen: dict[str, Any] = {
+            name: each[index] for name, each in vars(self).items() if isinstance(each, np.ndarray)
+        }
+        return replace(self, **chosen, columns={name: values[index] for name, values in self.columns.items()})
 
     @property
     def w_channels_deg_per_hr(self) -> FloatArray:

@@ -209,11 +209,8 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
 def _collects(journal: JournalReader) -> list[_Collect]:
     done = journal.done_attempts()
     samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
-    collects = []
-    for step in journal.plan.of_kind(StepKind.COLLECT):
-        attempt = done.get(step.key)
-        if attempt is not None:
-            collects.append(_Collect(step, attempt.data, samples.get((step.key, attempt.attempt))))
+    taken = [(step, done[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in done]
+    collects = [_Collect(step, each.data, samples.get((step.key, each.attempt))) for step, each in taken]
     return sorted(collects, key=lambda collect: collect.start_s)
 
 
