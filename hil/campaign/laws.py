@@ -78,7 +78,7 @@ def laws(
 ) -> Iterator[Law]:
     """Yield what can be said of a sensor's collects, those of another sensor of the unit `beside` them.
 
-    `series` holds what `average` says of each collect, by its number, that has its samples.
+    `series` holds what `average` says, (2, c + 2), by the number of each collect that has its samples.
     """
     c = collects.conditions
     columns, none = c.columns, np.full(len(c), np.nan)
