@@ -37,7 +37,7 @@ from procedures.attended import Terminal
 from procedures.collect import join
 from procedures.verdict import Verdict
 
-_WORDS = (
+SAID = (
     "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
     "renewed|from the others|other runs|thermometer|belongs by|samples: the unit sends|one body|"
     "not measured well enough|NOT|S/N|jump"
@@ -163,7 +163,7 @@ def main() -> None:
     began_s = time.monotonic()
     if asked.clean:
         told = list(clean(asked.clean, asked.seed))
-        loud = [each.said for each in told if re.search(_WORDS, each.said)]
+        loud = [each.said for each in told if re.search(SAID, each.said)]
         by_chance = sum(each.verdict != Verdict.PASS for each in told) - len(loud)
         document = {"nights": len(told), "a_word_was_said": len(loud), "residuals_by_chance": by_chance, "said": loud}
         print(json.dumps(document, ensure_ascii=False, indent=1))
