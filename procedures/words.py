@@ -7,26 +7,21 @@ from collections.abc import Iterable
 from procedures.plan import Step, StepKind
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+_STEPS = {
+    StepKind.IDENTIFY: "checking who is connected",
+    StepKind.SETPOINT: "chamber to {0.temperature_degC:.1f} °C",
+    StepKind.RESTABILISE: "self-calibration {0.self_calibration}: restabilising{where}",
+    StepKind.INDEX: "self-calibration {0.self_calibration}: indexing to position {0.position}",
+    StepKind.COLLECT: "self-calibration {0.self_calibration}: Collect {0.position}{where}",
+    StepKind.SAFE_STATE: "bringing the chamber to its safe state",
+}
 _MOST, _SHOWN = 12, 5  # numbers to choose from: if there are more, so many of them are shown
 
 
 def step_in_words(step: Step) -> str:
     """Say what a step does, as a technician would."""
     where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
-    run = "" if step.self_calibration is None else f"self-calibration {step.self_calibration}"
-    match step.kind:
-        case StepKind.IDENTIFY:
-            return "checking who is connected"
-        case StepKind.SETPOINT:
-            return f"chamber to {step.temperature_degC:.1f} °C"
-        case StepKind.RESTABILISE:
-            return f"{run}: restabilising{where}"
-        case StepKind.INDEX:
-            return f"{run}: indexing to position {step.position}"
-        case StepKind.COLLECT:
-            return f"{run}: Collect {step.position}{where}"
-        case StepKind.SAFE_STATE:
-            return "bringing the chamber to its safe state"
+    return _STEPS[step.kind].format(step, where=where)
 
 
 def hours_minutes(seconds: float) -> str:

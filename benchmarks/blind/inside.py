@@ -78,7 +78,8 @@ def write_series(case: Case, name: str, folder: Path, seed: int, rho: float = 0.
             noise[i] = rho * noise[i - 1] + np.sqrt(1.0 - rho**2) * noise[i]
         samples = case.rates[k] + noise - noise.mean(0)
         if change:
-            samples[:, 0] = change(samples[:, 0], unit)
+            changed = change(samples[:, 0], unit)
+            samples[:, 0] = changed + case.rates[k][0] - changed.mean()
         with (folder / "series" / f"{k + 1:04d}.csv").open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(["t_s", "RA_deg_per_hr", "RB_deg_per_hr"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Case:
     positions: str = "1, 2, 3"
     temperatures: str = "23 degC"
     runs: int = 1
+    laid: tuple[str, str] | None = None  # when it is asked for the first position, the unit comes to the second
     history: bool = False  # the unit's last campaign, with nothing wrong, is at hand (`hil report --against`)
 
 
@@ -68,8 +70,8 @@ def _toggling(times_s: FloatArray, values: FloatArray) -> FloatArray:
 
 def cases() -> Iterator[Case]:
     """Yield every case."""
-    yield from _by_hand()
-    yield from _indexed()
+    yield from _poses()
+    yield from _sweeps()
     yield from _accelerometers()
     yield from _rates()
     yield from _temperatures()
@@ -90,30 +92,22 @@ BY_HAND = (
 )
 
 
-def _by_hand() -> Iterator[Case]:
-    """The operator lays the unit wrong at one collect, of 3, 4 and 6 positions, and again when asked again."""
-    for positions in ("1, 2, 3", "1, 3, 2, 4", "1, 3, 4, 2, 5, 6"):
-        labels = positions.split(", ")
-        for place, label in enumerate(labels, 1):
-            yield Case(
-                f"by hand, collect {place} of {positions}: laid wrong",
-                rf"position {label} was asked for, but the unit lies as in position",
-                faults=(f"{{at: T1/S1/C{place}/index, device: operator, kind: wrong_position, duration: 10 min}}",),
-                file=BY_HAND,
-                positions=positions,
-            )
+def _poses() -> Iterator[Case]:
+    """The unit lies as in another position, of sequences of 3, 4 and 6: every pair, by hand and by an index."""
+    for how in ("by hand", "indexed"):
+        for positions in ("1, 2, 3", "1, 3, 2, 4", "1, 3, 4, 2, 5, 6"):
+            for asked, lies in permutations(positions.split(", "), 2):
+                yield Case(
+                    f"{how}, {positions}: at {asked} it lies as in {lies}",
+                    rf"position {asked} was asked for, but the unit lies as in position {lies}",
+                    file=BY_HAND if how == "by hand" else BY_HAND[1:],
+                    positions=positions,
+                    laid=(asked, lies),
+                )
 
 
-def _indexed() -> Iterator[Case]:
-    """The index says that it has turned the unit, which has not moved."""
-    for positions in ("1, 2, 3", "1, 3, 2, 4"):
-        for place, label in enumerate(positions.split(", ")[1:], 2):
-            yield Case(
-                f"indexed, collect {place} of {positions}: not turned",
-                rf"position {label} was asked for, but the unit lies as in position",
-                faults=(f"{{at: T1/S1/C{place}/index, device: imu, kind: index_slips, duration: 10 min}}",),
-                positions=positions,
-            )
+def _sweeps() -> Iterator[Case]:
+    """Every collect at a position is wrong, so that the runs agree with each other."""
     yield Case(
         "never turned to position 2",
         "position 2 was asked for, but the unit lies as in position 1",
@@ -141,6 +135,13 @@ def _accelerometers() -> Iterator[Case]:
     yield Case("sign of accelerometer A turned", "sign of its accelerometer A", _times(-1.0, "accel_A2"))
     swapped = _exchanged(("accel_A1", "accel_B1"), ("accel_A2", "accel_B2"))
     yield Case("accelerometers A and B exchanged", "accelerometers A and B are exchanged", swapped)
+    one = _exchanged(("accel_A2", "accel_B2"))
+    yield Case("accelerometers A and B of one sensor exchanged", "accelerometers A and B are exchanged", one)
+    plugs = _exchanged(("accel_A1", "accel_A2"), ("accel_B1", "accel_B2"))
+    yield Case("accelerometers of the two sensors exchanged", "where|asked for|exchanged", plugs)
+    turned = "sign of its accelerometer B|along B where"  # in positions where B is upright: level, it shows nothing
+    six = {"file": BY_HAND[1:], "positions": "1, 3, 4, 2, 5, 6"}
+    yield Case("sign of accelerometer B turned", turned, _times(-1.0, "accel_B2"), **six)  # type: ignore[arg-type]
     tilted = _set("accel_B2", lambda _t, v: v + 0.3)
     yield Case("tilted by 17 degrees", "along B where", tilted)
 
@@ -148,6 +149,9 @@ def _accelerometers() -> Iterator[Case]:
 def _rates() -> Iterator[Case]:
     yield Case("rates in rad/s", "sent in rad/s", _times(1.0 / 57.29578, "rate"))
     yield Case("rates times 3600", "sent in deg/hr and read as deg/s", _times(3600.0, "rate"))
+    yield Case("rates in deg/s", "sent in deg/s and read as deg/hr", _times(1.0 / 3600.0, "rate"))
+    yield Case("rates in deg/s, read as rad/s", "sent in deg/s and read as rad/s", _times(57.29578, "rate"))
+    yield Case("rates per second, read as per sample", "sent per second and read as", _times(20.0, "rate"))
     yield Case("rates per sample", "angle per sample", _times(0.05, "rate"))
     yield Case("counts without scale", "counts without their scale", _times(1000.0 * 16.0, "rate"))
     yield Case("RA dead", "not being measured", _times(0.0, "rate_A2"))
@@ -160,6 +164,13 @@ def _rates() -> Iterator[Case]:
     yield Case("RA toggles one bit", "shows only", _set("rate_A2", _toggling))
     yield Case("RA spikes in 0.1 % of the samples", "from the others, which move its mean", _set("rate_A2", _spiked))
     yield Case("RA frozen for 20 of 60 s", "did not change for", _set("rate_A2", _frozen))
+    for name, words, change in (
+        ("RA and RB exchanged", "RA and RB look exchanged", _exchanged(("rate_A2", "rate_B2"))),
+        ("RA of both sensors exchanged", "RA and RA look exchanged", _exchanged(("rate_A1", "rate_A2"))),
+        ("sign of RA turned", "the sign of RA looks turned", _times(-1.0, "rate_A2")),
+        ("RA with a gain of 1.2", "RA looks 1.2 times too large", _times(1.2, "rate_A2")),
+    ):
+        yield Case(f"{name}, the last campaign at hand", words, change, history=True)
     doubled = ("{at: 0 s, device: imu, kind: repeated_frames, size: 1.0}",)
     yield Case("every frame twice", "frames came twice", None, doubled)
     exchanged = ("{at: T1/S1/C2/collect, device: imu, kind: exchanged}",)
@@ -188,6 +199,9 @@ def _temperatures() -> Iterator[Case]:
         ),
     ):
         yield Case(name, words, tamper, temperatures=both)
+    kelvin, fahrenheit = ((lambda _t, v: v + 273.15), (lambda _t, v: 1.8 * v + 32.0))
+    yield Case("rotor temperature in K", "unit-limits: the unit is outside", _set("rotor_2_degC", kelvin))
+    yield Case("rotor temperature in °F", "by the air|by the thermometer of sensor", _set("rotor_2_degC", fahrenheit))
     yield Case("case thermometer 30 °C too high", "case_degC is", _set("case_degC", lambda _t, v: v + 30.0))
     for name, factor, words in (("supply_V", 0.2, "supply_V is"), ("spin_period_2_us", 0.9, "spin_period_us is")):
         yield Case(f"{name} falls in one collect", words, _in_collect(1, 2, _times(factor, name)))
@@ -239,6 +253,8 @@ def _sites() -> Iterator[Case]:
     """The bench stands elsewhere than its file says. Collects of one heading cannot tell; two, or the history, can."""
     moved = ("latitude: 34.6 deg", "latitude: 44.6 deg")
     yield Case("latitude off by 10 degrees, the last campaign at hand", "latitude", file=(moved,), history=True)
+    turned = ("heading: 30 deg", "heading: 60 deg")
+    yield Case("heading off by 30 degrees, the last campaign at hand", "heading", file=(turned,), history=True)
     for what, latitude_deg, heading_deg in (("latitude", 10.0, 0.0), ("heading", 0.0, 30.0)):
         yield Case(
             f"{what} wrong, collects at two headings",

@@ -24,11 +24,12 @@ from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
+from hil.campaign.reader import read_campaign
 from hil.config import Bench, Sweep, load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
-from hil.records.export import campaign_of_night
+from hil.records.export import campaign_of_night, export_campaign
 from hil.report.against import compare
 from hil.report.content import gather
 from hil.report.statements import good
@@ -36,7 +37,7 @@ from procedures.attended import Terminal
 from procedures.collect import join
 from procedures.verdict import Verdict
 
-_WORDS = (
+SAID = (
     "lies as in|accelerometer|belong, as in|very same samples|not being measured|did not change|clipped|shows only|"
     "renewed|from the others|other runs|thermometer|belongs by|samples: the unit sends|one body|"
     "not measured well enough|NOT|S/N|jump"
@@ -111,6 +112,10 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
                 return given if not len(times_s) else {**given, **tamper(times_s, given, live)}
 
             unit.signals = signals  # type: ignore[method-assign]
+        if case.laid is not None and live.simulators is not None:
+            timeline, laid = live.simulators.unit._timeline, dict([case.laid])
+            add = timeline.add
+            timeline.add = lambda asked, *when: add(laid.get(asked, asked), *when)  # type: ignore[method-assign]
         imu, clock = live.devices.imu, live.devices.clock
         blocks = []
         for _ in range(20):
@@ -130,10 +135,11 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
             start_night(before, sweep_of(case), load_bench("simulated"), seed=seed)
             against = compare(campaign, campaign_of_night(before))
         content = gather(campaign, None, against)
+        exported = read_campaign(export_campaign(folder, folder.with_name("exported")).folder)
     except InputError as error:
         return Told("nothing", "\n".join([*said, str(error)]))
     found = [each for sensor in content.sensors for each in sensor.solutions]
-    said += [each.reason for each in found] + list(content.campaign.warnings)
+    said += [each.reason for each in found] + [*content.campaign.warnings, *exported.warnings]
     said.append(good(content)[1])
     worst = good(content)[0] if outcome.state == "complete" else str(Verdict.INCONCLUSIVE)
     return Told("not begun" if stopped and worst == Verdict.PASS else worst, "\n".join(said))
@@ -157,7 +163,7 @@ def main() -> None:
     began_s = time.monotonic()
     if asked.clean:
         told = list(clean(asked.clean, asked.seed))
-        loud = [each.said for each in told if re.search(_WORDS, each.said)]
+        loud = [each.said for each in told if re.search(SAID, each.said)]
         by_chance = sum(each.verdict != Verdict.PASS for each in told) - len(loud)
         document = {"nights": len(told), "a_word_was_said": len(loud), "residuals_by_chance": by_chance, "said": loud}
         print(json.dumps(document, ensure_ascii=False, indent=1))

@@ -7,9 +7,9 @@ reconcile, thermal and report work on data that this project did not record.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,17 +86,10 @@ class Conditions:
 
     def rows(self, index: RowIndex) -> Conditions:
         """Return the chosen rows: a mask or an array of indices, shape (n,) or (k,)."""
-        return Conditions(
-            self.sensor,
-            self.collect[index],
-            self.run[index],
-            self.position[index],
-            self.start_s[index],
-            self.duration_s[index],
-            self.f_g[index],
-            self.w_deg_per_hr[index],
-            {name: values[index] for name, values in self.columns.items()},
-        )
+        chosen: dict[str, Any] = {
+            name: each[index] for name, each in vars(self).items() if isinstance(each, np.ndarray)
+        }
+        return replace(self, **chosen, columns={name: values[index] for name, values in self.columns.items()})
 
     @property
     def w_channels_deg_per_hr(self) -> FloatArray:
@@ -127,13 +120,15 @@ class Collects:
 class Series:
     """The rates within one collect: `t_s` (k,) from its start, `rates_deg_per_hr` (k, c), NaN where a cell is empty.
 
-    `temperature_degC` has shape (k,) or is None; `block_s` is the averaging time of each row, None for single samples.
+    `temperature_degC` has shape (k,) or is None; `block_s` is the averaging time of each row, None for single samples,
+    `n_samples`, (k,) or None, of how many samples each is the mean.
     """
 
     t_s: FloatArray
     rates_deg_per_hr: FloatArray
     temperature_degC: FloatArray | None = None
     block_s: float | None = None
+    n_samples: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,15 @@ A law is generous: what a bench that is not level, a slow chamber or a spreadshe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, Series
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
+_FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
+_HEADING_DEG_PER_HR = 1.0  # five degrees of heading
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
 _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
 _WARMER_DEGC = 40.0
@@ -26,7 +28,11 @@ _STEP_DEGC = 2.0  # from one collect to the next, beside what the slopes of both
 _NEXT_S = 1800.0
 _ROUNDED_S = 90.0  # what a spreadsheet that counts in minutes makes of two times
 _UNTIL = 0.25  # of a collect: so much of it is over when the next begins, whatever was rounded
-_SERIES_SIGMAS = 6.0
+_SIGMAS, _DRIFTS = 6.0, 3.0  # by how much samples that are not in a series may be off its mean: noise, and a drift
+_SAMPLES = 0.5  # of the samples stand in the series: its rows are samples, or say how many each is of
+_FEW = 10  # rows that do not tell how others scatter
+_DIGITS, _ULPS, _SUMS = 12, 8.0, 1e-9
+_NEAR = 1e-4  # five digits would not show a difference
 _OF_A_RUN = {"supply_V": 1.2, "spin_period_us": 1.05}
 _SAMPLE_RATE, _ERROR = 1.25, 10.0
 """By which factor a record of one collect may differ from the usual one of its run."""
@@ -34,15 +40,15 @@ _SAMPLE_RATE, _ERROR = 1.25, 10.0
 
 @dataclass(frozen=True)
 class Law:
-    """One record of n collects, what it shows, and the least and the most that the others allow, all (n,).
+    """One record of n collects, what it shows, (n,), and the least and the most that the others allow: (n,), or of all.
 
     NaN where nothing can be said; `by` names the others.
     """
 
     record: str
     shown: FloatArray
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray | float
+    high: FloatArray | float
     by: str
 
     @property
@@ -60,9 +66,11 @@ class Law:
     def words(self) -> str:
         """What the worst of them shows, and what belongs there."""
         i = int(np.argmax(self.excess))
-        low, high = f"{self.low[i]:.5g}", f"{self.high[i]:.5g}"
-        ends = f"at most {high}" if low == "-inf" else f"at least {low}" if high == "inf" else f"{low} to {high}"
-        return f"{self.record} is {self.shown[i]:.5g}, where {ends} belongs by {self.by}"
+        shown, low, high = (each[i] for each in np.broadcast_arrays(self.shown, self.low, self.high))
+        near = min(abs(shown - low), abs(shown - high)) < _NEAR * abs(shown)
+        is_, least, most = (f"{each:.{10 if near else 5}g}" for each in (shown, low, high))
+        ends = f"at most {most}" if np.isinf(low) else f"at least {least}" if np.isinf(high) else f"{least} to {most}"
+        return f"{self.record} is {is_}, where {ends} belongs by {self.by}"
 
 
 def laws(
@@ -70,7 +78,7 @@ def laws(
 ) -> Iterator[Law]:
     """Yield what can be said of a sensor's collects, those of another sensor of the unit `beside` them.
 
-    `series` holds mean and standard error of each channel, (2, c), by the number of each collect that has its samples.
+    `series` holds what `average` says, (2, c + 2), by the number of each collect that has its samples.
     """
     c = collects.conditions
     columns, none = c.columns, np.full(len(c), np.nan)
@@ -78,36 +86,74 @@ def laws(
     def column(name: str, where: BoolArray | None = None) -> FloatArray:
         return np.where(True if where is None else where, columns.get(name, none), np.nan)
 
-    def around(name: str, where: BoolArray, centre: FloatArray, below: float, above: float, by: str) -> Law:
-        return Law(name, column(name, where), centre - below, centre + above, by)
+    def around(name: str, centre: FloatArray, below: float, above: float, by: str) -> Law:
+        return Law(name, column(name), centre - below, centre + above, by)
 
-    after_soak, everywhere = soaked(c), np.full(len(c), True)
-    shown, air, by = column("temperature_degC"), column("chamber_degC"), "the air around the unit, after a soak"
+    soak = soaked(c)
+    air, by = column("chamber_degC", soak), "the air around the unit, after a soak"
     for name in ("temperature_degC", "case_degC"):
-        yield around(name, after_soak, air, _COLDER_DEGC, _WARMER_DEGC, by)
-    yield around("case_degC", after_soak, shown, _CASE_DEGC, _CASE_DEGC, "the thermometer of the sensor, after a soak")
-    set_to = column("setpoint_degC")
-    yield around("chamber_degC", after_soak, set_to, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, "its setpoint, after a soak")
+        yield around(name, air, _COLDER_DEGC, _WARMER_DEGC, by)
+    shown, set_to = column("temperature_degC", soak), column("setpoint_degC", soak)
+    yield around("case_degC", shown, _CASE_DEGC, _CASE_DEGC, "the thermometer of the sensor, after a soak")
+    yield around("chamber_degC", set_to, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, "its setpoint, after a soak")
     if beside is not None:
-        other = np.where(after_soak, beside.conditions.columns.get("temperature_degC", none), np.nan)
+        other = np.where(soak, beside.conditions.columns.get("temperature_degC", none), np.nan)
         by = f"the thermometer of sensor {beside.conditions.sensor.number}, in the same unit"
-        yield around("temperature_degC", everywhere, other, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, by)
-    if "latitude_deg" in site:
-        yield _earth_rate(c, site["latitude_deg"])
+        yield around("temperature_degC", other, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, by)
+    yield from _by_position(c)
+    yield from _earth_rate(c, site.get("latitude_deg"))
     yield from _from_one_to_the_next(c, column)
-    usual = "what is usual in its run"
-    yield _in_its_run("n_samples per second", c, column("n_samples") / c.duration_s, _SAMPLE_RATE, usual)
+    yield _in_its_run("n_samples per second", c, column("n_samples") / c.duration_s, _SAMPLE_RATE)
     for name, factor in _OF_A_RUN.items():
-        yield _in_its_run(name, c, column(name), factor, usual)
+        yield _in_its_run(name, c, column(name), factor)
     for k, channel in enumerate(c.sensor.channels):
         error = collects.rates_se_deg_per_hr[:, k]
-        per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR, usual)
-        yield Law(per_second.record, error, per_second.low / np.sqrt(c.duration_s), np.full(len(c), np.inf), usual)
-        if not series:
-            continue
-        mean, se = np.array([series.get(n, np.full((2, k + 1), np.nan))[:, k] for n in c.collect.tolist()]).T
-        allowed = _SERIES_SIGMAS * np.fmax(se, error)
-        yield Law(channel, collects.rates_deg_per_hr[:, k], mean - allowed, mean + allowed, "its samples in series")
+        per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR)
+        yield replace(per_second, shown=error, low=per_second.low / np.sqrt(c.duration_s), high=np.inf)
+    records = [*zip(c.sensor.channels, collects.rates_deg_per_hr.T, strict=True)]
+    records += [(name, column(name)) for name in ("temperature_degC", "n_samples")]
+    for k, (name, averages) in enumerate(records if series else ()):
+        unknown = np.full((2, len(records)), np.nan)
+        mean, off = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
+        off = off + _digit(averages)
+        yield Law(name, averages, mean - off, mean + off, "its samples in series")
+
+
+def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
+    """Return the mean of c channels and of the temperature, how many samples it is of, and how far off each may be.
+
+    The shape is (2, c + 2). Where the series has all `n_samples` (NaN: unknown) of the collect, a mean is no further
+    off than digits go; otherwise as far as what it does not have can move it.
+    """
+    t_s, rates, temperature = series.t_s, series.rates_deg_per_hr, series.temperature_degC
+    values = np.column_stack([rates, np.full(len(t_s), np.nan) if temperature is None else temperature])
+    of_each = series.n_samples
+    each = of_each if of_each is not None and np.all(of_each > 0.0) else np.ones(len(t_s))
+    weights = np.where(np.isfinite(values), each[:, None], 0.0)
+    held, rows = weights.sum(axis=0), np.count_nonzero(weights, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.nansum(weights * values, axis=0) / held
+        sd = np.sqrt(np.nansum(weights * np.square(values - mean), axis=0) / held)
+        missing, of = np.abs(n_samples - held), np.fmax(n_samples, held)
+        expected = duration_s / float(np.median(np.diff(t_s))) if len(t_s) > 1 else np.inf
+        as_rows = (np.abs(expected - rows) + 1.0) / np.fmax(expected, rows)  # means over some time, of who knows what
+        share = np.where(missing < _SAMPLES * of, missing / of, as_rows)
+        off = sd * (_SIGMAS * np.sqrt(share / rows) + _DRIFTS * share)
+        off = np.where((rows < _FEW) & (share > 0.0), np.inf, off)
+    off += np.array([_digit(column) for column in values.T]) + _SUMS * np.abs(mean)
+    count = np.nan if each is not of_each else each.sum()
+    return np.stack([np.append(mean, count), np.append(off, 0.0)])
+
+
+def _digit(values: FloatArray) -> float:
+    """Return the size of the last digit that numbers, (n,), are written with."""
+    known, digits = values[np.isfinite(values)], _DIGITS
+    while digits:
+        finer = known * 10.0 ** (digits - 1)
+        if np.any(np.abs(finer - np.rint(finer)) > _ULPS * np.spacing(finer)):
+            break
+        digits -= 1
+    return float(10.0**-digits)
 
 
 def soaked(c: Conditions) -> BoolArray:
@@ -115,14 +161,41 @@ def soaked(c: Conditions) -> BoolArray:
     return np.asarray(c.columns.get("time_since_setpoint_s", np.zeros(len(c))) > _SOAKED_S)
 
 
-def _earth_rate(c: Conditions, latitude_deg: float) -> Law:
-    """What w has along the vertical, which f points out."""
-    vertical = np.full(len(c), EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg)))
+def _by_position(c: Conditions) -> Iterator[Law]:
+    """What the collects at one position have in common: f, and w at one heading, of which a run has more than one."""
+    _, label = np.unique(c.position, return_inverse=True)
+    f, w = c.f_g, c.w_deg_per_hr
+    usual, nearest = np.empty_like(f), np.empty_like(w)
+    for rows in (np.flatnonzero(label == each) for each in range(label.max(initial=-1) + 1)):
+        usual[rows] = np.median(f[rows], axis=0)
+        for k in range(3):
+            order = rows[np.argsort(w[rows, k], kind="stable")]
+            gaps = np.diff(w[order, k], prepend=-np.inf, append=np.inf)
+            nearest[order, k] = w[order, k] + np.where(gaps[1:] < gaps[:-1], gaps[1:], -gaps[:-1])
+    off = np.max(np.abs(w - nearest), axis=1)
+    same = off <= _HEADING_DEG_PER_HR
+    told = np.isin(label, label[same]) & np.isin(c.run, c.run[same]) & np.isfinite(off)
+    for record, apart, most in (
+        ("f, g, from the usual,", np.linalg.norm(f - usual, axis=1), _FIXTURE_G),
+        ("w, deg/hr, from the nearest,", np.where(told, off, np.nan), _HEADING_DEG_PER_HR),
+    ):
+        yield Law(
+            f"the distance of {record}", apart, -np.inf, most, "the others at its position: a label or sign is wrong"
+        )
+
+
+def _earth_rate(c: Conditions, latitude_deg: float | None) -> Iterator[Law]:
+    """How large w is, and what it has along the vertical, which f points out: the same in all collects of a site."""
+    size = np.linalg.norm(c.w_deg_per_hr, axis=1)
+    yield Law("the size of w", size, -np.inf, EARTH_RATE_DEG_PER_HR + _EARTH_RATE_TOLERANCE, "the earth rate")
+    if latitude_deg is None:
+        return
+    vertical = EARTH_RATE_DEG_PER_HR * float(np.sin(np.deg2rad(latitude_deg)))
     found = np.sum(c.w_deg_per_hr * c.f_g, axis=1) / np.linalg.norm(c.f_g, axis=1)
-    known = np.where(np.any(c.w_deg_per_hr != 0.0, axis=1), found, np.nan)
+    known = np.where(size > 0.0, found, np.nan)
     low, high = vertical - _EARTH_RATE_TOLERANCE, vertical + _EARTH_RATE_TOLERANCE
     by = f"the earth rate at latitude {latitude_deg:g} deg: f, w or the latitude is wrong"
-    return Law("w along the vertical", known, low, high, by)
+    yield Law("w along the vertical", known, low, high, by)
 
 
 def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) -> Iterator[Law]:
@@ -131,13 +204,13 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     before, here = order[:-1], order[1:]
     until = np.full(len(c), -np.inf)
     until[here] = c.start_s[before] + _UNTIL * c.duration_s[before]
-    yield Law("start_s", c.start_s, until, np.full(len(c), np.inf), "the collect before it, which had not ended")
+    yield Law("start_s", c.start_s, until, np.inf, "the collect before it, which had not ended")
     for since in ("time_since_power_on_s", "time_since_setpoint_s", "time_since_index_s"):
         gone_s = column(since)
         at, as_before = c.start_s - gone_s, np.full(len(c), False)  # the same instant, or what it is by intention
         as_before[here] = (np.abs(at[here] - at[before]) <= _ROUNDED_S) | (gone_s[here] == gone_s[before])
         most = np.where(as_before, np.inf, c.start_s - until + _ROUNDED_S)
-        yield Law(since, gone_s, np.full(len(c), -_ROUNDED_S), most, "the collect before it")
+        yield Law(since, gone_s, -_ROUNDED_S, most, "the collect before it")
     shown, slope = column("temperature_degC"), column("dTdt_degC_per_min")
     gone_s = c.start_s[here] - c.start_s[before]
     by_slope = 0.5 * (slope[here] + slope[before]) * gone_s / 60.0
@@ -148,11 +221,11 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     yield Law("temperature_degC", shown, low, high, "dTdt_degC_per_min and the collect before it")
 
 
-def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float, by: str) -> Law:
+def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float) -> Law:
     """What the collects of one self-calibration have in common, within a factor."""
     order = np.lexsort((shown, c.run))  # what is not known stands last in its run
     inside, (_, first, group) = shown[order], np.unique(c.run[order], return_index=True, return_inverse=True)
     last = np.maximum(np.bincount(group, np.isfinite(inside)).astype(int), 1) - 1
     usual = np.empty(len(c))
     usual[order] = (0.5 * (inside[first + last // 2] + inside[first + (last + 1) // 2]))[group]
-    return Law(record, shown, usual / factor, usual * factor, by)
+    return Law(record, shown, usual / factor, usual * factor, "what is usual in its run")

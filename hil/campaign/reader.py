@@ -10,7 +10,8 @@ Bad input is refused whole, with one sentence that names file, row and column: n
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ import pyarrow as pa
 from drivers.given_file import RECORDING_MB, check_folder, opened
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.header import Header, read_header
+from hil.campaign.laws import average
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
@@ -28,7 +30,6 @@ from hil.files.tables import read_csv, read_parquet
 HEADER_FILE = "campaign.yaml"
 COLLECTS_FILE = "collects.csv"
 SERIES_FOLDER = "series"
-_FEW = 10  # rows of a series, whose mean says nothing
 
 IDENTITY = ("collect", "run", "sensor", "position", "start_s", "duration_s")
 
@@ -88,38 +89,22 @@ def read_campaign(folder: Path | str) -> Campaign:
     for number, sensor in used.items():
         chosen = np.flatnonzero(numbers == number)
         lines[number] = [table.rows[int(i)] for i in chosen]
-        sensors[number] = _collects_of(table, sensor, chosen, columns, header.centrifuge)
+        sensors[number] = _collects_of(table, sensor, chosen, columns, header.campaign.centrifuge)
     series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
-    declared = {*STANDARD_CONDITIONS, *header.conditions}
-    campaign = Campaign(
-        title=header.title,
-        source=header.source,
-        sensors=sensors,
-        condition_units=header.conditions,
-        simulated=header.simulated,
-        site=header.site,
-        centrifuge=header.centrifuge,
-        warnings=suspicions(table, header, sensors, lines, [name for name in extra if name not in declared]),
-        folder=root,
-        notes=header.notes,
-        series_files=series,
-        series_block_s=header.series_block_s,
-        verdicts=header.verdicts,
-        identity=header.identity,
-        pose=header.pose,
-        largest_se=header.largest_se,
-    )
+    undeclared = [name for name in extra if name not in {*STANDARD_CONDITIONS, *header.campaign.condition_units}]
+    said = suspicions(table, header, sensors, lines, undeclared)
+    campaign = replace(header.campaign, sensors=sensors, warnings=said, series_files=series)
     # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.
-    return judged_by_its_records(campaign, {collect: _mean(read_series(campaign, collect)) for collect in series})
+    return judged_by_its_records(campaign, dict(_averages(campaign)))
 
 
-def _mean(series: Series | None) -> FloatArray:
-    """Return mean and standard error of each channel, (2, c); NaN where there are too few rows to tell."""
-    rates = np.empty((0, 1)) if series is None else series.rates_deg_per_hr
-    known = np.isfinite(rates).all(axis=1)
-    if np.count_nonzero(known) < _FEW:
-        return np.full((2, rates.shape[1]), np.nan)
-    return np.stack([rates[known].mean(axis=0), rates[known].std(axis=0, ddof=1) / np.sqrt(np.count_nonzero(known))])
+def _averages(campaign: Campaign) -> Iterator[tuple[int, FloatArray]]:
+    for rows in (each.conditions for each in campaign.sensors.values()):
+        n_samples = rows.columns.get("n_samples", np.full(len(rows), np.nan))
+        for collect, n, duration_s in zip(rows.collect.tolist(), n_samples, rows.duration_s, strict=True):
+            series = read_series(campaign, collect)
+            if series is not None:
+                yield collect, average(series, n, duration_s)
 
 
 def read_series(campaign: Campaign, collect: int) -> Series | None:
@@ -147,6 +132,7 @@ def read_series(campaign: Campaign, collect: int) -> Series | None:
         np.stack([columns[name] for name in rates], -1),
         columns.get("temperature_degC"),
         campaign.series_block_s,
+        columns.get("n_samples"),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, Collects
+from hil.campaign.data import Collects
 from hil.campaign.header import Header
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed
@@ -15,8 +15,6 @@ F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
 
 F_SUSPICIOUS = 0.02
-POSITION_TOLERANCE_G = 0.1
-"""Collects of one label may differ by this much in f: about 6 degrees, far more than indexing or a hand does."""
 
 
 def suspicions(
@@ -38,7 +36,9 @@ def suspicions(
         rows = rows_in_words([table.rows[int(i)] for i in backwards])
         found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
     for number, collects in sensors.items():
-        found += _of_sensor(f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.centrifuge)
+        found += _of_sensor(
+            f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.campaign.centrifuge
+        )
     found += _zero_errors(table, sensors)
     return tuple(found)
 
@@ -55,31 +55,12 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
     if np.any(off) and not centrifuge:
         worst = size[np.argmax(np.abs(size - 1.0))]
         found.append(f"{where}, {_words(rows[off])}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
-    spin = np.linalg.norm(conditions.w_deg_per_hr, axis=-1)
-    fast = spin > 1.02 * EARTH_RATE_DEG_PER_HR
-    if np.any(fast):
-        found.append(f"{where}, {_words(rows[fast])}: |w| is up to {spin.max():.2f} deg/hr, more than the Earth turns")
     for channel, values in zip(conditions.sensor.channels, rates.T, strict=True):
         present = ~np.isnan(values)
         if present.sum() > 1 and np.ptp(values[present]) == 0.0:
             found.append(
                 f"{where}, {_words(rows[present])}, column {channel}_deg_per_hr: the channel never changes "
                 f"(always {values[present][0]:g} deg/hr)"
-            )
-    return found + _contradictions(where, collects, rows)
-
-
-def _contradictions(where: str, collects: Collects, rows: np.ndarray) -> list[str]:
-    found = []
-    positions, f_g = collects.conditions.position, collects.conditions.f_g
-    for label in dict.fromkeys(positions.tolist()):
-        chosen = positions == label
-        centre = np.median(f_g[chosen], axis=0)
-        odd = np.linalg.norm(f_g[chosen] - centre, axis=-1) > POSITION_TOLERANCE_G
-        if np.any(odd):
-            found.append(
-                f"{where}, {_words(rows[chosen][odd])}: f contradicts the other rows of position {label}; "
-                "a label or a sign may be wrong"
             )
     return found
 

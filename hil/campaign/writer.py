@@ -52,38 +52,29 @@ def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tupl
 
 
 def _header(campaign: Campaign) -> str:
-    keys: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
-    if campaign.identity:
-        keys["identity"] = dict(campaign.identity)
-    if campaign.simulated:
-        keys["simulated"] = True
-    if campaign.centrifuge:
-        keys["centrifuge"] = True
-    if campaign.site:
-        keys["site"] = dict(campaign.site)
-    keys["sensors"] = {}
-    for number, own in campaign.sensors.items():
-        sensor = own.conditions.sensor
-        keys["sensors"][number] = {"axes": list(sensor.axes), "channels": dict(sensor.channels)}
-        if sensor.technology:
-            keys["sensors"][number]["technology"] = sensor.technology
-    if campaign.condition_units:
-        keys["conditions"] = dict(campaign.condition_units)
-    if campaign.series_block_s is not None:
-        keys["series"] = {"block_s": campaign.series_block_s}
     rows = [each for collects in campaign.sensors.values() for each in collects.conditions.run.tolist()]
     verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
-    if campaign.pose != PoseTolerance():
-        keys["pose"] = dict(vars(campaign.pose))
-    if campaign.largest_se is not None:
-        keys["largest_standard_error_deg_per_hr"] = campaign.largest_se
-    if verdicts:
-        keys["verdicts"] = {
-            run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()
-        }
-    if campaign.notes:
-        keys["notes"] = campaign.notes
-    return str(yaml.safe_dump(keys, sort_keys=False, allow_unicode=True, width=120))
+    always: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
+    keys = {
+        "identity": dict(campaign.identity),
+        "simulated": campaign.simulated,
+        "centrifuge": campaign.centrifuge,
+        "site": dict(campaign.site),
+        "sensors": {number: _layout(rows.conditions.sensor) for number, rows in campaign.sensors.items()},
+        "conditions": dict(campaign.condition_units),
+        "series": {} if campaign.series_block_s is None else {"block_s": campaign.series_block_s},
+        "pose": {} if campaign.pose == PoseTolerance() else dict(vars(campaign.pose)),
+        "largest_standard_error_deg_per_hr": campaign.largest_se,
+        "verdicts": {run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()},
+        "notes": campaign.notes,
+    }
+    known = always | {key: value for key, value in keys.items() if value}
+    return str(yaml.safe_dump(known, sort_keys=False, allow_unicode=True, width=120))
+
+
+def _layout(sensor: Sensor) -> dict[str, Any]:
+    known = {"axes": list(sensor.axes), "channels": dict(sensor.channels)}
+    return known | ({"technology": sensor.technology} if sensor.technology else {})
 
 
 def _collects(campaign: Campaign) -> str:
@@ -151,8 +142,8 @@ def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iter
         folder.mkdir(exist_ok=True)
         columns = {"t_s": samples.t_s}
         columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensors[collect]))}
-        if samples.temperature_degC is not None:
-            columns["temperature_degC"] = samples.temperature_degC
+        optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
+        columns |= {name: values for name, values in optional.items() if values is not None}
         disk.write(folder / f"{collect:04d}.csv", _csv(columns))
     if folder.is_dir():
         disk.synchronise_folder(folder)

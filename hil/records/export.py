@@ -209,11 +209,8 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
 def _collects(journal: JournalReader) -> list[_Collect]:
     done = journal.done_attempts()
     samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
-    collects = []
-    for step in journal.plan.of_kind(StepKind.COLLECT):
-        attempt = done.get(step.key)
-        if attempt is not None:
-            collects.append(_Collect(step, attempt.data, samples.get((step.key, attempt.attempt))))
+    taken = [(step, done[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in done]
+    collects = [_Collect(step, each.data, samples.get((step.key, each.attempt))) for step, each in taken]
     return sorted(collects, key=lambda collect: collect.start_s)
 
 
@@ -313,11 +310,12 @@ def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: floa
         return None
     t_s = samples.time_s[good] - start_s
     _, where, counts = np.unique(np.floor(t_s / block_s + _EDGE), return_inverse=True, return_counts=True)
-
-    whole = counts > 0.5 * counts.max()  # a few samples at the end of a collect are no mean of a block
+    whole = counts > 0.5 * counts.max()  # a few samples at the end of a collect are no mean of a block: they join it
+    joined = np.maximum.accumulate(np.where(whole, np.arange(len(whole)), np.argmax(whole)))
+    _, where, counts = np.unique(joined[where], return_inverse=True, return_counts=True)
 
     def means(values: FloatArray) -> FloatArray:
-        return np.asarray((np.bincount(where, weights=values) / counts)[whole])
+        return np.asarray(np.bincount(where, weights=values) / counts)
 
     temperatures = samples.of("temperature", sensor.number)
     return Series(
@@ -325,4 +323,5 @@ def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: floa
         rates_deg_per_hr=np.stack([means(rates[channel][good]) for channel in sensor.channels], axis=1),
         temperature_degC=means(next(iter(temperatures.values()))[good]) if temperatures else None,
         block_s=block_s,
+        n_samples=counts.astype(np.float64),
     )

@@ -101,13 +101,10 @@ class LiveFiles(Silent):
 
     def close(self) -> None:
         """Write the newest state and close."""
-        try:
+        with suppress(OSError):
             if self._trace is not None and self._last is not None:
                 self._write(self._last)
-        except OSError:
-            pass
-        finally:
-            self._give_up()
+        self._give_up()
 
     def _write(self, snapshot: Snapshot) -> None:
         self._written_s = self._clock.now()

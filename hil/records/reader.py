@@ -277,7 +277,7 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
             if not damaged_too:
                 refuse(folder, found)
             yield journal
-    except (sqlite3.DatabaseError, ValueError, LookupError, TypeError, AttributeError) as error:
+    except (sqlite3.DatabaseError, ArithmeticError, ValueError, LookupError, TypeError, AttributeError) as error:
         if found == [] and not isinstance(error, journal_schema.UNREADABLE):
             raise  # a defect of ours, not of the records
         refuse(folder, found or [f"{JOURNAL_NAME}: cannot be understood ({shorten(str(error), _LONGEST)})"])

@@ -29,7 +29,7 @@ from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
 from procedures.journal_protocol import Outcome
-from procedures.plan import Plan, Step, StepKind
+from procedures.plan import Plan, StepKind
 from procedures.safe_air import Left, Word
 from procedures.words import hours_minutes, step_in_words
 
@@ -39,6 +39,14 @@ STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
 _KEPT_FREE_BYTES = 20e6
+_MISSING = {
+    StepKind.IDENTIFY: "identification of the devices",
+    StepKind.SETPOINT: "setpoint {0.temperature_degC:.1f} °C",
+    StepKind.RESTABILISE: "restabilisation",
+    StepKind.INDEX: "index to position {0.position}",
+    StepKind.COLLECT: "collect at position {0.position}",
+    StepKind.SAFE_STATE: "safe state of the chamber at the end",
+}
 _WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
@@ -299,7 +307,7 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
         if step.key in done or number in told:
             continue
         if number is None:
-            sentences.append(_step_in_words(step) + reasons.get(step.key, ""))
+            sentences.append(_MISSING[step.kind].format(step) + reasons.get(step.key, ""))
             continue
         told.add(number)
         where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
@@ -307,7 +315,7 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
         if len(lacking) == len(runs[number]) and not any(each.key in reasons for each in lacking):
             sentences.append(f"self-calibration {number}{where}: all of it")
         else:
-            parts = [_step_in_words(each) + reasons.get(each.key, "") for each in lacking]
+            parts = [_MISSING[each.kind].format(each) + reasons.get(each.key, "") for each in lacking]
             sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
     return sentences
 
@@ -322,19 +330,3 @@ def in_brief(missing: Sequence[str]) -> list[str]:
             lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
         told += lines
     return told
-
-
-def _step_in_words(step: Step) -> str:
-    match step.kind:
-        case StepKind.IDENTIFY:
-            return "identification of the devices"
-        case StepKind.SETPOINT:
-            return f"setpoint {step.temperature_degC:.1f} °C"
-        case StepKind.RESTABILISE:
-            return "restabilisation"
-        case StepKind.INDEX:
-            return f"index to position {step.position}"
-        case StepKind.COLLECT:
-            return f"collect at position {step.position}"
-        case StepKind.SAFE_STATE:
-            return "safe state of the chamber at the end"

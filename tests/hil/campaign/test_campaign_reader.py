@@ -297,7 +297,7 @@ WARNED_TABLES = {
     "f off by more than 2 %": (cell(4, "f_S_g", "1.03"), r"row 4: \|f\| is off 1 g by more than 2 %"),
     "label and f disagree": (
         table(*ROWS, "7,3,2,3,720,60,0,0,-1,-6.19,10.72,-8.54,10,20,0.9,0.9,23.5,28"),
-        "row 8: f contradicts the other rows of position 3",
+        "collect 7: sensor 2: the distance of f, g, from the usual, is 2, where at most 0.1 belongs by the others",
     ),
     "channel never changes": (
         table(*(",".join([*row.split(",")[:12], "5", *row.split(",")[13:]]) for row in ROWS)),
@@ -309,7 +309,10 @@ WARNED_TABLES = {
         "there is no column RB_se_deg_per_hr: no standard error",
     ),
     "error of zero": (cell(5, "RA_se_deg_per_hr", "0"), "row 5, column RA_se_deg_per_hr: a standard error of 0"),
-    "faster than the Earth": (cell(5, "w_B_deg_per_hr", "100"), "row 5: |w| is up to"),
+    "faster than the Earth": (
+        cell(5, "w_B_deg_per_hr", "100"),
+        "collect 4: sensor 2: the size of w is 100.55, where at most 15.141 belongs by the earth rate",
+    ),
     "undeclared column": (
         table(*ROWS, header=HEADER.replace("supply_V", "fan_rpm")),
         "column fan_rpm: campaign.yaml does not say",

@@ -117,6 +117,42 @@ def test_a_record_that_the_others_contradict_fails_its_run(
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
 
 
+HERE = np.tile([[-2.0, 10.0, -6.0], [-2.0, 10.0, 6.0], [6.0, 10.0, -2.0]], (3, 1))
+TURNED = np.where(RUN[:, None] == 2, HERE * [-1.0, -1.0, 1.0], HERE)  # run 2 at another heading
+
+
+@pytest.mark.parametrize(
+    ("w", "row", "factor", "failed"),
+    [
+        (HERE, 4, [1, 1, 1], []),
+        (HERE, 4, [1, -1, 1], [2]),
+        (TURNED, 0, [1, 1, 1], []),
+        (TURNED, 0, [1, 1, 0], [1]),
+        (HERE, 1, [2, 2, 2], [1]),
+    ],
+)
+def test_one_collect_alone_has_no_other_earth_rate(
+    w: FloatArray, row: int, factor: list[int], failed: list[int]
+) -> None:
+    """Than the others at its position; a run at a heading of its own may, but none faster than the Earth turns."""
+    made = campaign()
+    conditions = made.sensors[2].conditions
+    changed = np.where(np.arange(9)[:, None] == row, w * factor, w)
+    rows = replace(made.sensors[2], conditions=replace(conditions, w_deg_per_hr=changed))
+    assert list(judged_by_its_records(replace(made, sensors={2: rows})).verdicts) == failed
+
+
+def test_f_that_is_not_that_of_its_position_fails() -> None:
+    """With no accelerometers to contradict it."""
+    made = campaign()
+    conditions = made.sensors[2].conditions
+    f_g = np.where(np.arange(9)[:, None] == 4, -conditions.f_g, conditions.f_g)
+    rows = replace(made.sensors[2], conditions=replace(conditions, f_g=f_g))
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
+    assert "the distance of f, g, from the usual, is 2, where at most 0.1 belongs" in judged.verdicts[2].reason
+
+
 @pytest.mark.parametrize(("digits", "said"), [(9, True), (1, False)])
 def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> None:
     """One collect's in another, unless they are rounded so far that two may agree; one channel's in another, always."""
@@ -141,22 +177,31 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.verdicts[2].reason
 
 
-@pytest.mark.parametrize("edited", [False, True])
-def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edited: bool) -> None:
-    """Read from a folder, whose collects.csv somebody has edited."""
+@pytest.mark.parametrize(
+    ("counted", "off", "said"),
+    [
+        ("20", 0.0, ""),
+        ("19", 0.0, "n_samples is 1200, where 1139 "),
+        ("20", 3e-6, "RA is 14.250003, where 14.24999"),
+        ("", 0.6, ""),
+        ("", 1.0, "RA is 15.25, where 13."),
+    ],
+)
+def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, counted: str, off: float, said: str) -> None:
+    """Exactly where the series counts all its samples; else by what rows of unequal weight, or missing ones, can do."""
     write_campaign(campaign(), tmp_path / "campaign")
     series = tmp_path / "campaign" / "series"
     series.mkdir()
     noise = np.random.default_rng(1).normal(0.0, 5.0, (60, 2))
     noise -= noise.mean(axis=0)
-    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f}" for t, (a, b) in enumerate(noise)]
-    (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr", *lines]))
+    lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f},{counted}" for t, (a, b) in enumerate(noise)]
+    (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr,n_samples", *lines]))
     table = tmp_path / "campaign" / "collects.csv"
-    if edited:
-        table.write_text(table.read_text().replace(",14.25,8.25,", ",114,8.25,"))
+    table.write_text(table.read_text().replace(",14.25,8.25,", f",{14.25 + off},8.25,"))
     judged = read_campaign(tmp_path / "campaign")
-    assert list(judged.verdicts) == ([2] if edited else [])
-    assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited
+    assert list(judged.verdicts) == ([2] if said else [])
+    assert ("in series" in " ".join(judged.warnings)) is bool(said)
+    assert f"collect 10: sensor 2: {said}" in " ".join(judged.warnings) or not said
 
 
 DESIGNS: tuple[dict[str, Any], ...] = (

@@ -89,6 +89,16 @@ def test_a_night_whose_plan_was_edited_is_not_carried_on(
     assert verify_night(folder)["problems"]
 
 
+@pytest.mark.parametrize(
+    "changed", ["night SET began_utc = '9999-12-31T23:59:59+00:00'", "controllers SET seen_s = 1e300"]
+)
+def test_a_time_that_no_calendar_has_is_damage(full_night: Path, changed: str) -> None:
+    """One flipped bit of a year makes it."""
+    edit(full_night, f"UPDATE {changed}")
+    with pytest.raises(Damaged, match=f"of the table {changed.split()[0]}"):
+        night_status(full_night)
+
+
 def test_a_plan_that_was_cut_short_does_not_make_a_night_complete(
     new_night: Path, clock: VirtualClock, do: Callable[..., None]
 ) -> None:

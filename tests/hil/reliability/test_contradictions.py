@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.reliability.contradicted import BY_HAND, Case, cases
-from benchmarks.reliability.contradictions import Yes, bench_of, clean, sweep_of, told_of
+from benchmarks.reliability.contradictions import SAID, Yes, bench_of, clean, sweep_of, told_of
 from hil.config import parse_sweep
 from hil.night import start_night
 from hil.records import open_readonly
@@ -22,10 +22,11 @@ _UNNAMED = {
     "latitude wrong, collects at two headings",  # residuals alone
     "heading wrong, collects at two headings",
 }
-_ALIKE = "collect [1245] of 1, 3"
+_ALIKE = "^by hand|^indexed"
+_BUT = "by hand, 1, 2, 3: at [12] it lies as in 3|3, 2, 4: at 4 it lies as in 3|5, 6: at 6 it lies as in 5"
 _QUICK = (
-    "by hand, collect 3 of 1, 2, 3: laid wrong",
-    "indexed, collect 3 of 1, 2, 3: not turned",
+    "by hand, 1, 2, 3: at 3 it lies as in 1",
+    "indexed, 1, 2, 3: at 3 it lies as in 2",
     "accelerometers in m/s²",
     "rates in rad/s",
     "the clock jumps by two hours",
@@ -47,9 +48,12 @@ def test_a_night_that_contradicts_itself_is_no_pass(name: str, tmp_path: Path) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [each for each in _CASES if each not in _QUICK and not re.search(_ALIKE, each)])
+@pytest.mark.parametrize(
+    "name",
+    [each for each in _CASES if each not in _QUICK and (not re.search(_ALIKE, each) or re.search(_BUT, each))],
+)
 def test_every_contradiction_is_caught_and_named(name: str, tmp_path: Path) -> None:
-    """Every case of the matrix, but of the longer sequences only two collects; `make reliability` has all."""
+    """Every case of the matrix, but only some of the pairs of positions; `make reliability` has all."""
     check(_CASES[name], tmp_path)
 
 
@@ -87,4 +91,4 @@ def test_nothing_is_said_of_a_night_with_nothing_wrong(nights: int) -> None:
     """Of the shapes that the benchmark carries out by the thousand."""
     for told in clean(nights, seed=77):
         assert told.verdict == Verdict.PASS, told.said
-        assert "position" not in told.said
+        assert not re.search(SAID, told.said), told.said
