@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
+from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, FletcherKind, SumKind, XorKind
 from drivers.frames.crc import Crc, Residue, residue_test
-from drivers.frames.description import FrameDescription
 from drivers.frames.wire import Rows, read_column, write_column
 
 
@@ -77,20 +76,17 @@ class _None:
 class FrameChecksum:
     """The checksum of frames of one type and length: what it covers, where it stands, and how it is computed.
 
-    `body_end` is where the delimiter begins, if there is one; without it, that of a frame of fixed length.
+    `body_end` is where the delimiter begins, if there is one.
     """
 
-    def __init__(self, frame: FrameDescription, body_end: int | None = None) -> None:
-        kind = frame.checksum
-        if body_end is None:
-            body_end = frame.shortest - len(frame.delimiter)
+    def __init__(self, kind: ChecksumDescription, body_end: int) -> None:
         self._at = kind.position(body_end)
         self._size = kind.size
         self._order = kind.stored
-        self._start, self._end = kind.covered(body_end)
+        self._parts = [slice(*part) if isinstance(part, tuple) else part for part in kind.covered(body_end)]
         self._algorithm: _Algorithm
         if isinstance(kind, CrcKind):
-            self._algorithm = Crc(kind, self._end - self._start)
+            self._algorithm = Crc(kind, len(self._covered(bytes(body_end))))
         elif isinstance(kind, SumKind):
             self._algorithm = _Sum(kind)
         elif isinstance(kind, FletcherKind):
@@ -98,24 +94,38 @@ class FrameChecksum:
         else:
             self._algorithm = _Xor() if isinstance(kind, XorKind) else _None()
         self.residue: Residue | None = None
-        if isinstance(kind, CrcKind) and self._at == self._end > self._start:
-            self.residue = residue_test(kind, self._start, self._end)
+        first = self._parts[0]
+        if isinstance(kind, CrcKind) and isinstance(first, slice) and len(self._parts) == 1 and self._at == first.stop:
+            self.residue = residue_test(kind, first.start, first.stop)
         self.matches: Callable[[bytes], bool] = self._matches if self.residue is None else self.residue.matches
+
+    def _covered(self, frame: bytes) -> bytes:
+        return b"".join([frame[part] if isinstance(part, slice) else part for part in self._parts])
+
+    def _covered_rows(self, rows: Rows) -> Rows:
+        if len(self._parts) == 1 and isinstance(self._parts[0], slice):
+            return rows[:, self._parts[0]]
+        constant = np.frombuffer(b"".join(part for part in self._parts if isinstance(part, bytes)), np.uint8)
+        extended, at, columns = np.hstack([rows, np.tile(constant, (len(rows), 1))]), rows.shape[1], list[int]()
+        for part in self._parts:
+            columns += range(part.start, part.stop) if isinstance(part, slice) else range(at, at + len(part))
+            at += len(part) if isinstance(part, bytes) else 0
+        return extended[:, columns]
 
     def _matches(self, frame: bytes) -> bool:
         """Tell whether one whole frame carries the right checksum."""
         stored = int.from_bytes(frame[self._at : self._at + self._size], self._order)
-        return self._algorithm.of_bytes(frame[self._start : self._end]) == stored
+        return self._algorithm.of_bytes(self._covered(frame)) == stored
 
     def matches_rows(self, rows: Rows) -> NDArray[np.bool_]:
         """Tell it for n whole frames, shape (n, length), contiguous; the result has shape (n,)."""
         if not self._size:
             return np.ones(len(rows), np.bool_)
         stored = read_column(rows, self._at, f"u{8 * self._size}", self._order)
-        return np.asarray(self._algorithm.of_rows(rows[:, self._start : self._end]) == stored, dtype=np.bool_)
+        return np.asarray(self._algorithm.of_rows(self._covered_rows(rows)) == stored, dtype=np.bool_)
 
     def write(self, rows: Rows) -> None:
         """Compute and store the checksums of n whole frames, (n, length), in place."""
         if self._size:
-            values = self._algorithm.of_rows(rows[:, self._start : self._end])
+            values = self._algorithm.of_rows(self._covered_rows(rows))
             write_column(rows, self._at, f"u{8 * self._size}", self._order, values)

@@ -40,20 +40,19 @@ class Scanner:
         self._sync = sync
         self._families = families
         self._watch = watch
-        self._by_header = {header: index for index, family in enumerate(families) for header in family.headers}
-        self._headers = tuple(self._by_header)
-        self._longest_header = max(map(len, self._headers))
-        known = b"|".join(re.escape(header) for header in self._headers)
-        self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""))
+        self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
+        self._longest_header = max((len(header) for header, _ in self._headers), default=0)
+        known = b"|".join(b"(" + header.pattern + b")" for header, _ in self._headers)
+        self._known = re.compile(known, re.DOTALL)
+        self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""), re.DOTALL)
+        begun = b"|".join(header.begun for header, _ in self._headers if header.begun)
+        self._begun = re.compile(b"(?:" + (begun or b"(?!)") + rb")\Z", re.DOTALL)
         self._confirms = any(family.confirm for family in families)
         self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
 
     def _unfinished(self, data: bytes, at: int) -> bool:
         """Tell whether `data` ends within a header that may have begun at `at`."""
-        rest = data[at : at + self._longest_header]
-        return len(data) - at < self._longest_header and any(
-            len(header) > len(rest) and header.startswith(rest) for header in self._headers
-        )
+        return len(data) - at < self._longest_header and self._begun.match(data, at) is not None
 
     def _tail(self, data: bytes, at: int, end: int) -> int | None:
         """Return the first place from `at` on, before `end`, at which an unfinished header may begin."""
@@ -73,7 +72,7 @@ class Scanner:
         self, index: int, layout: FrameLayout, frame: bytes, data: bytes, end: int, last: bool
     ) -> bool | None:
         """Tell whether what follows a frame, or its counter, confirms it; None where that is not there yet."""
-        if data.startswith(self._headers, end) or self._goes_on(index, layout, frame):
+        if self._known.match(data, end) or self._goes_on(index, layout, frame):
             return True
         if len(data) == end or self._unfinished(data, end):
             return True if last else None
@@ -116,11 +115,11 @@ class Scanner:
                 break
             if match is None:
                 break
-            index = self._by_header.get(match[0])
             at = start + 1
-            if index is None:
+            if match.lastindex is None:
                 result.unknown_id += start >= claimed
                 continue
+            index = self._headers[match.lastindex - 1][1]
             family = self._families[index]
             length = family.length_of(data, start)
             if length is None or start + length > size:
@@ -163,11 +162,10 @@ class Scanner:
 
     def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:
         """Take the piece, bytes (m,), as frames of one form without a flaw between them; None where it is not that."""
-        start = piece[: self._longest_header].tobytes()
-        header = next((header for header in self._headers if start.startswith(header)), None)
-        if header is None:
+        match = self._known.match(piece[: self._longest_header].tobytes())
+        if match is None or match.lastindex is None:
             return None
-        index = self._by_header[header]
+        header, index = self._headers[match.lastindex - 1]
         family = self._families[index]
         length = family.length_of(piece[:512].tobytes(), 0)
         n = len(piece) // length if length else 0
@@ -175,7 +173,10 @@ class Scanner:
             return None
         rows = piece[: n * length].reshape(n, length)
         places = np.arange(n, dtype=np.int64) * length
-        if not (rows[:, : len(header)] == np.frombuffer(header, np.uint8)).all():
+        begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
+        if None in header.told:
+            begins |= [byte is None for byte in header.told]
+        if not begins.all():
             return None
         if not family.steady and not (family.lengths(piece, places) == length).all():
             return None
@@ -343,7 +344,7 @@ class Scanner:
                 places = places[piece[places + depth] == byte]
         else:
             firsts = np.zeros(256, np.bool_)
-            firsts[[header[0] for header in self._headers]] = True
+            firsts[[header[0] for header, _ in self._headers]] = True
             places = np.flatnonzero(firsts[piece])
         size = self._longest_header
         tail = piece[max(0, len(piece) - size + 1) :].tobytes()
@@ -353,10 +354,11 @@ class Scanner:
 
         known = np.zeros(len(places), np.bool_)
         of_family: list[list[IntArray]] = [[] for _ in self._families]
-        for header, index in self._by_header.items():
+        for header, index in self._headers:
             mine = places + len(header) <= len(piece)
-            for depth in range(len(self._sync), len(header)):
-                mine &= piece.take(places + depth, mode="clip") == header[depth]
+            for depth, told in enumerate(header.told[len(self._sync) :], start=len(self._sync)):
+                if told is not None:
+                    mine &= piece.take(places + depth, mode="clip") == told
             if mine.any():
                 known |= mine
                 of_family[index].append(places[mine])

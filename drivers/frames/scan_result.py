@@ -29,7 +29,8 @@ class Scan:
     `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
     `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
     holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
-    reader at `stop`. `delimited` says that an optional delimiter follows there that was not expected.
+    reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them. `delimited` says
+    that an optional delimiter follows there that was not expected.
     """
 
     stop: int
@@ -41,6 +42,7 @@ class Scan:
     bad_checksum: int = 0
     bad_delimiter: int = 0
     unknown_id: int = 0
+    stuffing: int = 0
     resyncs: int = 0
 
     @property

@@ -1,4 +1,4 @@
-"""Frames of text: a line of numbers between separators, with a checksum in digits.
+"""Frames of text: a line of tokens between separators, perhaps with labels and a checksum in digits.
 
 id: "24 56 4E 59 4D 52 2C"   # $VNYMR,
 delimiter: 0D 0A
@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from functools import reduce
+from collections.abc import Mapping
+from functools import lru_cache, reduce
 from operator import xor
 from typing import Annotated, Literal
 
@@ -19,10 +20,12 @@ from pydantic import Field, model_validator
 
 from drivers.frames.checksum_kinds import CrcParameters
 from drivers.frames.crc import message_crc
+from drivers.frames.fields import SIZES, FieldDescription
 from drivers.frames.notation import Described
 
-_NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_PRINTABLE = re.compile(rb"[\x20-\x7e]*")
+LINE_END = b"\r\n"
+_NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
 
 
 class _TextChecksum(Described, ABC):
@@ -72,35 +75,74 @@ class TextCrc(_TextChecksum, CrcParameters):
 
 
 class TextDescription(Described):
-    """How a line is put together. One of the `checksums` must match; `most` bytes are the longest line."""
+    """How a line is put together. One of the `checksums` must match, where there are any; `most` bytes are the longest.
 
-    separator: str = Field(default=",", min_length=1, max_length=1)
+    Any of the characters of `separator` parts two tokens; blanks around them do not count.
+    """
+
+    separator: str = Field(default=",", min_length=1)
     most: int = Field(default=256, ge=4, le=4096)
-    checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(min_length=1)
+    checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _ascii(self) -> TextDescription:
         for key, text in [("separator", self.separator), *[("checksums.mark", each.mark) for each in self.checksums]]:
-            if not " " < text <= "~":
-                raise ValueError(f"{key}: {text!r} is not a printable ASCII character")
+            if not _PRINTABLE.fullmatch(text.encode()):
+                raise ValueError(f"{key}: {text!r} is not printable ASCII")
         return self
 
     def length_of(self, data: bytes, start: int, header_size: int, delimiter: bytes) -> int | None:
-        """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
+        """Return the length of the line at `start`: 0 where it is none, None where its end is not there.
+
+        Without a `delimiter`, it ends with LF or CR LF.
+        """
         match = _PRINTABLE.match(data, start + header_size)
         end = start if match is None else match.end()
-        if data.startswith(delimiter, end):
-            length = end + len(delimiter) - start
-            return length if length <= self.most else 0
-        unfinished = delimiter.startswith(data[end : end + len(delimiter)]) and end + len(delimiter) > len(data)
-        return None if unfinished and end - start < self.most else 0
+        for ending in [delimiter] if delimiter else [b"\n", b"\r\n"]:
+            if data.startswith(ending, end):
+                length = end + len(ending) - start
+                return length if length <= self.most else 0
+            if ending.startswith(data[end : end + len(ending)]) and end + len(ending) > len(data):
+                return None if end - start < self.most else 0
+        return 0
 
-    def values(self, line: bytes, header_size: int, count: int) -> tuple[float, ...] | None:
-        """Return the `count` numbers of a line without its delimiter; None where it has others than so many numbers."""
-        if not count:
-            return ()
-        body = line[header_size : line.rfind(self.checksums[0].mark.encode())]
-        cells = body.split(self.separator.encode())
-        if len(cells) != count or not all(map(_NUMBER.fullmatch, cells)):
-            return None
-        return tuple(map(float, cells))
+    def is_good(self, line: bytes, delimiter: bytes) -> bool:
+        """Tell whether one of the checksums of a line matches, or it has none."""
+        line = _without_end(line, delimiter)
+        return not self.checksums or any(each.matches(line) for each in self.checksums)
+
+    def cells(
+        self, line: bytes, header_size: int, delimiter: bytes, fields: Mapping[str, FieldDescription]
+    ) -> dict[str, bytes] | None:
+        """Return the tokens of a line by field, None where it has others than these."""
+        body = _without_end(line, delimiter)[header_size:]
+        if self.checksums:
+            body = body[: body.rfind(self.checksums[0].mark.encode())]
+        match = _tokens(self.separator, tuple((name, f.type, f.label) for name, f in fields.items())).fullmatch(body)
+        return None if match is None else match.groupdict()
+
+
+def _without_end(line: bytes, delimiter: bytes) -> bytes:
+    return line.removesuffix(delimiter) if delimiter else line.rstrip(LINE_END)
+
+
+@lru_cache(maxsize=256)
+def _tokens(separator: str, fields: tuple[tuple[str, str, str], ...]) -> re.Pattern[bytes]:
+    """Return what matches the tokens of a line, one group for each field (name, type, label)."""
+    parts, cells = b"[" + re.escape(separator.encode()) + b"]", []
+    if not fields or any(kind == "line" for _, kind, _ in fields):
+        return re.compile(b".*", re.DOTALL)
+    for name, kind, label in fields:
+        what = {"decimal": _NUMBER, "word": b"[^" + re.escape(separator.encode()) + b"]*?"}.get(kind)
+        what = what or b"[0-9A-Fa-f]{1,%d}" % (2 * SIZES[kind])
+        labelled = re.escape(label.encode()) + rb"\s*" if label else b""
+        cells.append(rb"\s*" + labelled + b"(?P<" + name.encode() + b">" + what + rb")\s*")
+    return re.compile(parts.join(cells) + parts + b"?")
+
+
+def number(cell: bytes, field: FieldDescription) -> float:
+    """Return what a token is worth on the wire: a decimal number, or hexadecimal digits of an integer's width."""
+    if not field.is_integer:
+        return float(cell)
+    value = int(cell, 16)
+    return value - (1 << field.bits) if field.type[0] == "i" and value >> (field.bits - 1) else value

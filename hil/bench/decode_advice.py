@@ -9,6 +9,7 @@ frames with a false account of what is missing. Both are said in words.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,8 @@ import numpy as np
 from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import CounterDescription, FrameDescription, StreamDescription, load_description
+from drivers.frames.description import FrameDescription, StreamDescription, load_description
+from drivers.frames.told import CounterDescription
 from drivers.given_file import opened
 from hil.errors import InputError
 from hil.files.strict import config_folders
@@ -39,7 +41,10 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
         return
     with opened(path) as file:
         data = file.read(_LOOK)
-    begun = sum(data.count(header) for name in description.frames for header in description.headers(name))
+    headers = [
+        header for name, each in description.frames.items() if not each.parts for header in description.headers(name)
+    ]
+    begun = sum(1 for header in headers for _ in re.finditer(header.pattern, data, re.DOTALL))
     what = "no good frame is" if not counts.ok else f"{counts.skipped_bytes} of {size} bytes are in no frame"
     said = f"{what} in {size} bytes" if not counts.ok else what
     times = "once" if begun == 1 else f"{begun} times"
