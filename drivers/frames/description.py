@@ -343,7 +343,7 @@ class _Parameters(Described):
 
 
 def whole_text(path: Path | str) -> str:
-    """Return the text of a description with what it includes put in, for a record; raise `InputError` as a load does."""
+    """Return the text of a description with what it includes put in; raise `InputError` as a load does."""
     text = read_text(path)
     content = parse_yaml(text, str(path))
     whole = _included(content, str(path)) if "include" in content else {}

@@ -49,7 +49,7 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
     said = f"{what} in {size} bytes" if not counts.ok else what
     times = "once" if begun == 1 else f"{begun} times"
     yield f"{said}: in the first {len(data)}, what begins a frame of {description.name} is there {times}"
-    others = sorted(_that_read(data), reverse=True)
+    others = sorted(that_read(data), reverse=True)
     for share, ok, name in others[:2]:
         yield f"{name} reads {share:.1%} of the first {len(data)} bytes as {ok} good frames: try --frames {name}"
     if others:
@@ -59,8 +59,8 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
     yield "no shipped description reads it: compare baud rate, word length and the unit's settings with the manual"
 
 
-def _that_read(data: bytes) -> Iterator[tuple[float, int, str]]:
-    """Try the shipped descriptions: of those that read most of `data`, which share, how many frames, and the name."""
+def that_read(data: bytes, least: float = 0.5) -> Iterator[tuple[float, int, str]]:
+    """Try the shipped descriptions: of those that read more than `least`, the share, how many frames, and the name."""
     paths = {path.stem: path for folder in config_folders("imus") for path in folder.glob("*.yaml")}
     for name, path in paths.items():
         try:
@@ -69,7 +69,7 @@ def _that_read(data: bytes) -> Iterator[tuple[float, int, str]]:
             continue
         counts = decoder.feed(data).counts + decoder.finish().counts
         share = 1.0 - counts.skipped_bytes / len(data)
-        if share > 0.5:
+        if share > least and counts.ok:
             yield share, counts.ok, name
 
 
