@@ -49,7 +49,7 @@ class StreamDecoder:
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
         self._nothing = [_no_frames(family.shortest_layout) for family in plain]
         self._joined = [
-            _Joined(description, name, self._names) for name, each in description.frames.items() if each.parts
+            SampleJoiner(description, name, self._names) for name, each in description.frames.items() if each.parts
         ]
         self._taken = {part for each in self._joined for part in each.parts}
         longest = max(family.longest for family in plain)
@@ -85,10 +85,10 @@ class StreamDecoder:
         self._standing = Standing()
         self._delimited = None
         self._scanner.newest.clear()
-        for sequence in [*self._sequences, *(each.sequence for each in self._joined)]:
+        for sequence in self._sequences:
             sequence.interrupt()
-        for each in self._joined:
-            each.joiner.interrupt()
+        for joiner in self._joined:
+            joiner.interrupt()
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
@@ -171,8 +171,8 @@ class StreamDecoder:
                 ok += len(frames[name])
                 lost, duplicate = lost + missing, duplicate + repeated
         for each in self._joined:
-            samples, parts, absent = each.joiner.take([found[index] for index in each.parts], last=last)
-            frames[each.name] = each.nothing
+            samples, parts, absent = each.take([found[index] for index in each.parts], last=last)
+            frames[each.name] = _no_frames(each.layout)
             if samples is not None:
                 frames[each.name], missing, repeated = _numbered(samples, each.sequence)
                 ok += parts - repeated
@@ -199,18 +199,6 @@ def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, i
         return batch.select(keep, numbers), missing, repeated
     batch.sequence = numbers
     return batch, missing, 0
-
-
-class _Joined:
-    """Samples of several frames: `parts` are the numbers of their types."""
-
-    def __init__(self, description: StreamDescription, name: str, names: Sequence[str]) -> None:
-        self.name = name
-        layout = FrameLayout(description, name, fields={}, offsets={})
-        self.parts = [names.index(part) for part in layout.description.parts]
-        self.joiner = SampleJoiner(layout)
-        self.nothing = _no_frames(layout)
-        self.sequence = FrameSequence(layout.description, description.sample_rate_hz)
 
 
 def _no_frames(layout: FrameLayout) -> FrameBatch:

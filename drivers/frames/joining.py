@@ -16,23 +16,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivers.frames.batch import FrameBatch, VariedBatch, join
+from drivers.frames.description import StreamDescription
 from drivers.frames.layout import FrameLayout
 from drivers.frames.scan_result import Group
+from drivers.frames.sequence import FrameSequence
 
 
 class SampleJoiner:
-    """Puts the samples of one stream together. `layout` is theirs, without fields of its own."""
+    """Puts the samples `name` of one stream together; `parts` are the numbers of their frame types in `names`."""
 
-    def __init__(self, layout: FrameLayout) -> None:
-        self._layout = layout
-        self._parts = layout.description.parts
-        self._by = layout.description.by
+    def __init__(self, description: StreamDescription, name: str, names: Sequence[str]) -> None:
+        self.name, self.layout = name, FrameLayout(description, name, fields={}, offsets={})
+        frame = self.layout.description
+        self.parts, self._by = [names.index(part) for part in frame.parts], frame.by
+        self.sequence = FrameSequence(frame, description.sample_rate_hz)
         self.interrupt()
 
     def interrupt(self) -> None:
         """Forget the unfinished sample; the next may have begun before."""
-        self._held: list[list[Group]] = [[] for _ in self._parts]
+        self._held: list[list[Group]] = [[] for _ in self.parts]
         self._begun = False
+        self.sequence.interrupt()
 
     def take(self, groups: Sequence[list[Group]], *, last: bool) -> tuple[FrameBatch | None, int, int]:
         """Return the samples that are complete with these frames of each part, how many frames they are, and are lost.
@@ -55,7 +59,7 @@ class SampleJoiner:
             begins[1:] = count[1:] != count[:-1]
         sample = np.cumsum(begins) - 1
         first = int(np.flatnonzero(begins)[-1])
-        whole = len(part) - first == len(self._parts) if self._by else part[-1] == len(self._parts) - 1
+        whole = len(part) - first == len(self.parts) if self._by else part[-1] == len(self.parts) - 1
         cut = np.inf if whole or last else starts[order[first]]
         self._held = [_from(each, cut) for each in groups]
         n = int(sample[-1]) + int(cut == np.inf)
@@ -71,12 +75,12 @@ class SampleJoiner:
             parts.append(batch.select(keep, batch.sequence[keep]))
             places.append(place[keep])
         frames = sum(map(len, places))
-        missing = n * len(self._parts) - sum(len(np.unique(place)) for place in places)
+        missing = n * len(self.parts) - sum(len(np.unique(place)) for place in places)
         if self._by is None:
             missing -= 0 if self._begun else int(part[0])
-            missing -= len(self._parts) - 1 - int(part[-1]) if last and not whole else 0
+            missing -= len(self.parts) - 1 - int(part[-1]) if last and not whole else 0
         self._begun = True
-        return VariedBatch(parts, places, np.arange(n), self._layout), frames, missing
+        return VariedBatch(parts, places, np.arange(n), self.layout), frames, missing
 
 
 def _from(groups: list[Group], cut: float) -> list[Group]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from drivers.frames.candidates import Candidates, covered, judge
 from drivers.frames.families import Flaw, FrameFamily
 from drivers.frames.layout import FrameLayout, IntArray
-from drivers.frames.scan_result import Group, Scan, Standing
+from drivers.frames.scan_result import Found, Group, Scan, Standing, grouped
 from drivers.frames.wire import Rows
 
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
@@ -95,7 +95,7 @@ class Scanner:
 
         `last` says that nothing will follow. With `first_only`, stop behind the first good frame and remember nothing.
         """
-        found: list[dict[int, tuple[FrameLayout, list[bytes], list[int]]]] = [{} for _ in self._families]
+        found: list[Found] = [{} for _ in self._families]
         result = Scan(len(data), standing, [])
         in_step, claimed = standing.in_step, standing.claimed
         at = end = 0  # the byte that is looked at; the end of the last good frame
@@ -151,13 +151,7 @@ class Scanner:
             if self._confirms:
                 self.newest[index] = (form, frame)
         result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
-        result.found = [
-            [
-                (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
-                for layout, frames, starts in forms.values()
-            ]
-            for forms in found
-        ]
+        result.found = grouped(found)
         return result
 
     def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+import numpy as np
 
 from drivers.frames.layout import FrameLayout, IntArray
 from drivers.frames.wire import Rows
 
 Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
+Found = dict[int, tuple[FrameLayout, list[bytes], list[int]]]  # the same, one by one
 
 
 @dataclass(frozen=True)
@@ -49,3 +53,14 @@ class Scan:
     def frames(self) -> int:
         """How many good frames were found."""
         return sum(len(starts) for groups in self.found for _, _, starts in groups)
+
+
+def grouped(found: Iterable[Found]) -> list[list[Group]]:
+    """Return frames that were found one by one as groups: bytes (n, length) and places (n,) of each form."""
+    return [
+        [
+            (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
+            for layout, frames, starts in forms.values()
+        ]
+        for forms in found
+    ]

@@ -10,7 +10,6 @@ fields: {yaw: {type: decimal, unit: deg}, pitch: {type: decimal, unit: deg}}
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import lru_cache, reduce
 from operator import xor
@@ -28,7 +27,7 @@ _NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
 
 
-class _TextChecksum(Described, ABC):
+class _InDigits(Described):
     """Digits after the last `mark`. `first` is the first covered byte; the mark itself may be covered too."""
 
     mark: str = Field(min_length=1, max_length=1)
@@ -37,41 +36,29 @@ class _TextChecksum(Described, ABC):
     stored: Literal["hex", "decimal"] = "hex"
     digits: int | None = Field(default=None, ge=1)
 
-    @abstractmethod
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-
     def matches(self, line: bytes) -> bool:
         """Tell whether a line without its delimiter carries the right checksum in this form."""
         at = line.rfind(self.mark.encode())
-        digits = line[at + 1 :]
+        digits, covered = line[at + 1 :], line[self.first : at + self.covers_mark]
         if at < self.first or not digits.isalnum() or (self.digits is not None and len(digits) != self.digits):
             return False
         try:
             stored = int(digits, 16 if self.stored == "hex" else 10)
         except ValueError:
             return False
-        return self.of(line[self.first : at + self.covers_mark]) == stored
+        return stored == (message_crc(self, covered) if isinstance(self, TextCrc) else reduce(xor, covered, 0))
 
 
-class TextXor(_TextChecksum):
+class TextXor(_InDigits):
     """The exclusive or of the covered characters."""
 
     kind: Literal["xor"]
 
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-        return reduce(xor, message, 0)
 
-
-class TextCrc(_TextChecksum, CrcParameters):
+class TextCrc(_InDigits, CrcParameters):
     """A cyclic redundancy check of the covered characters."""
 
     kind: Literal["crc"]
-
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-        return message_crc(self, message)
 
 
 class TextDescription(Described):

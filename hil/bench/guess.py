@@ -24,7 +24,6 @@ from pydantic import TypeAdapter
 
 from drivers.frames.checksum_kinds import ChecksumDescription
 from drivers.frames.checksums import FrameChecksum
-from drivers.frames.wire import read_column
 from drivers.given_file import opened
 from hil.bench.decode_advice import that_read
 from hil.errors import InputError
@@ -34,10 +33,22 @@ _LOOK = 1 << 17  # bytes from the beginning of a file
 _LONGEST = 512  # bytes of a frame that is looked for
 _MOST = 0.9  # of frames agree where something is taken for a rule
 _FEW = 12  # frames, fewer of which show nothing
-_CRCS = [(16, 0x1021, init, False, 0) for init in (0, 0xFFFF, 0x1D0F)]  # width, polynomial, init, reflected, XOR
-_CRCS += [(16, 0x1021, 0, True, 0), (16, 0x1021, 0xFFFF, True, 0), (16, 0x1021, 0xFFFF, True, 0xFFFF)]
-_CRCS += [(16, 0x8005, 0, True, 0), (16, 0x8005, 0xFFFF, True, 0), (32, 0x04C11DB7, 0, True, 0)]
-_CRCS += [(32, 0x04C11DB7, 0xFFFFFFFF, False, 0), (32, 0x04C11DB7, 0xFFFFFFFF, True, 0xFFFFFFFF)]
+_CRCS = [(16, 0x1021, init, turned) for init in (0, 0xFFFF, 0x1D0F) for turned in (False, True)]
+_CRCS += [
+    (16, 0x8005, 0, True),
+    (16, 0x8005, 0xFFFF, True),
+    (32, 0x04C11DB7, 0, True),
+    (32, 0x04C11DB7, 0xFFFFFFFF, False),
+]
+_CRC_KINDS: list[dict[str, Any]] = [
+    {"kind": "crc", "width": width, "poly": poly, "init": init, "refin": turned, "refout": turned}
+    for width, poly, init, turned in _CRCS
+]
+_CRC_KINDS += [_CRC_KINDS[3] | {"xorout": 0xFFFF}, _CRC_KINDS[-2] | {"init": 0xFFFFFFFF, "xorout": 0xFFFFFFFF}]
+_KINDS = [*_CRC_KINDS, _CRC_KINDS[9] | {"pad_to": 4}, {"kind": "fletcher"}, {"kind": "xor"}]
+_KINDS += [{"kind": "sum", "width": width, "negate": sign} for width in (16, 8) for sign in (False, True)]
+_WORDS = [{"word": 2, "word_order": order} for order in ("big", "little")]
+_KINDS += [{"kind": "sum", "width": 16, "negate": sign, **words} for words in _WORDS for sign in (False, True)]
 _TRIED = 6  # places at which a frame may begin
 _CHECKSUM: TypeAdapter[ChecksumDescription] = TypeAdapter(ChecksumDescription)
 Bytes = NDArray[np.uint8]
@@ -55,11 +66,7 @@ def guess_file(path: Path) -> dict[str, Any]:
     printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)
     fits = sorted(that_read(data, least=0.05), reverse=True)
     found = _lines(data) if printable > _MOST else _frames(np.frombuffer(data, np.uint8))
-    head: dict[str, Any] = {
-        "schema": "hil.frames/1",
-        "name": path.stem,
-        "verified": "by nothing: guessed from a recording",
-    }
+    head: dict[str, Any] = {"schema": "hil.frames/1", "name": path.stem, "verified": "by nothing: guessed"}
     head |= {"sample_rate_hz": 100, "byte_order": "little"}
     return {
         "schema": SCHEMA,
@@ -103,19 +110,16 @@ def _frames(data: Bytes) -> dict[str, Any]:
         gaps = Counter(np.diff(places).tolist()).most_common(1)
         if gaps and gaps[0][1] >= _FEW and gaps[0][0] >= 4:
             candidates.append((gaps[0][0] * gaps[0][1], -int(places[0]), gaps[0][0], places))
-    if not candidates:
-        return document
-    best = max(each[0] for each in candidates)
-    first: Bytes | None = None
+    best = max((each[0] for each in candidates), default=0)
     likely = sorted((each for each in candidates if 2 * each[0] > best), key=lambda each: each[:2], reverse=True)
+    tried = []
     for _, _, length, places in likely[:_TRIED]:
         starts = _beginning(data, places[:-1][np.diff(places) == length], length)
-        rows = np.ascontiguousarray(sliding_window_view(data, length)[starts])
-        found = _checksum(rows)
-        first = rows if first is None else first
+        tried.append(np.ascontiguousarray(sliding_window_view(data, length)[starts]))
+        found = _checksum(tried[-1])
         if found is not None:
-            return document | _described(rows, found)
-    return document | ({} if first is None else _described(first, None))
+            return document | _described(tried[-1], found)
+    return document | (_described(tried[0], None) if tried else {})
 
 
 def _beginning(data: Bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.int64]:
@@ -133,56 +137,43 @@ def _beginning(data: Bytes, starts: NDArray[np.int64], length: int) -> NDArray[n
     return starts
 
 
-Sum = tuple[dict[str, Any], int]  # a checksum as it is described, and the size of the delimiter behind it
-
-
 @cache
-def _checks(length: int) -> list[tuple[Sum, FrameChecksum]]:
-    """Return the checksums that frames of this length may carry."""
-    crcs: list[dict[str, Any]] = [
-        {"kind": "crc", "width": width, "poly": poly, "init": init, "refin": turned, "refout": turned, "xorout": last}
-        for width, poly, init, turned, last in _CRCS
-    ]
-    others: list[dict[str, Any]] = [crcs[-2] | {"pad_to": 4}, {"kind": "fletcher"}, {"kind": "xor"}]
-    others += [{"kind": "sum", "width": width, "negate": sign} for width, sign in product((16, 8), (False, True))]
-    others += [
-        {"kind": "sum", "width": 16, "word": 2, "word_order": order, "negate": sign}
-        for order, sign in product(("big", "little"), (False, True))
-    ]
-    given: list[Sum] = [
-        ({**kind, "stored": order, "span": [first, None]}, tail)
-        for kind, order, tail, first in product([*crcs, *others], ("big", "little"), range(3), range(4))
-    ]
+def _checks(length: int, tail: int) -> list[tuple[dict[str, Any], FrameChecksum]]:
+    """Return the checksums that frames of this length, with a delimiter of `tail` bytes, may carry."""
+    orders = ("big", "little")
+    given = [kind | {"stored": order, "span": [at, None]} for kind, order, at in product(_KINDS, orders, range(4))]
     given += [
-        ({**kind, "stored": order, "at": at, "span": [[0, at], [at + kind["width"] // 8, None]]}, 0)
-        for kind, order, at in product(crcs, ("big", "little"), range(2, 8))
+        kind | {"stored": order, "at": at, "span": [[0, at], [at + kind["width"] // 8, None]]}
+        for kind, order, at in product(_CRC_KINDS, orders, range(2, 8))
     ]
     checks = []
-    for kind, tail in given:
+    for kind in given:
         with contextlib.suppress(ValueError):
             described = _CHECKSUM.validate_python(kind)
             covered = sum(len(range(*part)) for part in described.covered(length - tail) if isinstance(part, tuple))
             described.check_span(covered)
             if covered > 2:
-                checks.append(((kind, tail), FrameChecksum(described, length - tail)))
+                checks.append((kind, FrameChecksum(described, length - tail)))
     return checks
 
 
-def _checksum(rows: Bytes) -> Sum | None:
-    """Return a checksum that most of the frames carry, shape (n, length), and the size of the delimiter behind it."""
+def _tail(rows: Bytes) -> int:
+    """Return how many bytes at the end of all frames, bytes of shape (n, length), are the same: a delimiter."""
+    return next(tail for tail in range(4) if tail == 3 or np.ptp(rows[:, -1 - tail]))
+
+
+def _checksum(rows: Bytes) -> dict[str, Any] | None:
+    """Return a checksum that most of the frames carry, bytes of shape (n, length), as it is described."""
     few = [bytes(row) for row in rows[:: max(1, len(rows) // 6)][:6]]
-    for found, check in _checks(rows.shape[1]) if len(rows) >= _FEW else ():
-        if sum(map(check.matches, few)) < len(few) - 1 or check.matches_rows(rows).mean() < _MOST:
-            continue
-        if not found[1] or not np.ptp(rows[:, -found[1] :], axis=0).any():
-            return found
+    for kind, check in _checks(rows.shape[1], _tail(rows)) if len(rows) >= _FEW else ():
+        if sum(map(check.matches, few)) >= len(few) - 1 and check.matches_rows(rows).mean() > _MOST:
+            return {key: value for key, value in kind.items() if value is not False and value != 0}
     return None
 
 
-def _described(rows: Bytes, found: Sum | None) -> dict[str, Any]:
+def _described(rows: Bytes, found: dict[str, Any] | None) -> dict[str, Any]:
     """Say what frames, bytes of shape (n, length), have in common, and make a stream of it."""
-    kind, tail = ({"kind": "none"}, 0) if found is None else found
-    kind = {key: value for key, value in kind.items() if value is not False and value != 0}
+    kind, tail = ({"kind": "none"}, 0) if found is None else (found, _tail(rows))
     described, length = _CHECKSUM.validate_python(kind), rows.shape[1]
     at, end = described.position(length - tail), described.content_end(length - tail)
     steady = [np.bincount(column).max() > _MOST * len(rows) for column in rows.T]
@@ -203,7 +194,7 @@ def _described(rows: Bytes, found: Sum | None) -> dict[str, Any]:
         "length": length,
         "frames": len(rows),
         "sync": begins,
-        "checksum": None if found is None else kind,
+        "checksum": found,
         "counter": counter,
         "stream": {"sync": begins, "frames": {"frame": frame}},
     }
@@ -211,13 +202,14 @@ def _described(rows: Bytes, found: Sum | None) -> dict[str, Any]:
 
 def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, Any] | None:
     """Return what steps by the same from frame to frame, bytes (n, length), between two places."""
-    found = []
-    for (size, order), at in product(((1, "little"), (2, "little"), (2, "big")), range(first, end)):
-        if at + size <= end and not taken & set(range(at, at + size)):
-            values = read_column(rows, at, f"u{8 * size}", "little" if order == "little" else "big").astype(np.int64)
-            step, times = Counter((np.diff(values) % (1 << 8 * size)).tolist()).most_common(1)[0]
-            if 0 < step <= 1 << 4 * size and times > _MOST * (len(rows) - 1) and not (1 << 8 * size) % step:
-                found.append(
-                    (times, size, -step, {"at": at, "type": f"u{8 * size}", "byte_order": order, "step": step})
-                )
+    found: list[tuple[int, int, int, dict[str, Any]]] = []
+    for kind, at in product(("<u1", "<u2", ">u2"), range(first, end)):
+        size = int(kind[2])
+        if at + size > end or taken & set(range(at, at + size)):
+            continue
+        values = np.ascontiguousarray(rows[:, at : at + size]).view(kind)[:, 0].astype(np.int64)
+        step, times = Counter((np.diff(values) % (1 << 8 * size)).tolist()).most_common(1)[0]
+        if 0 < step <= 1 << 4 * size and times > _MOST * (len(rows) - 1) and not (1 << 8 * size) % step:
+            told = {"at": at, "type": f"u{8 * size}", "byte_order": "little" if kind[0] == "<" else "big", "step": step}
+            found.append((times, size, -step, told))
     return max(found, key=lambda each: each[:3])[3] if found else None

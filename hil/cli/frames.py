@@ -69,8 +69,8 @@ def guess(
     from hil.files.durable import RealDisk, write_durably
 
     document = guess_file(capture)
-    if out is not None and document["description"] is not None:
-        write_durably(RealDisk(), out, document["description"].encode())
+    if out is not None:
+        write_durably(RealDisk(), out, (document["description"] or "").encode())
     if printed(document, as_json):
         return
     console = results()
@@ -78,13 +78,10 @@ def guess(
         console.print(
             f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
         )
-    if not document["fits"]:
-        console.print("no shipped description reads it")
     for key in ("repeats_every", "lines", "sync", "length", "frames", "checksum", "counter"):
         if document.get(key) is not None:
             console.print(f"{key.replace('_', ' ')}: {document[key]}")
-    if out is not None and document["description"] is not None:
-        console.print(f"written: {out}; name its bytes by the unit's manual, then: hil decode --frames {out} {capture}")
+    console.print(document["description"] or "nothing in it repeats itself as frames do: compare the baud rate")
 
 
 def _parameters(settings: list[str] | None) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class Julabo(OnOnePort):
         return ControllerIdentity(self._exchange.query("VERSION", self._version))
 
     def state(self) -> ControllerState:
-        """Look at bath, setpoint, warning limits, whether it runs, and its status."""
+        """Look at bath, setpoint, warning limits, mode and status; raise `DeviceTimeout` where one is not told."""
         return ControllerState(
             temperature=self._exchange.query("IN_PV_00", self._number),
             setpoint=self._exchange.query("IN_SP_00", self._number),

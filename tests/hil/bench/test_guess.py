@@ -46,7 +46,7 @@ def test_a_counter_and_a_checksum_before_its_payload_are_found(tmp_path: Path) -
     rng = np.random.default_rng(1)
     for number in range(200):
         frame = bytearray(FOREIGN["hipnuc"][0].sent)
-        frame[14:18] = (10 * number).to_bytes(4, "little")
+        frame[14:18] = (8 * number).to_bytes(4, "little")
         frame[18:82] = rng.integers(0, 256, 64, np.uint8).tobytes()
         frame[4:6] = crc_hqx(bytes(frame[:4] + frame[6:]), 0).to_bytes(2, "little")
         frames.append(bytes(frame))
@@ -55,7 +55,7 @@ def test_a_counter_and_a_checksum_before_its_payload_are_found(tmp_path: Path) -
     document = guess_file(path)
     assert document["checksum"]["at"] == 4
     assert document["checksum"]["span"] == [[0, 4], [6, None]]
-    assert (document["length"], document["repeats_every"], document["counter"]["step"]) == (82, 82, 10)
+    assert (document["length"], document["repeats_every"], document["counter"]["step"]) == (82, 82, 8)
     assert decode_all(parse_description(document["description"]), path.read_bytes())[1].lost == 0
 
 
