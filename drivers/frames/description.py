@@ -195,13 +195,11 @@ def _joined(name: str, frame: FrameDescription, frames: Mapping[str, FrameDescri
         if part not in frames or frames[part].parts or frame.parts.count(part) > 1:
             raise ValueError(f"{name}.parts: {part!r} is not one of the other frames, once")
         own = frames[part].all_fields
+        if frame.by is not None and frame.by not in own:
+            raise ValueError(f"{name}.by: {part} has no field {frame.by!r}")
         double = next((field for field in own if field in fields and field != frame.by), None)
-        if double is not None or (frame.by is not None and frame.by not in own):
-            raise ValueError(
-                f"{name}.by: {part} has no field {frame.by!r}"
-                if double is None
-                else f"{name}.parts: the field {double!r} of {part} has the name of one in a part before it"
-            )
+        if double is not None:
+            raise ValueError(f"{name}.parts: the field {double!r} of {part} has the name of one in a part before it")
         fields, status = fields | own, status | frames[part].status
     return frame.model_copy(update={"fields": fields, "status": status})
 

@@ -42,6 +42,7 @@ class FrameLayout:
         frame = description.frames[name]
         self.name = name
         self.description = frame
+        self.in_packets = description.packets is not None
         self.header = description.headers(name)[0]
         self.delimiter = frame.delimiter if delimiter is None else delimiter
         self.length = frame.shortest if length is None else length

@@ -245,5 +245,5 @@ def test_a_units_own_time_tells_what_is_missing_where_there_is_no_counter() -> N
 
 def test_a_frame_that_cannot_be_encoded_says_so(tmp_path: Path) -> None:
     """What varies has no one form to write."""
-    with pytest.raises(ValueError, match=r"frames\.long: .* can be read, but not made"):
+    with pytest.raises(ValueError, match=r"frames\.long: .* can be read, not made"):
         encode(parse_description(WEAK), "long", {})

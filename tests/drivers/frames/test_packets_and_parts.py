@@ -11,6 +11,7 @@ from drivers.errors import InputError
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description, parse_description, whole_text
+from drivers.frames.encoder import encode
 from drivers.frames.packets import PacketDescription
 from tests.drivers.frames.foreign import FOREIGN
 from tests.drivers.frames.test_shipped_descriptions import IMUS, decode_all
@@ -243,3 +244,48 @@ def test_a_description_may_include_another_and_say_itself_what_differs(tmp_path:
         (tmp_path / "lost.yaml").write_text("include: nowhere.yaml\n")
         with pytest.raises(InputError, match=said):
             load_description(tmp_path / f"{name}.yaml")
+
+
+def test_what_is_stuffed_or_put_together_is_not_made() -> None:
+    """A simulated unit would send what nobody reads."""
+    for text, frame in ((STUFFED, "sample"), (BY_COUNT, "sample"), (LINES, "bare")):
+        with pytest.raises(ValueError, match=rf"frames\.{frame}: .* can be read, not made"):
+            encode(parse_description(text), frame, {})
+
+
+MISTAKES = {
+    "a packet of another end": (
+        STUFFED.replace("{kind: slip}", "{kind: slip, end: C0 C1}"),
+        "packets.kind: slip has no",
+    ),
+    "a line with an escape": (
+        LINES.replace("{kind: lines}", "{kind: lines, escape: DB}"),
+        "packets.kind: lines has no",
+    ),
+    "packets and another end": (STUFFED + "optional_delimiter: 0D\n", "optional_delimiter: packets have ends"),
+    "a part that is not there": (BY_COUNT.replace("[acc, gyro]", "[acc, mag]"), "sample.parts: 'mag' is not one of"),
+    "a part with the same field": (
+        BY_COUNT.replace("{g: {", "{a: {").replace("g: {type: i8}", "a: {type: i8}"),
+        "sample",
+    ),
+    "a count that a part lacks": (BY_COUNT.replace("by: count", "by: a"), "sample.by: gyro has no field 'a'"),
+    "a length of parts": (
+        BY_COUNT.replace("by: count,", "by: count, length: 5,"),
+        "frames.sample.length: is given for",
+    ),
+    "an id that another hides": (BY_COUNT.replace('gyro: {id: "02"', "gyro: {id: xx"), "two frames have the same id"),
+    "a label in a frame": (
+        STUFFED.replace("count: {type: u8}", "count: {type: u8, label: c}"),
+        "fields.count.type: u8 has",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_what_cannot_be_is_said_with_its_key(case: str) -> None:
+    """In one sentence."""
+    text, said = MISTAKES[case]
+    with pytest.raises(InputError) as refusal:
+        parse_description(text, "unit.yaml")
+    assert said in str(refusal.value)
+    assert "\n" not in str(refusal.value)
