@@ -78,9 +78,10 @@ class VariedBatch(FrameBatch):
         sequence: IntArray,
         layout: FrameLayout | None = None,
     ) -> None:
-        starts = np.full(len(sequence), np.iinfo(np.int64).max)
-        for part, place in zip(parts, places, strict=True):
-            starts[place] = np.minimum(starts[place], part.starts)
+        starts = np.empty(len(sequence), np.int64)
+        for part, place in zip(reversed(parts), reversed(places), strict=True):  # a sample begins with its first part
+            starts[place] = part.starts
+        self._lacking = [] if layout is None else layout.absent
         layout = layout or parts[0].layout
         super().__init__(layout, np.empty((0, layout.length), np.uint8), starts, sequence)
         self._parts = parts
@@ -133,7 +134,7 @@ class VariedBatch(FrameBatch):
     @cached_property
     def columns(self) -> Mapping[str, FloatArray]:
         """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
-        columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self.layout.absent}
+        columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self._lacking}
         for place, part in zip(self._places, self._parts, strict=True):
             for name, values in part.columns.items():
                 columns.setdefault(name, np.full(len(self), np.nan))[place] = values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,9 @@ class FrameChecksum:
         self._size = kind.size
         self._order = kind.stored
         self._parts = [slice(*part) if isinstance(part, tuple) else part for part in kind.covered(body_end)]
+        first = self._parts[0]
+        plain = len(self._parts) == 1 and isinstance(first, slice)
+        self._covered: Callable[[bytes], bytes] = itemgetter(first) if plain else self._joined
         self._of_rows: Callable[[Rows], NDArray[Any]]
         self._of_bytes: Callable[[bytes], int] = self._alone
         if isinstance(kind, CrcKind):
@@ -51,13 +55,12 @@ class FrameChecksum:
             self._of_rows = partial(_sum, kind)
         else:
             self._of_rows = _fletcher if isinstance(kind, FletcherKind) else _xor
-        first = self._parts[0]
         residue = None
-        if isinstance(kind, CrcKind) and isinstance(first, slice) and len(self._parts) == 1 and self._at == first.stop:
+        if isinstance(kind, CrcKind) and isinstance(first, slice) and plain and self._at == first.stop:
             residue = residue_test(kind, first.start, first.stop)
         self.matches: Callable[[bytes], bool] = residue or self._matches
 
-    def _covered(self, frame: bytes) -> bytes:
+    def _joined(self, frame: bytes) -> bytes:
         return b"".join([frame[part] if isinstance(part, slice) else part for part in self._parts])
 
     def _covered_rows(self, rows: Rows) -> Rows:

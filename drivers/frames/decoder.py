@@ -17,7 +17,7 @@ from drivers.frames.layout import FrameLayout
 from drivers.frames.packet_scan import PacketScanner
 from drivers.frames.packets import LONGEST
 from drivers.frames.scan import Scanner
-from drivers.frames.scan_result import Scan, Standing
+from drivers.frames.scan_result import Group, Scan, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
@@ -153,30 +153,28 @@ class StreamDecoder:
         frames: dict[str, FrameBatch] = {}
         ok = lost = duplicate = 0
         taken_bytes = sum(scan.stuffing for _, scan in scans)
-        found = [
-            [
+        parts: dict[int, list[Group]] = {}
+        for index, name in enumerate(self._names):
+            groups = [
                 (layout, rows, starts + (at + self._position))
                 for at, scan in scans
                 for layout, rows, starts in scan.found[index]
             ]
-            for index in range(len(self._names))
-        ]
-        for index, (name, groups) in enumerate(zip(self._names, found, strict=True)):
-            taken_bytes += sum(rows.size for _, rows, _ in groups)
             if index in self._taken:
+                parts[index] = groups
+            elif not groups:
+                frames[name] = self._nothing[index]
                 continue
-            frames[name] = self._nothing[index]
-            if groups:
+            else:
                 frames[name], missing, repeated = _numbered(join(groups), self._sequences[index])
-                ok += len(frames[name])
-                lost, duplicate = lost + missing, duplicate + repeated
+                ok, lost, duplicate = ok + len(frames[name]), lost + missing, duplicate + repeated
+            taken_bytes += sum(rows.size for _, rows, _ in groups)
         for each in self._joined:
-            samples, parts, absent = each.take([found[index] for index in each.parts], last=last)
+            samples, count, absent = each.take([parts[index] for index in each.parts], last=last)
             frames[each.name] = _no_frames(each.layout)
             if samples is not None:
                 frames[each.name], missing, repeated = _numbered(samples, each.sequence)
-                ok += parts - repeated
-                lost, duplicate = lost + missing + absent, duplicate + repeated
+                ok, lost, duplicate = ok + count - repeated, lost + missing + absent, duplicate + repeated
         counts = StreamCounts(
             ok=ok,
             bad_checksum=sum(scan.bad_checksum for _, scan in scans),

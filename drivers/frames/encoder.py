@@ -22,8 +22,8 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
     fixed = isinstance(layout.description.length, int) and layout.description.items is None
     if not fixed or layout.in_packets:
         raise ValueError(
-            f"frames.{layout.name}: frames of varying length, items, parts or text, or in packets, can be read, not made; "
-            "simulate a unit whose frames have a fixed length, such as mfs"
+            f"frames.{layout.name}: frames of varying length, items, parts or text, or in packets, can be read, "
+            "not made; simulate a unit whose frames have a fixed length, such as mfs"
         )
     rows = layout.blank(n)
     for field, values in columns.items():

@@ -199,11 +199,11 @@ class TextFamily(FrameFamily):
     steady = False
 
     def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
+        self._text, self._tokens = text, text.tokens(description.frames[name].fields)
         super().__init__(description, name)
-        self._text = text
 
     def _layout(self, length: int) -> FrameLayout:
-        return TextLayout(self._stream, self.name, length=length, offsets={}, delimiter=self.delimiter)
+        return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={}, delimiter=self.delimiter)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
@@ -215,10 +215,10 @@ class TextFamily(FrameFamily):
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole line, or what is wrong with it."""
-        layout, text, fields = self._alike(len(frame)), self._text, self.description.fields
+        text, header = self._text, len(self.headers[0])
         good = text.is_good(frame, self.delimiter)
-        good = good and text.cells(frame, len(layout.header), self.delimiter, fields) is not None
-        return layout if good else Flaw.CHECKSUM
+        good = good and text.cells(frame, header, self.delimiter, self._tokens) is not None
+        return self._alike(len(frame)) if good else Flaw.CHECKSUM
 
     def forms(self, rows: Rows) -> Verdict:
         """Return the verdict about n whole lines of one length, shape (n, length)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from drivers.frames.description import StreamDescription
 from drivers.frames.fields import FIXED_POINT, FieldDescription
 from drivers.frames.lengths import LengthDescription
 from drivers.frames.notation import ByteOrder
-from drivers.frames.text_frames import LINE_END, number
+from drivers.frames.text_frames import LINE_END, numbers
 from drivers.frames.wire import Rows, native_type, read_column, sign_extended, write_column
 
 FloatArray = NDArray[np.float64]
@@ -196,21 +197,26 @@ def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> ND
 class TextLayout(FrameLayout):
     """Lines of text of one type and length."""
 
+    def __init__(self, description: StreamDescription, name: str, tokens: re.Pattern[bytes], **form: Any) -> None:
+        super().__init__(description, name, **form)
+        self._tokens = tokens
+
     def _cells(self, rows: Rows) -> list[dict[str, bytes]]:
         """Return the tokens of n lines."""
-        text, fields, size = self.description.text, self.description.fields, len(self.header)
-        return [] if text is None else [text.cells(bytes(row), size, self.delimiter, fields) or {} for row in rows]
+        text, size = self.description.text, len(self.header)
+        return (
+            [] if text is None else [text.cells(bytes(row), size, self.delimiter, self._tokens) or {} for row in rows]
+        )
 
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
         """Return the numbers of one field as they stand in n lines, shape (n,)."""
-        found = self.numeric[field]
-        return np.array([number(cells[field], found) for cells in self._cells(rows)], np.float64)
+        return np.array(numbers((cells[field] for cells in self._cells(rows)), self.numeric[field]), np.float64)
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numbers of n lines in their units, each of shape (n,)."""
         lines = self._cells(rows)
         return {
-            name: np.array([number(cells[name], field) for cells in lines], np.float64) * field.scale + field.offset
+            name: np.array(numbers([cells[name] for cells in lines], field), np.float64) * field.scale + field.offset
             for name, field in self.numeric.items()
         }
 

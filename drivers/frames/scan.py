@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from drivers.frames.candidates import Candidates, covered, judge
 from drivers.frames.families import Flaw, FrameFamily
 from drivers.frames.layout import FrameLayout, IntArray
+from drivers.frames.notation import Header
 from drivers.frames.scan_result import Found, Group, Scan, Standing, grouped
 from drivers.frames.wire import Rows
 
@@ -42,13 +43,24 @@ class Scanner:
         self._watch = watch
         self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
         self._longest_header = max((len(header) for header, _ in self._headers), default=0)
-        known = b"|".join(b"(" + header.pattern + b")" for header, _ in self._headers)
+        self._exact = {bytes(header): each for each in self._headers if None not in (header := each[0]).told}
+        self._loose = [
+            (re.compile(header.pattern, re.DOTALL), (header, index))
+            for header, index in self._headers
+            if None in header.told
+        ]
+        known = b"|".join(header.pattern for header, _ in self._headers)
         self._known = re.compile(known, re.DOTALL)
         self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""), re.DOTALL)
         begun = b"|".join(header.begun for header, _ in self._headers if header.begun)
         self._begun = re.compile(b"(?:" + (begun or b"(?!)") + rb")\Z", re.DOTALL)
         self._confirms = any(family.confirm for family in families)
         self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
+
+    def _which(self, found: bytes) -> tuple[Header, int] | None:
+        """Return the header that was found with its frame type, None where it is the sync alone."""
+        exact = self._exact.get(found)
+        return exact or next((each for pattern, each in self._loose if pattern.fullmatch(found)), None)
 
     def _unfinished(self, data: bytes, at: int) -> bool:
         """Tell whether `data` ends within a header that may have begun at `at`."""
@@ -115,11 +127,11 @@ class Scanner:
                 break
             if match is None:
                 break
-            at = start + 1
-            if match.lastindex is None:
+            at, which = start + 1, self._which(match[0])
+            if which is None:
                 result.unknown_id += start >= claimed
                 continue
-            index = self._headers[match.lastindex - 1][1]
+            index = which[1]
             family = self._families[index]
             length = family.length_of(data, start)
             if length is None or start + length > size:
@@ -157,9 +169,10 @@ class Scanner:
     def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:
         """Take the piece, bytes (m,), as frames of one form without a flaw between them; None where it is not that."""
         match = self._known.match(piece[: self._longest_header].tobytes())
-        if match is None or match.lastindex is None:
+        which = None if match is None else self._which(match[0])
+        if which is None:
             return None
-        header, index = self._headers[match.lastindex - 1]
+        header, index = which
         family = self._families[index]
         length = family.length_of(piece[:512].tobytes(), 0)
         n = len(piece) // length if length else 0

@@ -10,8 +10,8 @@ fields: {yaw: {type: decimal, unit: deg}, pitch: {type: decimal, unit: deg}}
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from functools import lru_cache, reduce
+from collections.abc import Iterable, Mapping
+from functools import reduce
 from operator import xor
 from typing import Annotated, Literal
 
@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from drivers.frames.checksum_kinds import CrcParameters
 from drivers.frames.crc import message_crc
-from drivers.frames.fields import SIZES, FieldDescription
+from drivers.frames.fields import FieldDescription
 from drivers.frames.notation import Described
 
 LINE_END = b"\r\n"
@@ -99,37 +99,36 @@ class TextDescription(Described):
         return not self.checksums or any(each.matches(line) for each in self.checksums)
 
     def cells(
-        self, line: bytes, header_size: int, delimiter: bytes, fields: Mapping[str, FieldDescription]
+        self, line: bytes, header_size: int, delimiter: bytes, tokens: re.Pattern[bytes]
     ) -> dict[str, bytes] | None:
-        """Return the tokens of a line by field, None where it has others than these."""
+        """Return the `tokens` of a line by field, None where it has others than these."""
         body = _without_end(line, delimiter)[header_size:]
         if self.checksums:
             body = body[: body.rfind(self.checksums[0].mark.encode())]
-        match = _tokens(self.separator, tuple((name, f.type, f.label) for name, f in fields.items())).fullmatch(body)
+        match = tokens.fullmatch(body)
         return None if match is None else match.groupdict()
+
+    def tokens(self, fields: Mapping[str, FieldDescription]) -> re.Pattern[bytes]:
+        """Return what matches the tokens of a line, one group for each field."""
+        separator = re.escape(self.separator.encode())
+        if not fields or any(field.type == "line" for field in fields.values()):
+            return re.compile(b".*", re.DOTALL)
+        cells = []
+        for name, field in fields.items():
+            what = {"decimal": _NUMBER, "word": b"[^" + separator + b"]*?"}.get(field.type)
+            what = what or b"[0-9A-Fa-f]{1,%d}" % (2 * field.width)
+            label = re.escape(field.label.encode()) + rb"\s*" if field.label else b""
+            cells.append(rb"\s*" + label + b"(?P<" + name.encode() + b">" + what + rb")\s*")
+        return re.compile((b"[" + separator + b"]").join(cells) + b"[" + separator + b"]?")
 
 
 def _without_end(line: bytes, delimiter: bytes) -> bytes:
     return line.removesuffix(delimiter) if delimiter else line.rstrip(LINE_END)
 
 
-@lru_cache(maxsize=256)
-def _tokens(separator: str, fields: tuple[tuple[str, str, str], ...]) -> re.Pattern[bytes]:
-    """Return what matches the tokens of a line, one group for each field (name, type, label)."""
-    parts, cells = b"[" + re.escape(separator.encode()) + b"]", []
-    if not fields or any(kind == "line" for _, kind, _ in fields):
-        return re.compile(b".*", re.DOTALL)
-    for name, kind, label in fields:
-        what = {"decimal": _NUMBER, "word": b"[^" + re.escape(separator.encode()) + b"]*?"}.get(kind)
-        what = what or b"[0-9A-Fa-f]{1,%d}" % (2 * SIZES[kind])
-        labelled = re.escape(label.encode()) + rb"\s*" if label else b""
-        cells.append(rb"\s*" + labelled + b"(?P<" + name.encode() + b">" + what + rb")\s*")
-    return re.compile(parts.join(cells) + parts + b"?")
-
-
-def number(cell: bytes, field: FieldDescription) -> float:
-    """Return what a token is worth on the wire: a decimal number, or hexadecimal digits of an integer's width."""
+def numbers(cells: Iterable[bytes], field: FieldDescription) -> list[float]:
+    """Return what tokens are worth on the wire: decimal numbers, or hexadecimal digits of an integer's width."""
     if not field.is_integer:
-        return float(cell)
-    value = int(cell, 16)
-    return value - (1 << field.bits) if field.type[0] == "i" and value >> (field.bits - 1) else value
+        return list(map(float, cells))
+    sign = 1 << (field.bits - 1) if field.type[0] == "i" else 0
+    return [(int(cell, 16) ^ sign) - sign for cell in cells]
