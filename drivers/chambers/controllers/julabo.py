@@ -64,8 +64,7 @@ class Julabo(OnOnePort):
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint or a warning limit."""
-        if which in self._parameters:
-            self._exchange.tell(f"OUT_{self._parameters[which]} {value:.1f}")
+        self._exchange.tell(f"OUT_{self._parameters[which]} {value:.1f}")
 
     def start(self) -> None:
         """Start the circulation."""

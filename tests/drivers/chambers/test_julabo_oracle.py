@@ -90,12 +90,15 @@ def test_a_held_safe_state() -> None:
     assert (peer.julabo._config["SP_00"], peer.julabo._config["MODE_05"]) == ("20.0", "1")
 
 
-@pytest.mark.parametrize(("parameters", "native"), [("SP_01/02", (5.0, 85.0)), ("none", (-math.inf, math.inf))])
+@pytest.mark.parametrize(("parameters", "native"), [("SP_01/02", (17.0, 85.0)), ("none", (-math.inf, math.inf))])
 def test_models_without_the_usual_warning_limits_are_used_with_theirs_or_with_none(
     parameters: str, native: tuple[float, float]
 ) -> None:
-    """Nothing is asked or written that such a model does not know; where it has none, the reading says so."""
-    bench = ChamberBench("julabo", limits=ChamberLimits(10.0, 80.0), safe=SafeState("off"), warning_limits=parameters)
+    """Nothing is asked or written that such a model does not know; where it has none, the reading says so.
+
+    The bath is colder than the bench's limits at first, so that a warning limit would be set around it.
+    """
+    bench = ChamberBench("julabo", limits=ChamberLimits(30.0, 80.0), safe=SafeState("off"), warning_limits=parameters)
     bench.chamber.prepare()
     bench.chamber.set_temperature(55.5)
     reading = bench.chamber.read()
