@@ -69,8 +69,8 @@ def guess(
     from hil.files.durable import RealDisk, write_durably
 
     document = guess_file(capture)
-    if out is not None:
-        write_durably(RealDisk(), out, (document["description"] or "").encode())
+    if out is not None and document["description"] is not None:
+        write_durably(RealDisk(), out, document["description"].encode())
     if printed(document, as_json):
         return
     console = results()
