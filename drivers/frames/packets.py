@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from drivers.frames.notation import Described, HexBytes
 
 _ENDS = {"slip": b"\xc0", "hdlc": b"\x7e", "dle": b"\x10\x03", "cobs": b"\x00", "lines": b"\n"}
-_ESCAPES = {"slip": b"\xdb", "hdlc": b"\x7d", "dle": b"\x10"}
+_ESCAPES = {"slip": b"\xdb", "hdlc": b"\x7d"}
 LONGEST = 8192
 
 
@@ -34,46 +34,42 @@ class PacketDescription(Described):
 
     @model_validator(mode="after")
     def _possible(self) -> PacketDescription:
-        if (self.escape and self.kind not in _ESCAPES) or (self.end and len(self.end) != len(_ENDS[self.kind])):
+        if (self.escape and self.kind not in ("slip", "hdlc")) or len(self.end or _ENDS[self.kind]) != len(
+            _ENDS[self.kind]
+        ):
             raise ValueError(f"kind: {self.kind} has no such end or escape")
         return self
 
     @cached_property
-    def _codes(self) -> dict[bytes, bytes]:
-        """What the bytes behind an escape stand for."""
-        end, escape = self.end or _ENDS[self.kind], self.escape or _ESCAPES.get(self.kind, b"")
-        if self.kind == "hdlc":
-            return {bytes([byte ^ 0x20]): bytes([byte]) for byte in range(256)}
-        return {b"\xdc": end, b"\xdd": escape} if self.kind == "slip" else {escape: escape}
-
-    @cached_property
-    def _packet(self) -> re.Pattern[bytes]:
+    def _rules(self) -> tuple[re.Pattern[bytes], re.Pattern[bytes], dict[bytes, bytes]]:
+        """What matches a packet, what an escape with the byte behind it, and what that byte stands for."""
         end = self.end or _ENDS[self.kind]
-        if self.kind != "dle":
-            return re.compile(b"([^%b]*)" % re.escape(end) + re.escape(end))
-        escape, last = re.escape(end[:1]), re.escape(end[1:])
-        return re.compile(b"((?:[^%b]|%b[^%b])*)%b%b" % (escape, escape, last, escape, last))
-
-    @cached_property
-    def _escaped(self) -> re.Pattern[bytes]:
-        return re.compile(re.escape(self.escape or _ESCAPES.get(self.kind, b"")) + b"(.?)", re.DOTALL)
+        escape = end[:1] if self.kind == "dle" else self.escape or _ESCAPES.get(self.kind, end)
+        first, last = re.escape(end[:1]), re.escape(end[1:])
+        packet = b"([^%b]*)%b" % (first, first)
+        if self.kind == "dle":
+            packet = b"((?:[^%b]|%b[^%b])*)%b%b" % (first, first, last, first, last)
+        codes = {b"\xdc": end, b"\xdd": escape} if self.kind == "slip" else {escape: escape}
+        codes = {bytes([byte ^ 0x20]): bytes([byte]) for byte in range(256)} if self.kind == "hdlc" else codes
+        return re.compile(packet), re.compile(re.escape(escape) + b"(.?)", re.DOTALL), codes
 
     def split(self, data: bytes) -> Iterator[tuple[int, int, bytes | None]]:
         """Yield where each whole packet in `data` begins and ends, and what it holds; None where that cannot be."""
-        for match in self._packet.finditer(data):
+        for match in self._rules[0].finditer(data):
             yield match.start(), match.end(), self._content(match[0] if self.kind == "lines" else match[1])
 
     def _content(self, stuffed: bytes) -> bytes | None:
+        _, escaped, codes = self._rules
         if self.kind == "lines":
             return stuffed if stuffed.strip() else b""
         if self.kind == "cobs":
             return _cobs(stuffed)
         if self.kind == "dle":
-            if not stuffed.startswith(self.end[:1] or b"\x10"):
+            if stuffed[:1] not in codes:
                 return None
             stuffed = stuffed[1:]
         try:
-            return self._escaped.sub(lambda match: self._codes[match[1]], stuffed)
+            return escaped.sub(lambda match: codes[match[1]], stuffed)
         except KeyError:
             return None
 

@@ -40,6 +40,14 @@ def test_stuffing_is_taken_out_as_its_definition_says(kind: str, sent: str, held
     assert found == [(0, len(data), bytes.fromhex(held)), (len(data), 2 * len(data), bytes.fromhex(held))]
 
 
+def test_another_end_or_escape_replaces_the_usual_ones() -> None:
+    """SLIP whose packets end with LF, as the x-IMU3 sends them, and DLE with another DLE."""
+    slip = PacketDescription.model_validate({"kind": "slip", "end": "0A"})
+    assert [each[2] for each in slip.split(bytes.fromhex("01 DB DC C0 0A"))] == [bytes.fromhex("01 0A C0")]
+    dle = PacketDescription.model_validate({"kind": "dle", "end": "FE 03"})
+    assert [each[2] for each in dle.split(bytes.fromhex("FE 02 10 FE FE FE 03"))] == [bytes.fromhex("02 10 FE")]
+
+
 @pytest.mark.parametrize(("kind", "sent"), [("slip", "01 DB 41 C0"), ("cobs", "09 11 00"), ("dle", "41 10 10 10 03")])
 def test_what_no_sender_can_mean_is_no_packet(kind: str, sent: str) -> None:
     """An escape before nothing, a length beyond the end, a packet without its beginning."""
