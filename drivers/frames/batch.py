@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames.counts import StreamCounts
 from drivers.frames.layout import FloatArray, FrameLayout, IntArray
 from drivers.frames.wire import Rows
 
@@ -139,6 +141,17 @@ class VariedBatch(FrameBatch):
             for name, values in part.columns.items():
                 columns.setdefault(name, np.full(len(self), np.nan))[place] = values
         return columns
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """The good frames of one feed by type, in the order of their arrival, and what became of all bytes decided."""
+
+    frames: Mapping[str, FrameBatch]
+    counts: StreamCounts
+
+    def __getitem__(self, frame: str) -> FrameBatch:
+        return self.frames[frame]
 
 
 def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:

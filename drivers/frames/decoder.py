@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.frames.batch import FrameBatch, join
+from drivers.frames.batch import Decoded, FrameBatch, join
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.joining import SampleJoiner

@@ -34,12 +34,8 @@ _LONGEST = 512  # bytes of a frame that is looked for
 _MOST = 0.9  # of frames agree where something is taken for a rule
 _FEW = 12  # frames, fewer of which show nothing
 _CRCS = [(16, 0x1021, init, turned) for init in (0, 0xFFFF, 0x1D0F) for turned in (False, True)]
-_CRCS += [
-    (16, 0x8005, 0, True),
-    (16, 0x8005, 0xFFFF, True),
-    (32, 0x04C11DB7, 0, True),
-    (32, 0x04C11DB7, 0xFFFFFFFF, False),
-]
+_CRCS += [(16, 0x8005, 0, True), (16, 0x8005, 0xFFFF, True), (32, 0x04C11DB7, 0, True)]
+_CRCS += [(32, 0x04C11DB7, 0xFFFFFFFF, False)]
 _CRC_KINDS: list[dict[str, Any]] = [
     {"kind": "crc", "width": width, "poly": poly, "init": init, "refin": turned, "refout": turned}
     for width, poly, init, turned in _CRCS

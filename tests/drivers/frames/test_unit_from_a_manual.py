@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
+from drivers.frames.batch import Decoded
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import parse_description
 
