@@ -47,6 +47,9 @@ _RAWIMUSX = (
 )
 _TURN, _PULL = 100 * RAD_PER_S * 2**-33, 100 * 2**-29 / GRAVITY  # counts of an HG4930 at 100 Hz
 
+FROM_TABLES = {"sbg", "adis16470", "epson-g3xx-32", "csv-logger"}
+"""Of these, no bytes are public that their makers' units sent."""
+
 FOREIGN: dict[str, list[Foreign]] = {
     "hipnuc": [
         Foreign(

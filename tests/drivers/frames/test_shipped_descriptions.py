@@ -17,7 +17,7 @@ from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description, parse_description
 from drivers.frames.encoder import encode
 from drivers.frames.layout import FrameLayout
-from tests.drivers.frames.foreign import FOREIGN
+from tests.drivers.frames.foreign import FOREIGN, FROM_TABLES
 from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import MFS_FILE
 
@@ -37,10 +37,6 @@ LAYOUTS = {
     "dmu11": ["dmu11_68B"],
     "epson-g3xx": ["epson_burst16_F007_24B"],
 }
-
-
-FROM_TABLES = {"sbg", "adis16470", "epson-g3xx-32", "csv-logger"}
-"""Of these, no bytes are public that their makers' units sent."""
 
 
 @cache
@@ -89,9 +85,7 @@ def test_there_is_a_description_for_every_unit_and_it_says_how_sure_it_is() -> N
     assert names == {"mfs", *LAYOUTS, *FOREIGN, *FROM_TABLES}
     for name in names - {"mfs"}:
         description = shipped(name)
-        assert description.source, name
-        assert description.verified, name
-        assert description.roles is not None, name
+        assert description.source and description.verified and description.roles, name  # noqa: PT018 - one promise
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
