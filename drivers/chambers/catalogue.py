@@ -19,7 +19,7 @@ from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.ezt570i import Ezt570i
-from drivers.chambers.controllers.julabo import Julabo
+from drivers.chambers.controllers.julabo import Julabo, WarningLimits
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
@@ -38,7 +38,8 @@ class ChamberOptions:
     `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     `framing` is that of Modbus, the driver's own where it is None.
-    `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are. `dead_man_s`
+    `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are, `warning_limits`
+    where a Julabo has its own. `dead_man_s`
     arms the controller's own timer, which it need not have unless `dead_man_asked`.
     """
 
@@ -55,6 +56,7 @@ class ChamberOptions:
     dead_man_s: float | None = None
     dead_man_asked: bool = True
     layout: AsciiLayout | None = None
+    warning_limits: WarningLimits | None = None
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     ),
     "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
     "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _built(Thermotron, "terminator")),
-    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo)),
+    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo, "warning_limits")),
     "watlow-f4t": ChamberDriver(
         "Watlow F4T, Modbus TCP", SerialLine(38400), _built(WatlowF4t, "address", "framing", "ramp_port")
     ),

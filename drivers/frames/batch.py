@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames.counts import StreamCounts
 from drivers.frames.layout import FloatArray, FrameLayout, IntArray
 from drivers.frames.wire import Rows
 
@@ -65,28 +67,37 @@ class FrameBatch:
 
 
 class VariedBatch(FrameBatch):
-    """Good frames of one type in several forms: of other lengths, or with other items.
+    """Good frames of one type in several forms, of other lengths or with other items; or samples of several frames.
 
-    `parts` are the frames of each form, and `places` where each part's frames stand in the batch.
+    `parts` are the frames of each form (or each part of a sample), and `places` where each part's frames stand in the
+    batch. `layout` is the samples' own.
     """
 
-    def __init__(self, parts: Sequence[FrameBatch], places: Sequence[IntArray], sequence: IntArray) -> None:
+    def __init__(
+        self,
+        parts: Sequence[FrameBatch],
+        places: Sequence[IntArray],
+        sequence: IntArray,
+        layout: FrameLayout | None = None,
+    ) -> None:
         starts = np.empty(len(sequence), np.int64)
-        for part, place in zip(parts, places, strict=True):
+        for part, place in zip(reversed(parts), reversed(places), strict=True):  # a sample begins with its first part
             starts[place] = part.starts
-        super().__init__(parts[0].layout, np.empty((0, parts[0].layout.length), np.uint8), starts, sequence)
+        self._lacking = [] if layout is None else layout.absent
+        layout = layout or parts[0].layout
+        super().__init__(layout, np.empty((0, layout.length), np.uint8), starts, sequence)
         self._parts = parts
         self._places = places
 
     def frames(self) -> list[bytes]:
         """Return the bytes of every frame."""
-        return self._gathered([part.frames() for part in self._parts])
+        return self._gathered(b"", [part.frames() for part in self._parts])
 
-    def _gathered(self, given: Sequence[Sequence[Any]]) -> list[Any]:
-        gathered: list[Any] = [None] * len(self)
+    def _gathered(self, nothing: Any, given: Sequence[Sequence[Any]]) -> list[Any]:
+        gathered: list[Any] = [nothing] * len(self)
         for place, part in zip(self._places, given, strict=True):
-            for at, value in zip(place.tolist(), part, strict=True):
-                gathered[at] = value
+            for at, value in zip(place.tolist(), part, strict=False):
+                gathered[at] += value
         return gathered
 
     def wire(self, field: str) -> NDArray[Any]:
@@ -108,29 +119,39 @@ class VariedBatch(FrameBatch):
         """Return in which frames a numeric field is there, shape (n,)."""
         there = np.zeros(len(self), np.bool_)
         for place, part in zip(self._places, self._parts, strict=True):
-            there[place] = part.told(field)
+            there[place] |= part.told(field)
         return there
 
     def text(self, field: str) -> list[str]:
         """Return a text field of every frame; empty where a frame does not have it."""
-        return self._gathered(
-            [part.text(field) if field in part.layout.fields else [""] * len(part) for part in self._parts]
-        )
+        return self._gathered("", [part.text(field) if field in part.layout.fields else [] for part in self._parts])
 
     def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
         """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
         renumbered = np.cumsum(keep) - 1
         parts = [part.select(keep[place], part.sequence) for part, place in zip(self._parts, self._places, strict=True)]
-        return VariedBatch(parts, [renumbered[place[keep[place]]] for place in self._places], sequence)
+        places = [renumbered[place[keep[place]]] for place in self._places]
+        return VariedBatch(parts, places, sequence, self.layout)
 
     @cached_property
     def columns(self) -> Mapping[str, FloatArray]:
         """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
-        columns: dict[str, FloatArray] = {}
+        columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self._lacking}
         for place, part in zip(self._places, self._parts, strict=True):
             for name, values in part.columns.items():
                 columns.setdefault(name, np.full(len(self), np.nan))[place] = values
         return columns
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """The good frames of one feed by type, in the order of their arrival, and what became of all bytes decided."""
+
+    frames: Mapping[str, FrameBatch]
+    counts: StreamCounts
+
+    def __getitem__(self, frame: str) -> FrameBatch:
+        return self.frames[frame]
 
 
 def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:

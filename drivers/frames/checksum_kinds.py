@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from drivers.frames.notation import HexBytes
+
+Part = tuple[int, int | None] | HexBytes
+
+
+def _one_or_several(span: Any) -> Any:
+    """Take `[first, end]` as the one part that is covered."""
+    one = isinstance(span, list | tuple) and not any(isinstance(part, list | tuple | str | bytes) for part in span)
+    if one and len(span) != 2:
+        raise ValueError("is [first, end], or a list of such parts and of constant bytes")
+    return [span] if one else span
 
 
 class _Checksum(BaseModel, ABC):
     """What every kind has. Positions count from the frame's first byte.
 
-    `span` is [first byte covered, first byte no longer covered], the latter null for the checksum itself; without a
-    span, everything from the sync to the checksum is covered.
+    `span` is [first byte covered, first byte no longer covered], or a list of such parts and of constant bytes that are
+    not sent, covered one after another; an end of null is the checksum, and behind the checksum the delimiter. Without
+    a span, everything from the sync to the checksum is covered.
     `at` is where the checksum stands; without it, right before the delimiter. With `confirm`, a frame that does not
     follow a good one directly is believed only where the next header follows it, or where its counter goes on: so weak
     a checksum matches by chance.
@@ -20,7 +33,7 @@ class _Checksum(BaseModel, ABC):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    span: tuple[int, int | None] | None = None
+    span: Annotated[tuple[Part, ...] | None, BeforeValidator(_one_or_several)] = None
     at: int | None = Field(default=None, ge=0)
     stored: Literal["little", "big"] = "big"
     confirm: bool = False
@@ -34,10 +47,20 @@ class _Checksum(BaseModel, ABC):
         """Return where the checksum stands in a frame whose delimiter begins at `body_end`."""
         return body_end - self.size if self.at is None else self.at
 
-    def covered(self, body_end: int) -> tuple[int, int]:
-        """Return the covered bytes, [start, end), of such a frame."""
-        first, end = (0, None) if self.span is None else self.span
-        return first, self.position(body_end) if end is None else end
+    def content_end(self, body_end: int) -> int:
+        """Return where what the frame holds ends: at the checksum, where that comes last."""
+        at = self.position(body_end)
+        return at if at + self.size == body_end else body_end
+
+    def covered(self, body_end: int) -> list[tuple[int, int] | bytes]:
+        """Return the covered parts of such a frame: bytes [start, end), and constants."""
+        at = self.position(body_end)
+        return [
+            part
+            if isinstance(part, bytes)
+            else (part[0], (at if part[0] <= at else body_end) if part[1] is None else part[1])
+            for part in self.span or ((0, None),)
+        ]
 
     def check_span(self, covered: int) -> None:
         """Raise `ValueError` where the kind cannot cover so many bytes."""

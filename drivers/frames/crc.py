@@ -11,7 +11,6 @@ from __future__ import annotations
 import zlib
 from binascii import crc_hqx
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -156,43 +155,29 @@ def _compiled_register(kind: CrcParameters) -> Callable[[bytes], int] | None:
     return unreflected
 
 
-@dataclass(frozen=True)
-class Residue:
-    """A test of frames that carry the CRC right behind what it covers, in one compiled call for each.
+def residue_test(kind: CrcKind, start: int, end: int) -> Callable[[bytes], bool] | None:
+    """Return a test of frames whose CRC over [start, end) stands right behind, in one compiled call; None without one.
 
     A CRC over a message and its own CRC leaves the same residue whatever the message is, where the CRC is stored in the
-    order in which its bits leave the register. It covers [start, after), itself included; `reverses` says that the
-    register is given the bytes with their bits reversed.
+    order in which its bits leave the register.
     """
-
-    register: Callable[[bytes, int], int]
-    begin: int
-    residue: int
-    start: int
-    after: int
-    reverses: bool = False
-
-    def matches(self, frame: bytes) -> bool:
-        """Tell it for one frame."""
-        ready = frame.translate(REVERSED_BITS) if self.reverses else frame
-        return self.register(ready[self.start : self.after], self.begin) == self.residue
-
-
-def residue_test(kind: CrcKind, start: int, end: int) -> Residue | None:
-    """Return the test for a CRC over [start, end), stored at `end`; None where no compiled loop does it."""
     natural = "little" if kind.refout else "big"
     if kind.refin != kind.refout or kind.stored != natural or -(end - start) % kind.pad_to:
         return None
     sample = bytes(end - start)
     sample += message_crc(kind, sample).to_bytes(kind.size, natural)
-    after = end + kind.size
+    covered = slice(start, end + kind.size)
     if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
-        return Residue(crc_hqx, kind.init, crc_hqx(sample, kind.init), start, after)
+        residue = crc_hqx(sample, kind.init)
+        return lambda frame: crc_hqx(frame[covered], kind.init) == residue
     if kind.width != 32 or kind.poly != _IEEE:
         return None
-    begin, reverses = _reflect(kind.init, 32) ^ 0xFFFFFFFF, not kind.refin
-    ready = sample.translate(REVERSED_BITS) if reverses else sample
-    return Residue(zlib.crc32, begin, zlib.crc32(ready, begin), start, after, reverses)
+    begin = _reflect(kind.init, 32) ^ 0xFFFFFFFF
+    if kind.refin:
+        residue = zlib.crc32(sample, begin)
+        return lambda frame: zlib.crc32(frame[covered], begin) == residue
+    residue = zlib.crc32(sample.translate(REVERSED_BITS), begin)
+    return lambda frame: zlib.crc32(frame[covered].translate(REVERSED_BITS), begin) == residue
 
 
 def _table_register(kind: CrcParameters) -> Callable[[bytes], int]:

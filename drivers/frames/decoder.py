@@ -7,14 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.frames.batch import FrameBatch, join
+from drivers.frames.batch import Decoded, FrameBatch, join
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
+from drivers.frames.joining import SampleJoiner
 from drivers.frames.layout import FrameLayout
+from drivers.frames.packet_scan import PacketScanner
+from drivers.frames.packets import LONGEST
 from drivers.frames.scan import Scanner
-from drivers.frames.scan_result import Scan, Standing
+from drivers.frames.scan_result import Group, Scan, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
@@ -34,7 +36,9 @@ class StreamDecoder:
         self._description = description
         self._delimiter = description.optional_delimiter
         plain = families_of(description)
-        self._scanner = Scanner(description.sync, plain, watch=self._delimiter)
+        packets = description.packets
+        self._packets = None if packets is None else PacketScanner(description.sync, plain, packets)
+        self._scanner = Scanner(description.sync, [] if self._packets else plain, watch=self._delimiter)
         self._delimited_scanner = self._scanner
         if self._delimiter:
             self._delimited_scanner = Scanner(description.sync, families_of(description, self._delimiter))
@@ -43,10 +47,14 @@ class StreamDecoder:
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
         self._nothing = [_no_frames(family.shortest_layout) for family in plain]
+        self._joined = [
+            SampleJoiner(description, name, self._names) for name, each in description.frames.items() if each.parts
+        ]
+        self._taken = {part for each in self._joined for part in each.parts}
         longest = max(family.longest for family in plain)
         self._few_bytes = _FEW * (4 + len(plain))
         self._clean_bytes = self._few_bytes // 8
-        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)))
+        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)), 4 * LONGEST)
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
         self._standing = Standing()
@@ -78,6 +86,8 @@ class StreamDecoder:
         self._scanner.newest.clear()
         for sequence in self._sequences:
             sequence.interrupt()
+        for joiner in self._joined:
+            joiner.interrupt()
 
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
@@ -103,7 +113,7 @@ class StreamDecoder:
                 timed_out += self._standing.claimed == 0
                 at += 1
                 self._standing = Standing(False, max(self._standing.claimed, reach)).moved(1)
-        decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out)
+        decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out, last=give_up)
         self._rest = buffer[at:]
         self._position += at
         return decoded
@@ -120,6 +130,8 @@ class StreamDecoder:
         return True
 
     def _scan(self, buffer: bytes, at: int, end: int, *, last: bool) -> Scan:
+        if self._packets is not None:
+            return self._packets.scan(buffer[at:end], self._standing, last=last)
         scanner = self._delimited_scanner if self._delimited else self._scanner
         size = end - at
         piece = np.frombuffer(buffer, np.uint8, size, at)
@@ -136,29 +148,32 @@ class StreamDecoder:
             self._flawless = forms == 1 and scan.resyncs == 0
         return scan
 
-    def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int) -> Decoded:
+    def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int, last: bool) -> Decoded:
         frames: dict[str, FrameBatch] = {}
-        taken_bytes = ok = lost = duplicate = 0
+        ok = lost = duplicate = 0
+        taken_bytes = sum(scan.stuffing for _, scan in scans)
+        parts: dict[int, list[Group]] = {}
         for index, name in enumerate(self._names):
             groups = [
                 (layout, rows, starts + (at + self._position))
                 for at, scan in scans
                 for layout, rows, starts in scan.found[index]
             ]
-            if not groups:
+            if index in self._taken:
+                parts[index] = groups
+            elif not groups:
                 frames[name] = self._nothing[index]
                 continue
-            taken_bytes += sum(rows.size for _, rows, _ in groups)
-            batch = join(groups)
-            keep, numbers, missing = self._sequences[index].take(len(batch), batch.told, batch.wire)
-            if len(numbers) < len(batch):
-                duplicate += len(batch) - len(numbers)
-                batch = batch.select(keep, numbers)
             else:
-                batch.sequence = numbers
-            frames[name] = batch
-            ok += len(batch)
-            lost += missing
+                frames[name], missing, repeated = _numbered(join(groups), self._sequences[index])
+                ok, lost, duplicate = ok + len(frames[name]), lost + missing, duplicate + repeated
+            taken_bytes += sum(rows.size for _, rows, _ in groups)
+        for each in self._joined:
+            samples, count, absent = each.take([parts[index] for index in each.parts], last=last)
+            frames[each.name] = _no_frames(each.layout)
+            if samples is not None:
+                frames[each.name], missing, repeated = _numbered(samples, each.sequence)
+                ok, lost, duplicate = ok + count - repeated, lost + missing + absent, duplicate + repeated
         counts = StreamCounts(
             ok=ok,
             bad_checksum=sum(scan.bad_checksum for _, scan in scans),
@@ -171,6 +186,16 @@ class StreamDecoder:
             timed_out=timed_out,
         )
         return Decoded(frames, counts)
+
+
+def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, int, int]:
+    """Return a batch without repetitions and with its numbers, how many frames were lost, and were repeated."""
+    keep, numbers, missing = sequence.take(len(batch), batch.told, batch.wire)
+    repeated = len(batch) - len(numbers)
+    if repeated:
+        return batch.select(keep, numbers), missing, repeated
+    batch.sequence = numbers
+    return batch, missing, 0
 
 
 def _no_frames(layout: FrameLayout) -> FrameBatch:

@@ -21,54 +21,28 @@ the encoder work from the same description, so a simulated unit cannot disagree 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
+import yaml
+from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from drivers.errors import InputError
 from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
-from drivers.frames.fields import FieldDescription, Fields, check_places, check_turns, field_offsets
+from drivers.frames.fields import TOKENS, FieldDescription, Fields, check_places, check_turns, field_offsets
 from drivers.frames.items import ItemsDescription
 from drivers.frames.lengths import LONGEST, LengthDescription
-from drivers.frames.notation import ByteOrder, Described, Factor, HexBytes, Name, WholeNumber
+from drivers.frames.notation import ByteOrder, Described, Factor, Header, HexBytes, HexHeader, Name
+from drivers.frames.packets import PacketDescription
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import Roles, check_roles
 from drivers.frames.text_frames import TextDescription
+from drivers.frames.told import CounterDescription, StatusBit, TimeDescription
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 
-
-class CounterDescription(Described):
-    """The field that counts frames: it takes `step` more from frame to frame, modulo `modulus`.
-
-    The step may be a quotient, such as `2000/${rate}` for a unit that counts its internal samples.
-    """
-
-    field: str
-    modulus: int = Field(gt=1)
-    step: WholeNumber = Field(default=1, ge=1)
-
-
-class TimeDescription(Described):
-    """The field with the unit's own time. Without a counter, it tells how many frames are missing.
-
-    `resolution` is what one of its wire counts is worth, in seconds; it comes round after `modulus` counts.
-    """
-
-    field: str
-    resolution: Factor = Field(gt=0)
-    modulus: int | None = Field(default=None, gt=1)
-
-
-class StatusBit(Described):
-    """One bit of a status field; `good` is the value it has when nothing is wrong, None where it only informs."""
-
-    bit: int = Field(ge=0, lt=64)
-    good: Literal[0, 1] | None = 0
-    meaning: str = ""
-
+_DEEPEST = 8  # files that include one another
 
 Length = Annotated[
     Annotated[int, Tag("<number>")] | Annotated[LengthDescription, Tag("<told>")],
@@ -80,15 +54,20 @@ class FrameDescription(Described):
     """One frame type. `length` counts every byte on the wire, from the sync to the delimiter.
 
     The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame).
+    In an id, `xx` is any byte.
     The checksum stands right before the delimiter unless it says otherwise. A frame of `items` or `text` has the fields
-    that it has; every other one has fields at fixed places.
+    that it has; every other one has fields at fixed places. A sample of `parts` has the fields of these frames, put
+    together in this order, or `by` the field that is the same in all of them. A line of text without a delimiter ends
+    with LF or CR LF.
     """
 
-    id: HexBytes = b""
-    more_ids: list[HexBytes] = Field(default_factory=list)
+    id: HexHeader = Header(())
+    more_ids: list[HexHeader] = Field(default_factory=list)
     meaning: str = ""
     length: Length | None = None
     delimiter: HexBytes = b""
+    parts: list[Name] = Field(default_factory=list)
+    by: Name | None = None
     checksum: ChecksumDescription = NoChecksum(kind="none")
     fields: Fields = Field(default_factory=dict)
     items: ItemsDescription | None = None
@@ -99,16 +78,16 @@ class FrameDescription(Described):
 
     @model_validator(mode="after")
     def _one_kind(self) -> FrameDescription:
-        if (self.length is None) == (self.text is None):
-            raise ValueError("length: is given for every frame but one of text")
+        if [self.length is None, self.text is None, not self.parts].count(False) != 1:
+            raise ValueError("length: is given for every frame but one of text, or of parts")
+        if self.parts and self.model_fields_set - {"parts", "by", "meaning", "counter", "time"}:
+            raise ValueError("parts: what a sample of several frames holds stands with these")
         if isinstance(self.length, int) and not 2 <= self.length <= LONGEST:
             raise ValueError(f"length: {self.length} is not between 2 and {LONGEST}")
-        if self.text is None and "checksum" not in self.model_fields_set:
+        if self.length is not None and "checksum" not in self.model_fields_set:
             raise ValueError("checksum: this key is missing (kind: none where the frame has none)")
-        if self.text is not None and (
-            not self.delimiter or self.items is not None or "checksum" in self.model_fields_set
-        ):
-            raise ValueError("text: a line has a delimiter, its checksum under text.checksums, and no items")
+        if self.text is not None and (self.items is not None or "checksum" in self.model_fields_set):
+            raise ValueError("text: a line has its checksum under text.checksums, and no items")
         return self
 
     @property
@@ -169,11 +148,18 @@ class StreamDescription(Described):
     partial_frame_wait_s: float = Field(default=0.25, gt=0)
     byte_order: ByteOrder
     sync: HexBytes = b""
+    packets: PacketDescription | None = None
     optional_delimiter: HexBytes = b""
     parameters: dict[Name, ParameterDescription] = Field(default_factory=dict)
     frames: dict[Name, FrameDescription] = Field(min_length=1)
     commands: CommandsDescription | None = None
     roles: Roles | None = None
+
+    @field_validator("frames")
+    @classmethod
+    def _with_parts(cls, frames: dict[str, FrameDescription]) -> dict[str, FrameDescription]:
+        """Give samples of several frames the fields and the status of these."""
+        return {name: _joined(name, frame, frames) if frame.parts else frame for name, frame in frames.items()}
 
     @model_validator(mode="after")
     def _consistent(self) -> StreamDescription:
@@ -192,30 +178,44 @@ class StreamDescription(Described):
     def _status_bits(self) -> dict[str, set[str]]:
         return {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in self.frames.items()}
 
-    def header(self, name: str) -> bytes:
-        """Return the bytes with which frame `name` begins (the first of them, where it has several ids)."""
-        return self.sync + self.frames[name].id
-
-    def headers(self, name: str) -> list[bytes]:
-        """Return all the bytes with which frame `name` may begin."""
-        return [self.sync + each for each in (self.frames[name].id, *self.frames[name].more_ids)]
+    def headers(self, name: str) -> list[Header]:
+        """Return all the bytes with which frame `name` may begin; the first of them is what is written."""
+        frame = self.frames[name]
+        return [Header((*self.sync, *each.told)) for each in (frame.id, *frame.more_ids)]
 
     def offsets(self, name: str) -> dict[str, int]:
         """Return the offset of each field at a fixed place from the first byte of frame `name`."""
-        return field_offsets(self.frames[name].fields, len(self.header(name)))
+        return field_offsets(self.frames[name].fields, len(self.headers(name)[0]))
+
+
+def _joined(name: str, frame: FrameDescription, frames: Mapping[str, FrameDescription]) -> FrameDescription:
+    fields: dict[str, FieldDescription] = {}
+    status: dict[str, dict[Name, StatusBit]] = {}
+    for part in frame.parts:
+        if part not in frames or frames[part].parts or frame.parts.count(part) > 1:
+            raise ValueError(f"{name}.parts: {part!r} is not one of the other frames, once")
+        own = frames[part].all_fields
+        if frame.by is not None and frame.by not in own:
+            raise ValueError(f"{name}.by: {part} has no field {frame.by!r}")
+        double = next((field for field in own if field in fields and field != frame.by), None)
+        if double is not None:
+            raise ValueError(f"{name}.parts: the field {double!r} of {part} has the name of one in a part before it")
+        fields, status = fields | own, status | frames[part].status
+    return frame.model_copy(update={"fields": fields, "status": status})
 
 
 def _check_headers(stream: StreamDescription) -> None:
-    headers = sorted(header for name in stream.frames for header in stream.headers(name))
-    if b"" in headers:
-        raise ValueError("sync: a stream without a sync needs an id in every frame")
-    for first, second in pairwise(headers):
-        if first == second:
-            raise ValueError("frames: two frames have the same id, so that nothing tells them apart")
-        if second.startswith(first):
+    headers = [header for name, each in stream.frames.items() if not each.parts for header in stream.headers(name)]
+    if stream.packets is not None and stream.optional_delimiter:
+        raise ValueError("optional_delimiter: packets have ends of their own")
+    if b"" in headers and stream.packets is None:
+        raise ValueError("sync: a stream without a sync needs an id in every frame, or packets")
+    for first, second in combinations(sorted(headers, key=len), 2):
+        if first.clashes(second) and (stream.packets is None or len(first) == len(second)):
             raise ValueError(
-                f"frames: the header {first.hex(' ').upper()} is the beginning of {second.hex(' ').upper()}, "
-                "so that nothing tells them apart"
+                "frames: two frames have the same id, so that nothing tells them apart"
+                if len(first) == len(second)
+                else f"frames: the header {first} is the beginning of {second}, so that nothing tells them apart"
             )
     if stream.optional_delimiter and any(header[0] == stream.optional_delimiter[0] for header in headers):
         raise ValueError("optional_delimiter: begins like a frame")
@@ -225,43 +225,50 @@ def _check_frame(stream: StreamDescription, frame: FrameDescription) -> None:
     header_end = len(stream.sync) + len(frame.id)
     if any(len(other) != len(frame.id) for other in frame.more_ids):
         raise ValueError("more_ids: have as many bytes as the id")
-    check_turns(frame.fields)
+    if not frame.parts:
+        check_turns(frame.fields)
     if frame.text is not None:
         _check_text(frame)
-    else:
-        _check_layout(frame, header_end)
+    elif not frame.parts:
+        _check_layout(stream, frame, header_end)
     _check_references(frame)
 
 
 def _check_text(frame: FrameDescription) -> None:
     for name, field in frame.fields.items():
-        if field.type not in ("decimal", "line") or field.at is not None or field.mask is not None:
-            raise ValueError(f"fields.{name}.type: in a frame of text, fields are decimal or line, in their order")
+        token = field.type in TOKENS or field.is_integer
+        if not token or field.at is not None or field.mask is not None or field.when is not None:
+            raise ValueError(
+                f"fields.{name}.type: in a frame of text, fields are decimal, word, line or integers (in hexadecimal "
+                "digits), in their order"
+            )
 
 
-def _check_layout(frame: FrameDescription, header_end: int) -> None:
-    kind, varies = frame.checksum, isinstance(frame.length, LengthDescription)
-    body_end = frame.shortest - len(frame.delimiter)
-    at = kind.position(body_end)
-    if varies and (kind.at is not None or (kind.span is not None and kind.span[1] is not None)):
-        raise ValueError(
-            "checksum: in a frame of varying length, it stands before the delimiter and covers [first, null]"
-        )
-    if at < header_end or at + kind.size > body_end:
+def _check_layout(stream: StreamDescription, frame: FrameDescription, header_end: int) -> None:
+    kind = frame.checksum
+    length = frame.shortest if not isinstance(frame.length, LengthDescription) else frame.length.whole or frame.shortest
+    body_end = length - len(frame.delimiter)
+    at, end = kind.position(body_end), kind.content_end(body_end)
+    header = (*stream.sync, *frame.id.told)
+    if any(byte is not None for byte in header[max(at, 0) : at + kind.size]) or not 0 <= at <= body_end - kind.size:
         raise ValueError(f"checksum.at: the checksum lies at bytes {at} to {at + kind.size - 1}, outside")
-    start, end = kind.covered(body_end)
-    if not 0 <= start < end <= at:
-        raise ValueError(f"checksum.span: [{start}, {end}] is not a part of the bytes before the checksum (0 to {at})")
-    kind.check_span(end - start)
+    covered = kind.covered(body_end)
+    for first, last in [part for part in covered if isinstance(part, tuple)]:
+        if not (0 <= first < last <= at or at + kind.size <= first < last <= body_end):
+            raise ValueError(
+                f"checksum.span: [{first}, {last}] is not a part of the bytes before the checksum (0 to {at}), nor of "
+                f"those behind it (to {body_end})"
+            )
+    kind.check_span(sum(len(part) if isinstance(part, bytes) else part[1] - part[0] for part in covered))
     for name, field in frame.fields.items():
-        if field.type in ("item", "decimal", "line"):
+        if field.type == "item" or field.type in TOKENS or field.label:
             raise ValueError(f"fields.{name}.type: {field.type} has no fixed place")
-    # Fields may look at the id where several ids mean this frame.
-    begin = header_end - len(frame.id) if frame.more_ids else header_end
-    check_places(frame.fields, header_end, begin, at)
+    # Fields may look at the id where it leaves bytes open, or several mean this frame.
+    begin = len(stream.sync) if frame.more_ids or None in frame.id.told else header_end
+    check_places(frame.fields, header_end, begin, end, range(at, at + kind.size))
     if frame.items is not None:
-        if not header_end <= frame.items.begin <= at:
-            raise ValueError(f"items.begin: byte {frame.items.begin} is not between {header_end} and {at}")
+        if not header_end <= frame.items.begin <= end:
+            raise ValueError(f"items.begin: byte {frame.items.begin} is not between {header_end} and {end}")
         double = next((name for name in frame.items.all_fields() if name in frame.fields), None)
         if double is not None:
             raise ValueError(f"items: the field {double!r} is already one of the frame")
@@ -271,14 +278,13 @@ def _check_references(frame: FrameDescription) -> None:
     fields = frame.all_fields
     if frame.counter is not None:
         field = fields.get(frame.counter.field)
-        if field is None or field.type[0] != "u" or field.when is not None:
+        if field is None or not _counts(field) or field.when is not None:
             raise ValueError(f"counter.field: {frame.counter.field!r} is not an unsigned field of this frame")
-        bits = 8 * field.width if field.mask is None else (field.mask >> field.shift).bit_length()
-        if frame.counter.modulus > 1 << bits:
+        if field.is_integer and frame.counter.modulus > 1 << field.bits:
             raise ValueError(f"counter.modulus: {frame.counter.modulus} does not fit in a {field.type}")
         if frame.counter.modulus % frame.counter.step:
             raise ValueError("counter.step: does not divide the modulus, so that a wrap would look like a gap")
-    if frame.time is not None and (frame.time.field not in fields or fields[frame.time.field].type[0] != "u"):
+    if frame.time is not None and (frame.time.field not in fields or not _counts(fields[frame.time.field])):
         raise ValueError(f"time.field: {frame.time.field!r} is not an unsigned field of this frame")
     for name, bits_of in frame.status.items():
         field = fields.get(name)
@@ -287,6 +293,10 @@ def _check_references(frame: FrameDescription) -> None:
         for bit_name, bit in bits_of.items():
             if bit.bit >= 8 * field.width:
                 raise ValueError(f"status.{name}.{bit_name}: a {field.type} has no bit {bit.bit}")
+
+
+def _counts(field: FieldDescription) -> bool:
+    return field.type == "decimal" or field.type[0] == "u"
 
 
 def parse_description(
@@ -300,7 +310,7 @@ def parse_description(
 
     `parameters` are what the bench file says about the unit, `sample_rate_hz` the rate where it is not the usual one.
     """
-    content = parse_yaml(text, origin)
+    content = _included(parse_yaml(text, origin), origin)
     if sample_rate_hz is not None:
         content["sample_rate_hz"] = sample_rate_hz
     try:
@@ -328,6 +338,35 @@ def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[s
 
 class _Parameters(Described):
     parameters: dict[Name, ParameterDescription]
+
+
+def whole_text(path: Path | str) -> str:
+    """Return the text of a description with what it includes put in; raise `InputError` as a load does."""
+    text = read_text(path)
+    content = parse_yaml(text, str(path))
+    whole = _included(content, str(path)) if "include" in content else {}
+    return yaml.safe_dump(whole, sort_keys=False, allow_unicode=True) if whole else text
+
+
+def _included(content: dict[str, Any], origin: str, depth: int = 0) -> dict[str, Any]:
+    """Put in the files that `include` names, relative to `origin`; what a file says itself comes before them."""
+    names = content.pop("include", [])
+    whole: dict[str, Any] = {}
+    for name in names if isinstance(names, list) else [names]:
+        path = Path(origin).parent / str(name)
+        if depth > _DEEPEST or path.suffix != ".yaml":
+            raise InputError(f"{origin}: include: {name} is no .yaml file, or includes itself")
+        whole = _over(_included(parse_yaml(read_text(path), str(path)), str(path), depth + 1), whole)
+    return _over(content, whole)
+
+
+def _over(upper: dict[str, Any], lower: dict[str, Any]) -> dict[str, Any]:
+    both = {
+        key: _over(upper[key], lower[key])
+        for key in lower
+        if isinstance(upper.get(key), dict) and isinstance(lower[key], dict)
+    }
+    return {**lower, **upper, **both}
 
 
 def load_description(

@@ -17,12 +17,13 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
 
     `columns` holds numeric fields in their units, shape (n,) or one value for all frames, and text fields as text.
     Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have, `ValueError` for a type
-    of varying length, of items or of text: what such a frame holds is not told by its description.
+    of varying length, of items, parts or text, or in packets: what such a frame holds is not told by its description.
     """
-    if not isinstance(layout.description.length, int) or layout.description.items is not None:
+    fixed = isinstance(layout.description.length, int) and layout.description.items is None
+    if not fixed or layout.in_packets:
         raise ValueError(
-            f"frames.{layout.name}: frames of varying length, of items or of text can be read, but not made; "
-            "simulate a unit whose frames have a fixed length, such as mfs"
+            f"frames.{layout.name}: frames of varying length, items, parts or text, or in packets, can be read, "
+            "not made; simulate a unit whose frames have a fixed length, such as mfs"
         )
     rows = layout.blank(n)
     for field, values in columns.items():

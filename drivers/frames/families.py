@@ -176,7 +176,7 @@ class VaryingFamily(FrameFamily):
         return items.extended_begin if frame[length.at] == length.extended.mark else items.begin
 
     def _end(self, base: FrameLayout) -> int:
-        return base.length - len(base.delimiter) - self.description.checksum.size
+        return self.description.checksum.content_end(base.length - len(base.delimiter))
 
     def _with_items(self, frame: bytes, base: FrameLayout, items: ItemsDescription) -> FrameLayout | None:
         """Return the layout of a frame with the items that it has; None where they do not fill it exactly."""
@@ -199,11 +199,11 @@ class TextFamily(FrameFamily):
     steady = False
 
     def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
+        self._text, self._tokens = text, text.tokens(description.frames[name].fields)
         super().__init__(description, name)
-        self._text = text
 
     def _layout(self, length: int) -> FrameLayout:
-        return TextLayout(self._stream, self.name, length=length, offsets={})
+        return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={}, delimiter=self.delimiter)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
@@ -215,12 +215,10 @@ class TextFamily(FrameFamily):
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole line, or what is wrong with it."""
-        layout = self._alike(len(frame))
-        line = frame[: len(frame) - len(self.delimiter)]
-        good = any(each.matches(line) for each in self._text.checksums)
-        if not good or self._text.values(line, len(layout.header), len(layout.numeric)) is None:
-            return Flaw.CHECKSUM
-        return layout
+        text, header = self._text, len(self.headers[0])
+        good = text.is_good(frame, self.delimiter)
+        good = good and text.cells(frame, header, self.delimiter, self._tokens) is not None
+        return self._alike(len(frame)) if good else Flaw.CHECKSUM
 
     def forms(self, rows: Rows) -> Verdict:
         """Return the verdict about n whole lines of one length, shape (n, length)."""
@@ -232,6 +230,8 @@ def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[
     """Return the frame types of a stream; `delimiter` is the optional one where the unit sends it."""
     families: list[FrameFamily] = []
     for name, frame in description.frames.items():
+        if frame.parts:
+            continue
         if frame.text is not None:
             families.append(TextFamily(description, name, frame.text))
         elif isinstance(frame.length, LengthDescription) or frame.items is not None:

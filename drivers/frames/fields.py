@@ -10,13 +10,15 @@ from pydantic import BeforeValidator, Field, model_validator
 from drivers.frames.notation import ByteOrder, Described, Factor, Name
 
 FieldType = Literal[
-    "u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u64", "i64", "f32", "f64", "fp12.20", "fp16.32",
-    "text", "item", "decimal", "line",
+    "u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u40", "i40", "u48", "i48", "u56", "i56", "u64", "i64",
+    "f16", "f32", "f64", "fp12.20", "fp16.32", "text", "item", "decimal", "word", "line",
 ]  # fmt: skip
-SIZES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u24": 3, "i24": 3, "u32": 4, "i32": 4, "u64": 8, "i64": 8}
-SIZES |= {"f32": 4, "f64": 8, "fp12.20": 4, "fp16.32": 6}
+SIZES = {f"{kind}{8 * size}": size for size in range(1, 9) for kind in "ui"}
+SIZES |= {"f16": 2, "f32": 4, "f64": 8, "fp12.20": 4, "fp16.32": 6}
 FIXED_POINT = {"fp12.20": 2.0**-20, "fp16.32": 2.0**-32}
-TEXT_TYPES = ("text", "line")
+TEXT_TYPES = ("text", "word", "line")
+TOKENS = ("decimal", "word", "line")
+"""The types that only a line of text has."""
 
 
 class When(Described):
@@ -37,10 +39,11 @@ class FieldDescription(Described):
     """One field: its value is `wire value × scale + offset`, in `unit`.
 
     `at` is the offset from the frame's first byte; without it the field follows the one before it, `skip` bytes later.
-    A text field has `size` bytes of ASCII, padded with NUL or spaces. `mask` takes some bits of an unsigned integer,
-    moved down so that the lowest of them counts 1. `fp12.20` and `fp16.32` are fixed point, the latter with its
-    fraction first. In a frame of items, type `item` is the type that the item's id tells. In a frame of text,
-    `decimal` is the next number, and `line` the whole line.
+    A text field has `size` bytes of ASCII, padded with NUL or spaces. `mask` takes some bits of an integer, moved down
+    so that the lowest of them counts 1; in a signed one the highest is the sign. `fp12.20` and `fp16.32` are fixed
+    point, the latter with its fraction first. In a frame of items, type `item` is the type that the item's id tells. In
+    a frame of text, `decimal` is the next number, an integer type the next in hexadecimal digits (two's complement),
+    `word` the next whatever it is, and `line` the whole line; a number may stand behind its `label`.
     """
 
     type: FieldType
@@ -53,6 +56,7 @@ class FieldDescription(Described):
     offset: Factor = 0.0
     unit: str = ""
     when: When | None = None
+    label: str = ""
 
     @model_validator(mode="after")
     def _text_has_a_size(self) -> FieldDescription:
@@ -60,8 +64,8 @@ class FieldDescription(Described):
             raise ValueError("size is given for a text field, and only for a text field")
         if self.scale == 0.0:
             raise ValueError("scale must not be 0")
-        if self.mask is not None and (self.type[0] != "u" or self.mask >> (8 * self.width)):
-            raise ValueError(f"mask: {self.mask:#x} is not a part of an unsigned integer; this is {self.type}")
+        if self.mask is not None and (not self.is_integer or self.mask >> (8 * self.width)):
+            raise ValueError(f"mask: {self.mask:#x} is not a part of an integer; this is {self.type}")
         return self
 
     @property
@@ -73,6 +77,16 @@ class FieldDescription(Described):
     def is_text(self) -> bool:
         """True where the value is text."""
         return self.type in TEXT_TYPES
+
+    @property
+    def is_integer(self) -> bool:
+        """True where the value is an integer on the wire."""
+        return self.type[0] in "ui" and self.type[1:].isdigit()
+
+    @property
+    def bits(self) -> int:
+        """How many bits of the wire value are the field's."""
+        return 8 * self.width if self.mask is None else (self.mask >> self.shift).bit_length()
 
     @property
     def shift(self) -> int:
@@ -134,8 +148,10 @@ def field_offsets(fields: Mapping[str, FieldDescription], first: int) -> dict[st
     return offsets
 
 
-def check_places(fields: Mapping[str, FieldDescription], first: int, begin: int, end: int) -> None:
-    """Raise `ValueError` where a field lies outside [begin, end), or two share a byte that need not.
+def check_places(
+    fields: Mapping[str, FieldDescription], first: int, begin: int, end: int, checksum: range = range(0)
+) -> None:
+    """Raise `ValueError` where a field lies outside [begin, end) or in the checksum, or two share a byte without need.
 
     Fields without `at` begin at `first`. Bit fields share bytes, and so do fields that take turns with one another,
     or stand where what tells their turn stands.
@@ -148,6 +164,8 @@ def check_places(fields: Mapping[str, FieldDescription], first: int, begin: int,
                 f"fields.{name}: bytes {offset} to {offset + field.width - 1} are not between the header's end "
                 f"({begin}) and the checksum ({end})"
             )
+        if set(checksum) & set(range(offset, offset + field.width)):
+            raise ValueError(f"fields.{name}: lies in the checksum")
         if field.mask is not None:
             continue
         for byte in range(offset, offset + field.width):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.description import StreamDescription
 from drivers.frames.fields import FIXED_POINT, FieldDescription
+from drivers.frames.lengths import LengthDescription
 from drivers.frames.notation import ByteOrder
-from drivers.frames.wire import Rows, native_type, read_column, write_column
+from drivers.frames.text_frames import LINE_END, numbers
+from drivers.frames.wire import Rows, native_type, read_column, sign_extended, write_column
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,15 +43,18 @@ class FrameLayout:
         frame = description.frames[name]
         self.name = name
         self.description = frame
-        self.header = description.header(name)
+        self.in_packets = description.packets is not None
+        self.header = description.headers(name)[0]
         self.delimiter = frame.delimiter if delimiter is None else delimiter
         self.length = frame.shortest if length is None else length
-        self.checksum = FrameChecksum(frame, self.length - len(self.delimiter))
+        self.checksum = FrameChecksum(frame.checksum, self.length - len(self.delimiter))
         self.fields = frame.fields if fields is None else fields
         self.offsets = description.offsets(name) if offsets is None else offsets
         self.numeric: Mapping[str, FieldDescription] = {k: f for k, f in self.fields.items() if not f.is_text}
         self.absent = [k for k, f in frame.all_fields.items() if not f.is_text and k not in self.numeric]
         self._order: ByteOrder = description.byte_order
+        whole = frame.length.whole if isinstance(frame.length, LengthDescription) else None
+        self._lacks = max(0, (whole or 0) - self.length)  # zeros that were not sent
         self.record, self.assembled = self._native_record()
 
     def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
@@ -56,14 +62,14 @@ class FrameLayout:
         native = {
             name: dtype
             for name, f in self.numeric.items()
-            if f.width and f.mask is None and (dtype := native_type(f.type, self.order(f)))
+            if name in self.offsets and f.width and f.mask is None and (dtype := native_type(f.type, self.order(f)))
         }
         record = np.dtype(
             {
                 "names": list(native),
                 "formats": list(native.values()),
                 "offsets": [self.offsets[name] for name in native],
-                "itemsize": self.length,
+                "itemsize": self.length + self._lacks,
             }
         )
         return record, [name for name in self.numeric if name not in native]
@@ -82,14 +88,27 @@ class FrameLayout:
         template = self.header + bytes(self.length - len(self.header) - len(self.delimiter)) + self.delimiter
         return np.tile(np.frombuffer(template, np.uint8), (n, 1))
 
+    def _whole(self, rows: Rows) -> Rows:
+        """Return frames with the zeros that were not sent."""
+        if not self._lacks or rows.shape[1] > self.length:
+            return rows
+        whole = np.zeros((len(rows), self.length + self._lacks), np.uint8)
+        end = self.description.checksum.content_end(self.length - len(self.delimiter))
+        whole[:, :end] = rows[:, :end]
+        return whole
+
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
         """Return a numeric field's values as they stand on the wire, shape (n,)."""
+        rows = self._whole(rows)
         if field in self.assembled:
             found = self.numeric[field]
             values = read_column(rows, self.offsets[field], found.type, self.order(found))
-            if found.mask is not None:
-                values = (values & values.dtype.type(found.mask)) >> values.dtype.type(found.shift)
-            return values
+            if found.mask is None:
+                return values
+            if found.type[0] == "u":
+                values = values & values.dtype.type(found.mask)
+            values = values >> values.dtype.type(found.shift)
+            return sign_extended(values, found.bits) if found.type[0] == "i" else values
         return np.ndarray(len(rows), self.record, rows if len(rows) else None)[field]
 
     def present(self, rows: Rows, field: str) -> NDArray[np.bool_] | None:
@@ -106,7 +125,7 @@ class FrameLayout:
         n = len(rows)
         values = np.empty((len(self.numeric), n))
         for start in range(0, n, _BLOCK):
-            block = rows[start : start + _BLOCK]
+            block = self._whole(rows[start : start + _BLOCK])
             records = np.ndarray(len(block), self.record, block)
             for part, (name, field) in zip(values[:, start : start + _BLOCK], self.numeric.items(), strict=True):
                 wire = self.wire_values(block, name) if name in self.assembled else records[name]
@@ -135,18 +154,19 @@ class FrameLayout:
         integer field raises `ValueError`.
         """
         found = self.numeric[field]
-        wire, factor = np.asarray(values), self.factor(field)
+        wire, factor, kind = np.asarray(values), self.factor(field), str(found.type)
         if found.offset != 0.0:
             wire = wire - found.offset
         if factor != 1.0:
             wire = wire / factor
-        if found.type not in ("f32", "f64"):
+        if kind not in ("f16", "f32", "f64"):
             wire = _to_integers(wire, found, field)
         if found.mask is not None:
-            whole = read_column(rows, self.offsets[field], found.type, self.order(found))
+            kind = f"u{kind[1:]}"
+            whole = read_column(rows, self.offsets[field], kind, self.order(found))
             hidden = whole.dtype.type(found.mask)
-            wire = (whole & ~hidden) | ((wire << np.uint64(found.shift)).astype(whole.dtype) & hidden)
-        write_column(rows, self.offsets[field], found.type, self.order(found), wire)
+            wire = (whole & ~hidden) | ((wire.astype(np.uint64) << np.uint64(found.shift)).astype(whole.dtype) & hidden)
+        write_column(rows, self.offsets[field], kind, self.order(found), wire)
 
     def store_text(self, rows: Rows, field: str, text: str) -> None:
         """Write a text field of frames (n, length), padded with NUL; raise `ValueError` if too long or not ASCII."""
@@ -159,8 +179,7 @@ class FrameLayout:
 
 def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
     """Round to the nearest integer and hold at the ends of the field's range; the result is ready to be stored."""
-    bits = 8 * field.width if field.mask is None else (field.mask >> field.shift).bit_length()
-    signed = field.type[0] != "u"
+    bits, signed = field.bits, field.type[0] != "u"
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
     dtype = np.dtype(np.int64 if signed else np.uint64)
     if not values.size:
@@ -178,29 +197,31 @@ def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> ND
 class TextLayout(FrameLayout):
     """Lines of text of one type and length."""
 
-    def _cells(self, rows: Rows) -> FloatArray:
-        """Return the numbers of n lines, shape (n, decimals)."""
-        text = self.description.text
-        count = len(self.numeric)
-        if text is None or not len(rows):
-            return np.empty((len(rows), count))
-        end, header = self.length - len(self.delimiter), len(self.header)
-        return np.array([text.values(bytes(row[:end]), header, count) for row in rows], np.float64).reshape(-1, count)
+    def __init__(self, description: StreamDescription, name: str, tokens: re.Pattern[bytes], **form: Any) -> None:
+        super().__init__(description, name, **form)
+        self._tokens = tokens
+
+    def _cells(self, rows: Rows) -> list[dict[str, bytes]]:
+        """Return the tokens of n lines."""
+        text, size = self.description.text, len(self.header)
+        return (
+            [] if text is None else [text.cells(bytes(row), size, self.delimiter, self._tokens) or {} for row in rows]
+        )
 
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
         """Return the numbers of one field as they stand in n lines, shape (n,)."""
-        return self._cells(rows)[:, list(self.numeric).index(field)]
+        return np.array(numbers((cells[field] for cells in self._cells(rows)), self.numeric[field]), np.float64)
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numbers of n lines in their units, each of shape (n,)."""
-        cells = self._cells(rows)
+        lines = self._cells(rows)
         return {
-            name: cells[:, number] * field.scale + field.offset
-            for number, (name, field) in enumerate(self.numeric.items())
+            name: np.array(numbers([cells[name] for cells in lines], field), np.float64) * field.scale + field.offset
+            for name, field in self.numeric.items()
         }
 
     def texts(self, rows: Rows, field: str) -> list[str]:
-        """Return n lines, (n, length), without their delimiters; every field of text is the whole line."""
-        del field
-        end = self.length - len(self.delimiter)
-        return [bytes(row[:end]).decode("ascii", "replace") for row in rows]
+        """Return the words of n lines, (n, length), or the lines without their delimiters."""
+        if self.fields[field].type == "word":
+            return [cells[field].decode("ascii") for cells in self._cells(rows)]
+        return [bytes(row).removesuffix(self.delimiter).rstrip(LINE_END).decode("ascii", "replace") for row in rows]

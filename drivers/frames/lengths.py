@@ -23,7 +23,10 @@ class ExtendedLength(Described):
 
 
 class LengthDescription(Described):
-    """The frame's length stands in it: the number at `at`, and `plus` bytes more, between `least` and `most`."""
+    """The frame's length stands in it: the number at `at`, and `plus` bytes more, between `least` and `most`.
+
+    Where a frame is shorter than the `whole`, it was sent without the zeros at its content's end.
+    """
 
     at: int = Field(ge=1)
     type: Literal["u8", "u16"] = "u8"
@@ -31,6 +34,7 @@ class LengthDescription(Described):
     plus: int = Field(ge=0)
     least: int | None = Field(default=None, ge=2)
     most: int | None = Field(default=None, ge=2, le=LONGEST)
+    whole: int | None = Field(default=None, ge=2, le=LONGEST)
     extended: ExtendedLength | None = None
 
     @model_validator(mode="after")

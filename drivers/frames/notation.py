@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, InstanceOf
 
 from drivers.frames.scale_factor import parse_factor
 
@@ -43,6 +45,45 @@ HexBytes = Annotated[bytes, BeforeValidator(_parse_bytes)]
 Factor = Annotated[float, BeforeValidator(parse_factor)]
 WholeNumber = Annotated[int, BeforeValidator(_parse_whole)]
 Name = Annotated[str, AfterValidator(_identifier)]
+
+
+class Header(bytes):
+    """The bytes with which a frame begins, `told` one by one: None where any byte may stand (here 0)."""
+
+    told: tuple[int | None, ...]
+    pattern: bytes
+    """What matches them, as a regular expression, and `begun` what matches all but the last, or fewer."""
+    begun: bytes
+
+    def __new__(cls, told: Iterable[int | None]) -> Header:
+        """Put the header together."""
+        told = tuple(told)
+        header = super().__new__(cls, (byte or 0 for byte in told))
+        parts = [b"." if byte is None else re.escape(bytes([byte])) for byte in told]
+        header.told, header.pattern, header.begun = told, b"".join(parts), b""
+        for part in reversed(parts[:-1]):
+            header.begun = part + (b"(?:" + header.begun + b")?" if header.begun else b"")
+        return header
+
+    def __str__(self) -> str:
+        """Write it as a description does."""
+        return " ".join("xx" if byte is None else f"{byte:02X}" for byte in self.told)
+
+    def clashes(self, other: Header) -> bool:
+        """Tell whether the same bytes may be both headers, or one and the beginning of the other."""
+        return all(None in pair or pair[0] == pair[1] for pair in zip(self.told, other.told, strict=False))
+
+
+def _parse_header(value: Any) -> Any:
+    """Read `91`, or `xx xx 91` where any bytes may stand before the last."""
+    if isinstance(value, Header):
+        return value
+    known = _parse_bytes(value.replace("xx", "00") if isinstance(value, str) else value)
+    marks = "".join(value.split()) if isinstance(value, str) else ""
+    return Header(None if marks[2 * at : 2 * at + 2] == "xx" else byte for at, byte in enumerate(known))
+
+
+HexHeader = Annotated[InstanceOf[Header], BeforeValidator(_parse_header)]
 
 
 class Described(BaseModel):

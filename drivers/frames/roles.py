@@ -74,6 +74,9 @@ class _HasUnit(Protocol):
     @property
     def type(self) -> str: ...
 
+    @property
+    def is_text(self) -> bool: ...
+
 
 def check_roles(roles: Roles, frames: Mapping[str, Mapping[str, _HasUnit]], bits: Mapping[str, Iterable[str]]) -> None:
     """Raise `ValueError` naming the key of a role that points to no field, or to one in another unit.
@@ -103,7 +106,7 @@ def check_roles(roles: Roles, frames: Mapping[str, Mapping[str, _HasUnit]], bits
 
 def _check_fields(place: str, wanted: Mapping[str, str], fields: Mapping[str, _HasUnit], unit: str | None) -> None:
     for key, name in wanted.items():
-        if name not in fields or fields[name].type == "text":
+        if name not in fields or fields[name].is_text:
             raise ValueError(f"{place}.{key}: there is no numeric field {name!r} in the sample frame")
         if unit is not None and fields[name].unit != unit:
             given = fields[name].unit or "no unit"

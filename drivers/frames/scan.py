@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from drivers.frames.candidates import Candidates, covered, judge
 from drivers.frames.families import Flaw, FrameFamily
 from drivers.frames.layout import FrameLayout, IntArray
-from drivers.frames.scan_result import Group, Scan, Standing
+from drivers.frames.notation import Header
+from drivers.frames.scan_result import Found, Group, Scan, Standing, grouped
 from drivers.frames.wire import Rows
 
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
@@ -40,20 +41,30 @@ class Scanner:
         self._sync = sync
         self._families = families
         self._watch = watch
-        self._by_header = {header: index for index, family in enumerate(families) for header in family.headers}
-        self._headers = tuple(self._by_header)
-        self._longest_header = max(map(len, self._headers))
-        known = b"|".join(re.escape(header) for header in self._headers)
-        self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""))
+        self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
+        self._longest_header = max((len(header) for header, _ in self._headers), default=0)
+        self._exact = {bytes(header): each for each in self._headers if None not in (header := each[0]).told}
+        self._loose = [
+            (re.compile(header.pattern, re.DOTALL), (header, index))
+            for header, index in self._headers
+            if None in header.told
+        ]
+        known = b"|".join(header.pattern for header, _ in self._headers)
+        self._known = re.compile(known, re.DOTALL)
+        self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""), re.DOTALL)
+        begun = b"|".join(header.begun for header, _ in self._headers if header.begun)
+        self._begun = re.compile(b"(?:" + (begun or b"(?!)") + rb")\Z", re.DOTALL)
         self._confirms = any(family.confirm for family in families)
         self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
 
+    def _which(self, found: bytes) -> tuple[Header, int] | None:
+        """Return the header that was found with its frame type, None where it is the sync alone."""
+        exact = self._exact.get(found)
+        return exact or next((each for pattern, each in self._loose if pattern.fullmatch(found)), None)
+
     def _unfinished(self, data: bytes, at: int) -> bool:
         """Tell whether `data` ends within a header that may have begun at `at`."""
-        rest = data[at : at + self._longest_header]
-        return len(data) - at < self._longest_header and any(
-            len(header) > len(rest) and header.startswith(rest) for header in self._headers
-        )
+        return len(data) - at < self._longest_header and self._begun.match(data, at) is not None
 
     def _tail(self, data: bytes, at: int, end: int) -> int | None:
         """Return the first place from `at` on, before `end`, at which an unfinished header may begin."""
@@ -73,7 +84,7 @@ class Scanner:
         self, index: int, layout: FrameLayout, frame: bytes, data: bytes, end: int, last: bool
     ) -> bool | None:
         """Tell whether what follows a frame, or its counter, confirms it; None where that is not there yet."""
-        if data.startswith(self._headers, end) or self._goes_on(index, layout, frame):
+        if self._known.match(data, end) or self._goes_on(index, layout, frame):
             return True
         if len(data) == end or self._unfinished(data, end):
             return True if last else None
@@ -96,7 +107,7 @@ class Scanner:
 
         `last` says that nothing will follow. With `first_only`, stop behind the first good frame and remember nothing.
         """
-        found: list[dict[int, tuple[FrameLayout, list[bytes], list[int]]]] = [{} for _ in self._families]
+        found: list[Found] = [{} for _ in self._families]
         result = Scan(len(data), standing, [])
         in_step, claimed = standing.in_step, standing.claimed
         at = end = 0  # the byte that is looked at; the end of the last good frame
@@ -116,11 +127,11 @@ class Scanner:
                 break
             if match is None:
                 break
-            index = self._by_header.get(match[0])
-            at = start + 1
-            if index is None:
+            at, which = start + 1, self._which(match[0])
+            if which is None:
                 result.unknown_id += start >= claimed
                 continue
+            index = which[1]
             family = self._families[index]
             length = family.length_of(data, start)
             if length is None or start + length > size:
@@ -152,22 +163,16 @@ class Scanner:
             if self._confirms:
                 self.newest[index] = (form, frame)
         result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
-        result.found = [
-            [
-                (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
-                for layout, frames, starts in forms.values()
-            ]
-            for forms in found
-        ]
+        result.found = grouped(found)
         return result
 
     def scan_clean(self, piece: NDArray[np.uint8], standing: Standing) -> Scan | None:
         """Take the piece, bytes (m,), as frames of one form without a flaw between them; None where it is not that."""
-        start = piece[: self._longest_header].tobytes()
-        header = next((header for header in self._headers if start.startswith(header)), None)
-        if header is None:
+        match = self._known.match(piece[: self._longest_header].tobytes())
+        which = None if match is None else self._which(match[0])
+        if which is None:
             return None
-        index = self._by_header[header]
+        header, index = which
         family = self._families[index]
         length = family.length_of(piece[:512].tobytes(), 0)
         n = len(piece) // length if length else 0
@@ -175,7 +180,10 @@ class Scanner:
             return None
         rows = piece[: n * length].reshape(n, length)
         places = np.arange(n, dtype=np.int64) * length
-        if not (rows[:, : len(header)] == np.frombuffer(header, np.uint8)).all():
+        begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
+        if None in header.told:
+            begins |= [byte is None for byte in header.told]
+        if not begins.all():
             return None
         if not family.steady and not (family.lengths(piece, places) == length).all():
             return None
@@ -343,7 +351,7 @@ class Scanner:
                 places = places[piece[places + depth] == byte]
         else:
             firsts = np.zeros(256, np.bool_)
-            firsts[[header[0] for header in self._headers]] = True
+            firsts[[header[0] for header, _ in self._headers]] = True
             places = np.flatnonzero(firsts[piece])
         size = self._longest_header
         tail = piece[max(0, len(piece) - size + 1) :].tobytes()
@@ -353,10 +361,11 @@ class Scanner:
 
         known = np.zeros(len(places), np.bool_)
         of_family: list[list[IntArray]] = [[] for _ in self._families]
-        for header, index in self._by_header.items():
+        for header, index in self._headers:
             mine = places + len(header) <= len(piece)
-            for depth in range(len(self._sync), len(header)):
-                mine &= piece.take(places + depth, mode="clip") == header[depth]
+            for depth, told in enumerate(header.told[len(self._sync) :], start=len(self._sync)):
+                if told is not None:
+                    mine &= piece.take(places + depth, mode="clip") == told
             if mine.any():
                 known |= mine
                 of_family[index].append(places[mine])

@@ -27,7 +27,7 @@ class FrameSequence:
         self._counter = frame.counter
         self._time = frame.time if frame.counter is None else None
         self._rate_hz = rate_hz
-        self.last: int | None = None  # counter (or time) of the last frame
+        self.last: float | None = None  # counter (or time) of the last frame
         self.number = -1  # its unwrapped number, in frames
         self._continuous = True
 
@@ -53,7 +53,9 @@ class FrameSequence:
         if not there.any():
             return keep, np.full(n, self.number), 0
         first = self.number
-        numbers, lost, repeated = self._follow(self._steps(wire(told_by.field).astype(np.int64)[there]))
+        values = wire(told_by.field)[there]  # decimals of a line of text stay what they are
+        steps = self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
+        numbers, lost, repeated = self._follow(steps)
         if not there.all():
             keep[there] = ~repeated
             before = np.cumsum(there) - 1
@@ -62,19 +64,19 @@ class FrameSequence:
             keep = ~repeated
         return keep, numbers[keep], lost
 
-    def _steps(self, values: IntArray) -> IntArray:
+    def _steps(self, values: NDArray[Any]) -> IntArray:
         """Return by how many frames each frame is ahead of the one before."""
         if self._counter is not None:
             moved, step = self._moved(values, self._counter.step, self._counter.modulus), self._counter.step
             # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
-            steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step))
+            steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
         else:
             time = self._time
             modulus = None if time is None else time.modulus
             moved = self._moved(values, 0, modulus)
             frames = np.rint(moved * (self._rate_hz * (1.0 if time is None else time.resolution)))
             steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
-        self.last = int(values[-1])
+        self.last = values[-1].item()
         return steps
 
     def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
@@ -89,7 +91,7 @@ class FrameSequence:
         self.number, self._continuous = int(sequence[-1]), True
         return sequence, lost, repeated
 
-    def _moved(self, values: IntArray, step: int, modulus: int | None) -> IntArray:
+    def _moved(self, values: NDArray[Any], step: int, modulus: int | None) -> NDArray[Any]:
         """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""
         before = values[0] - step if self.last is None else self.last
         moved = values.copy()

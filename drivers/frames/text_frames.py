@@ -1,4 +1,4 @@
-"""Frames of text: a line of numbers between separators, with a checksum in digits.
+"""Frames of text: a line of tokens between separators, perhaps with labels and a checksum in digits.
 
 id: "24 56 4E 59 4D 52 2C"   # $VNYMR,
 delimiter: 0D 0A
@@ -10,7 +10,7 @@ fields: {yaw: {type: decimal, unit: deg}, pitch: {type: decimal, unit: deg}}
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from functools import reduce
 from operator import xor
 from typing import Annotated, Literal
@@ -19,13 +19,15 @@ from pydantic import Field, model_validator
 
 from drivers.frames.checksum_kinds import CrcParameters
 from drivers.frames.crc import message_crc
+from drivers.frames.fields import FieldDescription
 from drivers.frames.notation import Described
 
-_NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_PRINTABLE = re.compile(rb"[\x20-\x7e]*")
+LINE_END = b"\r\n"
+_NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
 
 
-class _TextChecksum(Described, ABC):
+class _InDigits(Described):
     """Digits after the last `mark`. `first` is the first covered byte; the mark itself may be covered too."""
 
     mark: str = Field(min_length=1, max_length=1)
@@ -34,73 +36,99 @@ class _TextChecksum(Described, ABC):
     stored: Literal["hex", "decimal"] = "hex"
     digits: int | None = Field(default=None, ge=1)
 
-    @abstractmethod
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-
     def matches(self, line: bytes) -> bool:
         """Tell whether a line without its delimiter carries the right checksum in this form."""
         at = line.rfind(self.mark.encode())
-        digits = line[at + 1 :]
+        digits, covered = line[at + 1 :], line[self.first : at + self.covers_mark]
         if at < self.first or not digits.isalnum() or (self.digits is not None and len(digits) != self.digits):
             return False
         try:
             stored = int(digits, 16 if self.stored == "hex" else 10)
         except ValueError:
             return False
-        return self.of(line[self.first : at + self.covers_mark]) == stored
+        return stored == (message_crc(self, covered) if isinstance(self, TextCrc) else reduce(xor, covered, 0))
 
 
-class TextXor(_TextChecksum):
+class TextXor(_InDigits):
     """The exclusive or of the covered characters."""
 
     kind: Literal["xor"]
 
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-        return reduce(xor, message, 0)
 
-
-class TextCrc(_TextChecksum, CrcParameters):
+class TextCrc(_InDigits, CrcParameters):
     """A cyclic redundancy check of the covered characters."""
 
     kind: Literal["crc"]
 
-    def of(self, message: bytes) -> int:
-        """Return the checksum of the covered bytes."""
-        return message_crc(self, message)
-
 
 class TextDescription(Described):
-    """How a line is put together. One of the `checksums` must match; `most` bytes are the longest line."""
+    """How a line is put together. One of the `checksums` must match, where there are any; `most` bytes are the longest.
 
-    separator: str = Field(default=",", min_length=1, max_length=1)
+    Any of the characters of `separator` parts two tokens; blanks around them do not count.
+    """
+
+    separator: str = Field(default=",", min_length=1)
     most: int = Field(default=256, ge=4, le=4096)
-    checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(min_length=1)
+    checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _ascii(self) -> TextDescription:
         for key, text in [("separator", self.separator), *[("checksums.mark", each.mark) for each in self.checksums]]:
-            if not " " < text <= "~":
-                raise ValueError(f"{key}: {text!r} is not a printable ASCII character")
+            if not _PRINTABLE.fullmatch(text.encode()):
+                raise ValueError(f"{key}: {text!r} is not printable ASCII")
         return self
 
     def length_of(self, data: bytes, start: int, header_size: int, delimiter: bytes) -> int | None:
-        """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
+        """Return the length of the line at `start`: 0 where it is none, None where its end is not there.
+
+        Without a `delimiter`, it ends with LF or CR LF.
+        """
         match = _PRINTABLE.match(data, start + header_size)
         end = start if match is None else match.end()
-        if data.startswith(delimiter, end):
-            length = end + len(delimiter) - start
-            return length if length <= self.most else 0
-        unfinished = delimiter.startswith(data[end : end + len(delimiter)]) and end + len(delimiter) > len(data)
-        return None if unfinished and end - start < self.most else 0
+        for ending in [delimiter] if delimiter else [b"\n", b"\r\n"]:
+            if data.startswith(ending, end):
+                length = end + len(ending) - start
+                return length if length <= self.most else 0
+            if ending.startswith(data[end : end + len(ending)]) and end + len(ending) > len(data):
+                return None if end - start < self.most else 0
+        return 0
 
-    def values(self, line: bytes, header_size: int, count: int) -> tuple[float, ...] | None:
-        """Return the `count` numbers of a line without its delimiter; None where it has others than so many numbers."""
-        if not count:
-            return ()
-        body = line[header_size : line.rfind(self.checksums[0].mark.encode())]
-        cells = body.split(self.separator.encode())
-        if len(cells) != count or not all(map(_NUMBER.fullmatch, cells)):
-            return None
-        return tuple(map(float, cells))
+    def is_good(self, line: bytes, delimiter: bytes) -> bool:
+        """Tell whether one of the checksums of a line matches, or it has none."""
+        line = _without_end(line, delimiter)
+        return not self.checksums or any(each.matches(line) for each in self.checksums)
+
+    def cells(
+        self, line: bytes, header_size: int, delimiter: bytes, tokens: re.Pattern[bytes]
+    ) -> dict[str, bytes] | None:
+        """Return the `tokens` of a line by field, None where it has others than these."""
+        body = _without_end(line, delimiter)[header_size:]
+        if self.checksums:
+            body = body[: body.rfind(self.checksums[0].mark.encode())]
+        match = tokens.fullmatch(body)
+        return None if match is None else match.groupdict()
+
+    def tokens(self, fields: Mapping[str, FieldDescription]) -> re.Pattern[bytes]:
+        """Return what matches the tokens of a line, one group for each field."""
+        separator = re.escape(self.separator.encode())
+        if not fields or any(field.type == "line" for field in fields.values()):
+            return re.compile(b".*", re.DOTALL)
+        cells = []
+        for name, field in fields.items():
+            what = {"decimal": _NUMBER, "word": b"[^" + separator + b"]*?"}.get(field.type)
+            what = what or b"[0-9A-Fa-f]{1,%d}" % (2 * field.width)
+            label = re.escape(field.label.encode()) + rb"\s*" if field.label else b""
+            cells.append(rb"\s*" + label + b"(?P<" + name.encode() + b">" + what + rb")\s*")
+        return re.compile((b"[" + separator + b"]").join(cells) + b"[" + separator + b"]?")
+
+
+def _without_end(line: bytes, delimiter: bytes) -> bytes:
+    return line.removesuffix(delimiter) if delimiter else line.rstrip(LINE_END)
+
+
+def numbers(cells: Iterable[bytes], field: FieldDescription) -> list[float]:
+    """Return what tokens are worth on the wire: decimal numbers, or hexadecimal digits of an integer's width."""
+    if not field.is_integer:
+        return list(map(float, cells))
+    sign = 1 << (field.bits - 1) if field.type[0] == "i" else 0
+    return [(int(cell, 16) ^ sign) - sign for cell in cells]

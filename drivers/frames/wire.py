@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Rows = NDArray[np.uint8]
 ByteOrder = Literal["little", "big"]
 
-_NATIVE = {"u": (1, 2, 4, 8), "i": (1, 2, 4, 8), "f": (4, 8)}
+_NATIVE = {"u": (1, 2, 4, 8), "i": (1, 2, 4, 8), "f": (2, 4, 8)}
 
 
 def native_type(kind: str, order: ByteOrder) -> str | None:
@@ -44,15 +44,20 @@ def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray
 
 def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: bool) -> NDArray[Any]:
     """Put together integers of 3, 5, 6 or 7 bytes."""
-    dtype: type[np.signedinteger[Any]] | type[np.uint64] = np.int32 if size == 3 else np.uint64
+    dtype: type[np.integer[Any]] = np.int32 if size == 3 else np.int64 if signed else np.uint64
     positions = range(offset, offset + size) if order == "big" else range(offset + size - 1, offset - 1, -1)
     value: NDArray[Any] = np.zeros(len(rows), dtype)
     for position in positions:
         value <<= dtype(8)
         value |= rows[:, position]
-    if signed:  # a 24-bit integer: move its sign bit to the top and back
-        value = (value << 8) >> 8
-    return value
+    return sign_extended(value, 8 * size) if signed else value
+
+
+def sign_extended(values: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Return integers, (n,), whose lowest `bits` hold a two's complement number, with the sign above these."""
+    above = values.dtype.type(8 * values.dtype.itemsize - bits)
+    extended: NDArray[Any] = (values << above) >> above
+    return extended
 
 
 def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: NDArray[Any]) -> None:

@@ -15,9 +15,8 @@ import numpy as np
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, DeviceTimeout, ProtocolError, WrongDevice
-from drivers.frames.batch import FrameBatch
+from drivers.frames.batch import Decoded, FrameBatch
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription
 from drivers.imu.sample_clock import SampleClock

@@ -285,6 +285,7 @@ def _chamber(
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
         layout=section.layout,
+        warning_limits=section.warning_limits,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)

@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.frames.batch import FrameBatch
+from drivers.frames.batch import Decoded, FrameBatch
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description
 from drivers.frames.fields import FieldDescription

@@ -9,6 +9,7 @@ frames with a false account of what is missing. Both are said in words.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,8 @@ import numpy as np
 from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import CounterDescription, FrameDescription, StreamDescription, load_description
+from drivers.frames.description import FrameDescription, StreamDescription, load_description
+from drivers.frames.told import CounterDescription
 from drivers.given_file import opened
 from hil.errors import InputError
 from hil.files.strict import config_folders
@@ -39,12 +41,15 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
         return
     with opened(path) as file:
         data = file.read(_LOOK)
-    begun = sum(data.count(header) for name in description.frames for header in description.headers(name))
+    headers = [
+        header for name, each in description.frames.items() if not each.parts for header in description.headers(name)
+    ]
+    begun = sum(1 for header in headers for _ in re.finditer(header.pattern, data, re.DOTALL))
     what = "no good frame is" if not counts.ok else f"{counts.skipped_bytes} of {size} bytes are in no frame"
     said = f"{what} in {size} bytes" if not counts.ok else what
     times = "once" if begun == 1 else f"{begun} times"
     yield f"{said}: in the first {len(data)}, what begins a frame of {description.name} is there {times}"
-    others = sorted(_that_read(data), reverse=True)
+    others = sorted(that_read(data), reverse=True)
     for share, ok, name in others[:2]:
         yield f"{name} reads {share:.1%} of the first {len(data)} bytes as {ok} good frames: try --frames {name}"
     if others:
@@ -54,8 +59,8 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
     yield "no shipped description reads it: compare baud rate, word length and the unit's settings with the manual"
 
 
-def _that_read(data: bytes) -> Iterator[tuple[float, int, str]]:
-    """Try the shipped descriptions: of those that read most of `data`, which share, how many frames, and the name."""
+def that_read(data: bytes, least: float = 0.5) -> Iterator[tuple[float, int, str]]:
+    """Try the shipped descriptions: of those that read more than `least`, the share, how many frames, and the name."""
     paths = {path.stem: path for folder in config_folders("imus") for path in folder.glob("*.yaml")}
     for name, path in paths.items():
         try:
@@ -64,7 +69,7 @@ def _that_read(data: bytes) -> Iterator[tuple[float, int, str]]:
             continue
         counts = decoder.feed(data).counts + decoder.finish().counts
         share = 1.0 - counts.skipped_bytes / len(data)
-        if share > 0.5:
+        if share > least and counts.ok:
             yield share, counts.ok, name
 
 

@@ -21,7 +21,7 @@ _NAMES = {
     (16, 0x1021, 0xFFFF, False, False, 0): "CRC-16/IBM-3740",
 }
 _TYPES = {"fp12.20": "12.20 fixed point", "fp16.32": "16.32 fixed point", "item": "in the item's number format"}
-_TYPES |= {"f32": "single precision", "f64": "double precision"}
+_TYPES |= {"f16": "half precision", "f32": "single precision", "f64": "double precision"}
 _FORMATS = {"u": "unsigned", "i": "signed"}
 
 
@@ -33,6 +33,8 @@ def explain_frames(description: StreamDescription) -> str:
     lines.append(
         f"  {description.baudrate} baud, {description.sample_rate_hz:g} samples per second unless told otherwise"
     )
+    if description.packets is not None:
+        lines.append(f"  in packets ({description.packets.kind}), each of them one frame")
     if description.sync:
         lines.append(f"  every frame begins with {_hex(description.sync)}")
     if description.optional_delimiter:
@@ -57,8 +59,13 @@ def _hex(data: bytes) -> str:
 
 
 def _frame(description: StreamDescription, name: str, frame: FrameDescription) -> Iterator[str]:
-    headers = " or ".join(map(_hex, description.headers(name)))
-    yield f"{name}{f' ({frame.meaning})' if frame.meaning else ''}: begins with {headers}, {_length(frame)}"
+    headers = " or ".join(map(str, description.headers(name))) or "anything"
+    title = f"{name}{f' ({frame.meaning})' if frame.meaning else ''}"
+    if frame.parts:
+        together = f"with the same {frame.by}" if frame.by else "one after another"
+        yield f"{title}: put together from {', '.join(frame.parts)}, {together}"
+        return
+    yield f"{title}: begins with {headers}, {_length(frame)}"
     if frame.delimiter:
         yield f"  ends with {_hex(frame.delimiter)}"
     if frame.text is not None:
@@ -66,7 +73,7 @@ def _frame(description: StreamDescription, name: str, frame: FrameDescription) -
             f"{_crc(each) if each.kind == 'crc' else 'XOR'}, in {each.stored} digits after {each.mark!r}"
             for each in frame.text.checksums
         )
-        yield f"  a line of text; {forms}"
+        yield f"  a line of text; {forms or 'no checksum'}"
     else:
         yield f"  {_checksum(frame.checksum)}"
     offsets = description.offsets(name)
@@ -120,8 +127,14 @@ def _checksum(kind: ChecksumDescription) -> str:
         words = f"{'negated ' if kind.negate else ''}sum of {kind.word}-byte words, {kind.width} bits"
     else:
         words = "Fletcher's two sums" if isinstance(kind, FletcherKind) else "exclusive or of the bytes"
-    first, end = (0, None) if kind.span is None else kind.span
-    words += f", over bytes {first} to {'the checksum' if end is None else end - 1}, stored {kind.stored}-endian"
+    parts = [
+        f"the byte{'s' * (len(part) > 1)} {_hex(part)} (not sent)"
+        if isinstance(part, bytes)
+        else f"bytes {part[0]} to {'its end' if part[1] is None else part[1] - 1}"
+        for part in kind.span or ((0, None),)
+    ]
+    words += f", over {', '.join(parts)}, stored {kind.stored}-endian"
+    words += f" at byte {kind.at}" if kind.at is not None else ""
     if kind.confirm:
         words += ", believed after damage only where the next frame confirms it"
     return words
@@ -129,9 +142,10 @@ def _checksum(kind: ChecksumDescription) -> str:
 
 def _field(field: FieldDescription) -> str:
     kind = _TYPES.get(field.type)
-    if kind is None and field.type[0] in _FORMATS and field.type[1:].isdigit():
+    if kind is None and field.is_integer:
         kind = f"{field.type[1:]}-bit {_FORMATS[field.type[0]]}"
     words = kind or (f"{field.size} characters" if field.type == "text" else field.type)
+    words += f", behind {field.label!r}" if field.label else ""
     words += f", bits {field.mask:#x}" if field.mask is not None else ""
     words += f", {field.byte_order}-endian" if field.byte_order is not None else ""
     words += f", × {field.scale:.10g}" if field.scale != 1.0 else ""
@@ -161,7 +175,9 @@ def _roles(roles: Roles | None) -> Iterator[str]:
 def _warnings(description: StreamDescription) -> Iterator[str]:
     for name, frame in description.frames.items():
         kind = frame.checksum
-        if frame.text is None and isinstance(kind, NoChecksum):
+        if frame.parts:
+            continue
+        if isinstance(kind, NoChecksum) and (frame.text is None or not frame.text.checksums):
             yield f"{name} has no checksum: damage in it goes unnoticed"
         elif frame.text is None and not isinstance(kind, CrcKind) and not kind.confirm:
             yield f"{name}: so weak a checksum matches by chance; with checksum.confirm, the next frame is asked too"

@@ -90,8 +90,8 @@ app.command("import")(with_status(data.import_table))
 app.command()(with_status(dashboard.dashboard))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
-frames.frames_app.command()(with_status(frames.check))
-frames.frames_app.callback()(lambda: None)  # with one command only, the group would otherwise swallow its name
+for about_frames in (frames.check, frames.guess):
+    frames.frames_app.command()(with_status(about_frames))
 app.add_typer(frames.frames_app)
 for picture in plot.COMMANDS:
     plot.plot_app.command()(with_status(picture))

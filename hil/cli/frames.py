@@ -59,6 +59,31 @@ def check(
     results().print(explain_frames(load_frames_named(description, parameters=_parameters(settings))))
 
 
+def guess(
+    capture: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.", show_default=False)],
+    out: Annotated[Path | None, typer.Option("--out", help="Write the first description here, to be edited.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
+    from hil.bench.guess import guess_file
+    from hil.files.durable import RealDisk, write_durably
+
+    document = guess_file(capture)
+    if out is not None and document["description"] is not None:
+        write_durably(RealDisk(), out, document["description"].encode())
+    if printed(document, as_json):
+        return
+    console = results()
+    for fit in document["fits"]:
+        console.print(
+            f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
+        )
+    for key in ("repeats_every", "lines", "sync", "length", "frames", "checksum", "counter"):
+        if document.get(key) is not None:
+            console.print(f"{key.replace('_', ' ')}: {document[key]}")
+    console.print(document["description"] or "nothing in it repeats itself as frames do: compare the baud rate")
+
+
 def _parameters(settings: list[str] | None) -> dict[str, Any]:
     """Read NAME=VALUE pairs; values are numbers or words as YAML has them."""
     found: dict[str, Any] = {}

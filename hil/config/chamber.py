@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, Pos
 
 from drivers.chambers import CHAMBER_DRIVERS, SafeState
 from drivers.chambers.catalogue import SerialLine
+from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
@@ -89,7 +90,7 @@ class ChamberSection(Section):
     `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
     timer; at least 10 min, because it is renewed only now and then; null for not at all (`night_dead_man`).
     `description` is the file of a `box`: a chamber without a driver of its own. `layout` says what the values and
-    bits of an ASCII-2 chamber are.
+    bits of an ASCII-2 chamber are, `warning_limits` under which parameters a Julabo has its own limits.
     """
 
     driver: Annotated[str, AfterValidator(_chamber_driver)]
@@ -105,6 +106,7 @@ class ChamberSection(Section):
     dead_man: Annotated[Seconds, Field(ge=600.0, le=7 * 86400.0)] | None = None
     description: str | None = None
     layout: Annotated[AsciiLayout | None, BeforeValidator(_layout)] = None
+    warning_limits: WarningLimits | None = None
     model: str = ""
     celsius_confirmed: bool = False
     limits: LimitsSection
@@ -139,6 +141,8 @@ class ChamberSection(Section):
             raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
         if self.layout is not None and self.driver != "voetsch-ascii2":
             raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
+        if self.warning_limits is not None and self.driver != "julabo":
+            raise ValueError("warning_limits: only julabo has them under parameters that differ")
         return self
 
     @model_validator(mode="after")

@@ -17,6 +17,7 @@ from typing import Any
 
 import yaml
 
+from drivers.frames.description import whole_text
 from drivers.given_file import read_bytes
 from hil.config import Bench, Sweep, parse_bench, parse_sweep
 from hil.errors import InputError
@@ -41,7 +42,7 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         "sweep_file": sweep.source,
         "bench": parse_yaml(bench.text, bench.source),
         "sweep": parse_yaml(sweep.text, sweep.source),
-        "imu": read_text(bench.imu_description),
+        "imu": whole_text(bench.imu_description),
     }
     document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
     if bench.simulation_model is not None:

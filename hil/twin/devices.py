@@ -112,6 +112,7 @@ def simulate_devices(
         framing=bench.chamber.framing,
         description=bench.chamber_description,
         layout=bench.chamber.layout,
+        warning_limits=bench.chamber.warning_limits,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from drivers.chambers.controllers.description import load_box
+from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault
@@ -32,6 +33,8 @@ class SimulatorOptions:
     framing: Literal["rtu", "tcp"] | None = None
     description: Path | None = None
     layout: AsciiLayout | None = None
+    warning_limits: WarningLimits | None = None
+    strict: bool | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
 
@@ -73,13 +76,13 @@ def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberCont
 
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = {
-    "espec": _built(SimulatedEspec, "address", "terminator"),
+    "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "watlow-f4": _built(SimulatedWatlowF4, "address", "framing"),
     "ezt-570i": _built(SimulatedEzt570i, "address", "framing"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
     "thermotron": _built(SimulatedThermotron, "terminator"),
-    "julabo": _built(SimulatedJulabo),
+    "julabo": _built(SimulatedJulabo, "warning_limits"),
     "watlow-f4t": _built(SimulatedWatlowF4t, "address", "framing"),
     "box": _box,
 }

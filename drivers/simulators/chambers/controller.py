@@ -192,7 +192,8 @@ class SimulatedController(ABC):
         if kind is ChamberFaultKind.DEAF:
             return
         due_s = now_s + self._latency_s
-        self._ready_at_s = due_s + self._pause_after(request)
+        pause_s = self._pause_after(request)
+        self._ready_at_s = due_s + pause_s if pause_s else now_s
         try:
             if fault is not None and kind is ChamberFaultKind.REFUSED:
                 raise Refusal(self._refusal() if fault.text is None else fault.text)

@@ -5,13 +5,14 @@ r"""An ESPEC ASCII controller with a chamber behind it, byte for byte, and with 
     >>> device.transmit(now_s=0.1)
     b'22.0,23.0,105.0,-75.0\r\n'
 
-Independent of the driver: it formats and judges by itself. As real ones do, it ignores a request that comes before
-the vendor's pause (0.3 s after a monitor command, 0.5 s after a setting), refuses a setpoint beyond its alarm limits,
-and forgets its setpoint and its timer with its power. Byte-exact from sources: `TEMP?`, `TYPE?`, `HUMI?`, `MON?`,
-`CONSTANT SET?,TEMP`, the `OK` spellings, `CMD ERR`, `DATA OUT OF RANGE`, `INVALID REQ`; the requests that begin with
-`TIMER`. Inferred: the replies to `TIMER LIST?,0` and `TIMER ON?` (from a client's parser), that an alarm stops the
-chamber to STANDBY, that crossing an alarm limit raises code 1, that an alarm limit which would exclude the setpoint is
-refused, and that a request coming too early is dropped without a word.
+Independent of the driver: it formats and judges by itself. As real ones do, it refuses a setpoint beyond its alarm
+limits, and forgets its setpoint and its timer with its power. The vendor asks for a pause before the next request (0.3
+s after a monitor command, 0.5 s after a setting); what a controller does with one that comes sooner, no manual says,
+and public clients do not pause. Where it is `strict`, it is dropped without a word. Byte-exact from sources: `TEMP?`,
+`TYPE?`, `HUMI?`, `MON?`, `CONSTANT SET?,TEMP`, the `OK` spellings, `CMD ERR`, `DATA OUT OF RANGE`, `INVALID REQ`; the
+requests that begin with `TIMER`. Inferred: the replies to `TIMER LIST?,0`, `TIMER ON?` and to what nothing here asks
+(`_OTHERS`, from a client's parser), that an alarm stops the chamber to STANDBY, that crossing an alarm limit raises
+code 1, and that an alarm limit which would exclude the setpoint is refused.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from drivers.simulators.chambers.plant import ChamberPlant
 _PAUSE_AFTER_MONITOR_S = 0.3
 _PAUSE_AFTER_SETTING_S = 0.5
 _LIMIT_ALARM = "1"
+_OTHERS = {"SET?": "REF9", "RELAY?": "0", "REF?": "1,OFF1", "DATE?": "26.01/01", "TIME?": "00:00:00"}
+_OTHERS |= {"SRQ?": "00000000", "MASK?": "00000000"}
 _MONITORS = ("TEMP?", "MON?", "MODE?", "ALARM?", "CONSTANT SET?", "ROM?", "TYPE?", "HUMI?", "TIMER LIST?", "TIMER ON?")
 _TARGETS = re.compile(r"(?:[SHL]-?\d+(?:\.\d+)?(?:\s+|$))+")
 _TARGET = re.compile(r"([SHL])(-?\d+(?:\.\d+)?)")
@@ -59,6 +62,7 @@ class SimulatedEspec(SimulatedLines):
         address: int | None = None,
         terminator: bytes = b"\r\n",
         spelling: Literal["plain", "addressed", "manual"] = "plain",
+        strict: bool = False,
         **settings: Any,
     ) -> None:
         self._model = model
@@ -67,6 +71,7 @@ class SimulatedEspec(SimulatedLines):
         self._humidity = humidity
         self._address = address
         self._spelling = spelling
+        self._strict = strict
         self._shown_instead: str | None = None
         self._timer = ("STANDBY", 0)  # the mode that it leads to, and after how many minutes
         self.timer_ends_s: float | None = None
@@ -99,7 +104,8 @@ class SimulatedEspec(SimulatedLines):
         return self._command(request) or ""
 
     def _pause_after(self, request: bytes) -> float:
-        return _PAUSE_AFTER_MONITOR_S if b"?" in request else _PAUSE_AFTER_SETTING_S
+        usual = _PAUSE_AFTER_MONITOR_S if b"?" in request else _PAUSE_AFTER_SETTING_S
+        return usual if self._strict else 0.0
 
     def _respond(self, request: str, now_s: float) -> str | None:
         command = self._command(request.encode(self._encoding, errors="replace")) or ""
@@ -175,6 +181,15 @@ class SimulatedEspec(SimulatedLines):
                 return f"{mode},{minutes // 60}:{minutes % 60}"
             case "TIMER ON?":
                 return "0" if self.timer_ends_s is None else "1,0"
+            case "TIMER USE?":
+                return "1,0" if self._timer[1] else "0"
+            case "KEYPROTECT?":
+                return "ON" if self.panel_locked else "OFF"
+            case "%?":
+                dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
+                return f"1,{dry}" if self._humidity is None else f"2,{dry},0.0"
+        if command in _OTHERS:
+            return _OTHERS[command]
         raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
 
     def _air_text(self, now_s: float) -> str:

@@ -130,7 +130,13 @@ class ChamberBench:
         self.clock = VirtualClock()
         self.plant = ChamberPlant()
         self.device: Any = CHAMBER_SIMULATORS[name](
-            self.plant, SimulatorOptions(faults=tuple(faults), description=description)
+            self.plant,
+            SimulatorOptions(
+                faults=tuple(faults),
+                description=description,
+                strict=True,
+                warning_limits=options.get("warning_limits"),
+            ),
         )
         self.device.mode = mode
         if setpoint_degC is not None:

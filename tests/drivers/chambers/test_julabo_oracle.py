@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -12,7 +13,11 @@ from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
+from drivers.errors import DeviceTimeout
+from drivers.simulators.chambers.julabo import SimulatedJulabo
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
+from tests.drivers.chambers.chamber_benches import ChamberBench
 
 
 class _Peer:
@@ -83,3 +88,34 @@ def test_a_held_safe_state() -> None:
     chamber, peer = _bench(SafeState("hold", 20.0))
     chamber.safe_state()
     assert (peer.julabo._config["SP_00"], peer.julabo._config["MODE_05"]) == ("20.0", "1")
+
+
+@pytest.mark.parametrize(("parameters", "native"), [("SP_01/02", (17.0, 85.0)), ("none", (-math.inf, math.inf))])
+def test_models_without_the_usual_warning_limits_are_used_with_theirs_or_with_none(
+    parameters: str, native: tuple[float, float]
+) -> None:
+    """Nothing is asked or written that such a model does not know; where it has none, the reading says so.
+
+    The bath is colder than the bench's limits at first, so that a warning limit would be set around it.
+    """
+    bench = ChamberBench("julabo", limits=ChamberLimits(30.0, 80.0), safe=SafeState("off"), warning_limits=parameters)
+    bench.chamber.prepare()
+    bench.chamber.set_temperature(55.5)
+    reading = bench.chamber.read()
+    assert (reading.low_limit_degC, reading.high_limit_degC) == native
+    assert b"SP_03" not in bench.wire.sent
+
+
+def test_a_model_that_was_described_wrongly_says_what_to_write() -> None:
+    """A parameter that it does not know is not answered; nothing was set."""
+    bench = ChamberBench("julabo", warning_limits="none")
+    with pytest.raises(DeviceTimeout, match=r"IN_SP_03.*warning_limits: SP_01/02, or none"):
+        bench.rebuilt(warning_limits=None).prepare()
+    assert bench.setpoints == []
+
+
+def test_lower_case_is_heard_too() -> None:
+    """As the manual prints requests."""
+    device = SimulatedJulabo(ChamberPlant())
+    device.receive(b"out_sp_00 55.5\rin_sp_00\r", 0.0)
+    assert device.transmit(1.0) == b"55.5\n"

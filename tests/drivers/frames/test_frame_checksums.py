@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.crc import Crc
-from drivers.frames.description import FrameDescription
 
 # Catalogue of parametrised CRC algorithms (reveng): name, width, poly, init, refin, refout, xorout, CRC of "123456789".
 CATALOGUE = [
@@ -102,7 +101,7 @@ def test_what_is_written_matches_and_a_flipped_bit_does_not(name: str, payloads:
     """Writing and both ways of checking belong together, for every other kind of checksum."""
     kind = OTHERS[name]
     length = 10 + kind.size
-    checksum = FrameChecksum(FrameDescription(id=b"\x01", length=length, checksum=kind))
+    checksum = FrameChecksum(kind, length)
     rows = rows_of([payload + bytes(kind.size) for payload in payloads]).copy()
     checksum.write(rows)
     assert checksum.matches_rows(rows).all()
@@ -114,9 +113,9 @@ def test_what_is_written_matches_and_a_flipped_bit_does_not(name: str, payloads:
 
 def test_published_sums_are_reproduced() -> None:
     """KVH's built-in test frame (sum of bytes) and a MIP ping (Fletcher) carry what their manuals print."""
-    kvh = FrameChecksum(FrameDescription(id=b"\xfe", length=11, checksum=OTHERS["sum8"]))
+    kvh = FrameChecksum(OTHERS["sum8"], 11)
     assert kvh.matches(bytes.fromhex("FE8100AA7F7F7F7F7F7F23"))
-    mip = FrameChecksum(FrameDescription(id=b"\x75", length=8, checksum=OTHERS["fletcher"]))
+    mip = FrameChecksum(OTHERS["fletcher"], 8)
     assert mip.matches(bytes.fromhex("756501020201E0C6"))
-    dmu = FrameChecksum(FrameDescription(id=b"\x55", length=6, checksum=OTHERS["negated sum16 of big-endian words"]))
+    dmu = FrameChecksum(OTHERS["negated sum16 of big-endian words"], 6)
     assert dmu.matches(bytes.fromhex("55AA 0001") + (0x10000 - 0x55AB).to_bytes(2, "big"))

@@ -76,7 +76,7 @@ BROKEN = {
     "checksum without a kind": (STIM300.replace("kind: crc, ", ""), "checksum.kind: this key is missing"),
     "span of one number": (
         STIM300.replace("pad_to: 4", "span: [0]"),
-        "incl.checksum.span.1: this value of the list is missing",
+        r"incl.checksum.span: is \[first, end\], or a list",
     ),
     "no frames": (STIM300.split("frames:")[0] + "frames: {}\n", "yaml: frames: must have at least 1 entry"),
     "a frame that is nothing": (

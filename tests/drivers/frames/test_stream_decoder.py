@@ -214,7 +214,7 @@ def by_definition(description: StreamDescription, stream: bytes) -> list[bytes]:
         for name, frame in description.frames.items():
             candidate = stream[at : at + frame.length]
             body = frame.length - len(frame.delimiter)
-            if not (candidate.startswith(description.header(name)) and len(candidate) == frame.length):
+            if not (candidate.startswith(description.headers(name)[0]) and len(candidate) == frame.length):
                 continue
             kind = frame.checksum
             covered = candidate[: body - kind.size]
@@ -253,7 +253,7 @@ def streams(draw: st.DrawFn) -> tuple[StreamDescription, bytes]:
         elif what == "noise":
             frame = draw(st.binary(max_size=20))
         elif what == "header":
-            frame = description.header(name)[: draw(st.integers(1, 4))]
+            frame = description.headers(name)[0][: draw(st.integers(1, 4))]
         elif what == "twice":
             frame *= 2
         pieces.append(frame)
@@ -310,7 +310,7 @@ def test_what_is_decoded_is_what_the_definition_finds(drawn: tuple[StreamDescrip
     expected = by_definition(description, stream)
     assert outcome.counts.ok + outcome.counts.duplicate == len(expected)
     for name, frames in outcome.frames.items():
-        header = description.header(name)
+        header = description.headers(name)[0]
         mine = [frame for frame in expected if frame.startswith(header)]
         distinct = [frame for number, frame in enumerate(mine) if number == 0 or frame != mine[number - 1]]
         counted = description.frames[name].counter is not None

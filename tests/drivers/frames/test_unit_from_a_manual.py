@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
+from drivers.frames.batch import Decoded
 from drivers.frames.counts import StreamCounts
-from drivers.frames.decoded import Decoded
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import parse_description
 
@@ -178,7 +178,7 @@ MISTAKES = {
     "choice": ("default: 200", "default: 300", "parameters.range.default"),
     "status bit": ("bit: 7", "bit: 8", "frames.fast.status.status.hot"),
     "digits": ("digits: 2", "digits: none", "frames.text.text.checksums.0.digits"),
-    "field of text": ("pressure: {type: decimal", "pressure: {type: u8", "frames.text.fields.pressure"),
+    "field of text": ("pressure: {type: decimal", "pressure: {type: f32", "frames.text.fields.pressure"),
     "length in the frame": ("plus: 6, least", "plus: six, least", "frames.slow.length.plus"),
     "role": ("GX: gyro_x", "GX: gyro_q", "roles.sensors.1.rates.GX"),
     "role in another unit": ("X: acc_x", "X: gyro_x", "roles.sensors.1"),

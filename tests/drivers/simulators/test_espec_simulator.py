@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -76,9 +77,12 @@ def test_a_controller_answers_to_its_own_address_only() -> None:
     assert _ask(device, b"2,TEMP?\r\n", 2.0) == b"22.0,23.0,105.0,-75.0\r\n"
 
 
-def test_requests_before_the_pause_is_over_are_ignored() -> None:
-    """0.3 s after a monitor's reply, 0.5 s after a setting's."""
-    device = _device()
+def test_requests_before_the_pause_is_over_are_ignored_by_a_strict_one_alone() -> None:
+    """0.3 s after a monitor's reply, 0.5 s after a setting's; another answers whoever does not pause."""
+    patient = _device()
+    patient.receive(b"TEMP?\r\nTEMP,S25\r\nTEMP?\r\n", 0.0)
+    assert patient.transmit(0.1).count(b"\r\n") == 3
+    device = _device(strict=True)
     device.receive(b"TEMP?\r\nTEMP?\r\n", 0.0)
     assert device.transmit(0.1).count(b"\r\n") == 1
     assert _ask(device, b"TEMP?\r\n", 0.30) == b""
@@ -238,3 +242,16 @@ def test_sensors_freeze_and_break_and_the_plant_dies() -> None:
     dead = _device(mode="CONSTANT", setpoint_degC=60.0, faults=[ChamberFault(Fault.PLANT_DEAD)])
     _ask(dead, b"TEMP?\r\n", 0.0)
     assert _ask(dead, b"TEMP?\r\n", 3600.0) == b"22.0,60.0,105.0,-75.0\r\n"
+
+
+def test_what_public_clients_ask_has_the_form_that_they_parse() -> None:
+    """ChamberConnectLibrary (MIT), p300.py: numbered lists, percentages, a date of YY.MM/DD, ON or OFF."""
+    device = _device(humidity="55,60,100,0")
+    form = {
+        b"SET?": rb"REF\d", b"RELAY?": rb"\d+(,\d+)*", b"%?": rb"2,\d+\.\d,\d+\.\d", b"DATE?": rb"\d\d\.\d\d/\d\d",
+        b"TIME?": rb"\d\d:\d\d:\d\d", b"TIMER USE?": rb"0", b"KEYPROTECT?": rb"OFF", b"SRQ?": rb"[01]{8}",
+    }  # fmt: skip
+    for request, reply in form.items():
+        assert re.fullmatch(reply + rb"\r\n", _ask(device, request + b"\r\n", 1.0)), request
+    device.panel_locked = True
+    assert _ask(device, b"KEYPROTECT?\r\n", 2.0) == b"ON\r\n"

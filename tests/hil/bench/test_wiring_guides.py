@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from drivers.chambers import CHAMBER_DRIVERS
-from drivers.frames.description import StreamDescription
+from drivers.frames.description import StreamDescription, whole_text
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.config.frames import load_frames
@@ -93,7 +93,7 @@ def test_the_table_of_imus_is_that_of_the_descriptions() -> None:
     guide = (_ROOT / "docs" / "how-to" / "wire-an-imu.md").read_text()
     for folder in config_folders("imus"):
         for path in folder.glob("*.yaml"):
-            described = yaml.safe_load(path.read_text())
+            described = yaml.safe_load(whole_text(path))
             row = next((line for line in guide.splitlines() if line.startswith(f"| `{path.stem}` |")), "")
             rate = described["sample_rate_hz"]
             assert f"{described['baudrate']} 8N1, " in row, path.stem

@@ -49,6 +49,16 @@ def test_a_description_is_told_in_words(hil: Any) -> None:
     assert "sample" in ended.stdout
 
 
+def test_a_recording_of_an_unknown_unit_is_looked_at(hil: Any, raw: Path, tmp_path: Path) -> None:
+    """Who reads it, and that ten frames are too few for more; nothing is written where nothing was found."""
+    ended = hil("frames", "guess", raw, "--json", "--out", tmp_path / "first.yaml")
+    told = json.loads(ended.stdout)
+    assert (ended.returncode, told["schema"]) == (0, "hil.frames-guess/1")
+    assert told["fits"][0]["description"] == "mfs"
+    assert told["description"] is None
+    assert not (tmp_path / "first.yaml").exists()
+
+
 def test_what_cannot_be_decoded_is_refused(hil: Any, raw: Path, tmp_path: Path) -> None:
     """An unknown description, a file that is not there, a table of an unknown kind, a setting without a value."""
     for arguments in (

@@ -6,9 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import load_description
+from hil.config import load_bench, load_sweep, parse_bench
+from hil.config.frames import load_frames
+from hil.config.recorded import configuration_of, configuration_text
 from hil.files.strict import find_config
 
 
@@ -28,3 +32,13 @@ def test_the_stim300_description_gives_rates_in_deg_per_hr(reference: Path) -> N
         for axis, deg_s, g in zip("xyz", frame["expected"]["gyro_deg_s"], frame["expected"]["acc_g"], strict=True):
             assert fields[f"gyro_{axis}"] == pytest.approx(3600.0 * deg_s, abs=1e-9)
             assert fields[f"acc_{axis}"] == pytest.approx(g, abs=1e-12)
+
+
+def test_the_record_keeps_what_a_description_includes(tmp_path: Path) -> None:
+    """A night can be replayed where the included file is not beside the kept one."""
+    document = yaml.safe_load(load_bench("simulated").text)
+    document["imu"] |= {"description": "novatel", "parameters": {"imu": "STIM300"}}
+    bench = parse_bench(yaml.safe_dump(document), "bench.yaml")
+    kept, _ = configuration_of(configuration_text(bench, load_sweep("quick")), tmp_path)
+    assert kept.imu_description == tmp_path / "imu.yaml"
+    assert load_frames(kept) == load_frames(bench)

@@ -1,0 +1,211 @@
+"""What a recording of an unknown unit might be: what a person looks for in a hex dump, and a description to start from.
+
+    document = guess_file(Path("unknown.bin"))
+    document["fits"], document["length"], document["description"]
+
+Which shipped descriptions read it; how often it repeats itself; which bytes come again and again at that distance;
+which checksum stands where; what counts. Nothing of it is certain, and the description says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from drivers.frames.checksum_kinds import ChecksumDescription
+from drivers.frames.checksums import FrameChecksum
+from drivers.given_file import opened
+from hil.bench.decode_advice import that_read
+from hil.errors import InputError
+
+SCHEMA = "hil.frames-guess/1"
+_LOOK = 1 << 17  # bytes from the beginning of a file
+_LONGEST = 512  # bytes of a frame that is looked for
+_MOST = 0.9  # of frames agree where something is taken for a rule
+_FEW = 12  # frames, fewer of which show nothing
+_CRCS = [(16, 0x1021, init, turned) for init in (0, 0xFFFF, 0x1D0F) for turned in (False, True)]
+_CRCS += [(16, 0x8005, 0, True), (16, 0x8005, 0xFFFF, True), (32, 0x04C11DB7, 0, True)]
+_CRCS += [(32, 0x04C11DB7, 0xFFFFFFFF, False)]
+_CRC_KINDS: list[dict[str, Any]] = [
+    {"kind": "crc", "width": width, "poly": poly, "init": init, "refin": turned, "refout": turned}
+    for width, poly, init, turned in _CRCS
+]
+_CRC_KINDS += [_CRC_KINDS[3] | {"xorout": 0xFFFF}, _CRC_KINDS[-2] | {"init": 0xFFFFFFFF, "xorout": 0xFFFFFFFF}]
+_KINDS = [*_CRC_KINDS, _CRC_KINDS[9] | {"pad_to": 4}, {"kind": "fletcher"}, {"kind": "xor"}]
+_KINDS += [{"kind": "sum", "width": width, "negate": sign} for width in (16, 8) for sign in (False, True)]
+_WORDS = [{"word": 2, "word_order": order} for order in ("big", "little")]
+_KINDS += [{"kind": "sum", "width": 16, "negate": sign, **words} for words in _WORDS for sign in (False, True)]
+_TRIED = 6  # places at which a frame may begin
+_CHECKSUM: TypeAdapter[ChecksumDescription] = TypeAdapter(ChecksumDescription)
+Bytes = NDArray[np.uint8]
+
+
+def guess_file(path: Path) -> dict[str, Any]:
+    """Look at the beginning of a recording and return the document of `hil frames guess`.
+
+    Raise `InputError` where the file cannot be read or holds too little.
+    """
+    with opened(path) as file:
+        data = file.read(_LOOK)
+    if len(data) < 4 * _FEW:
+        raise InputError(f"{path}: {len(data)} bytes are too few to guess from; record some seconds")
+    printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)
+    fits = sorted(that_read(data, least=0.05), reverse=True)
+    found = _lines(data) if printable > _MOST else _frames(np.frombuffer(data, np.uint8))
+    head: dict[str, Any] = {"schema": "hil.frames/1", "name": path.stem, "verified": "by nothing: guessed"}
+    head |= {"sample_rate_hz": 100, "byte_order": "little"}
+    return {
+        "schema": SCHEMA,
+        "file": str(path),
+        "bytes": len(data),
+        "fits": [{"description": name, "share": share, "frames": ok} for share, ok, name in fits],
+        **{key: value for key, value in found.items() if key != "stream"},
+        "description": yaml.safe_dump(head | found["stream"], sort_keys=False) if "stream" in found else None,
+    }
+
+
+def _lines(data: bytes) -> dict[str, Any]:
+    """Describe lines of text by how the usual one begins and what its tokens are."""
+    lines = [line.rstrip(b"\r") for line in data.split(b"\n")[1:-1]]
+    separator = max(",;\t ", key=lambda each: sum(each.encode() in line for line in lines))
+    shapes = Counter((line.count(separator.encode()), line.split(separator.encode())[0][:1]) for line in lines)
+    (number, first), times = shapes.most_common(1)[0]
+    begins = not (first[:1].isdigit() or first in (b"-", b"+", b"."))
+    sample = next(line for line in lines if line.count(separator.encode()) == number and line.startswith(first))
+    words = sample.decode().partition("*")[0].split(separator)
+    fields = {
+        f"value_{at}": {"type": "decimal" if word.strip().lstrip("+-").replace(".", "", 1).isdigit() else "word"}
+        for at, word in enumerate(words[begins:])
+    }
+    frame: dict[str, Any] = {"text": {"separator": separator}, "fields": fields}
+    frame |= {"id": (words[0] + separator).encode().hex(" ").upper()} if begins else {}
+    if b"*" in sample:
+        frame["text"]["checksums"] = [{"kind": "xor", "mark": "*", "first": 1, "stored": "hex", "digits": 2}]
+    return {"lines": times, "stream": {"packets": {"kind": "lines"}, "frames": {"line": frame}}}
+
+
+def _frames(data: Bytes) -> dict[str, Any]:
+    """Describe frames by the bytes that come again at the distance at which the recording repeats itself."""
+    lags = range(4, min(_LONGEST, len(data) // _FEW))
+    alike = np.array([np.mean(data[lag:] == data[:-lag]) for lag in lags])
+    document: dict[str, Any] = {"repeats_every": lags[int(np.flatnonzero(alike > 0.95 * alike.max())[0])]}
+    pairs = data[:-1].astype(np.int64) << 8 | data[1:]
+    candidates = []
+    for pair in np.argsort(np.bincount(pairs, minlength=65536))[-32:].tolist():
+        places = np.flatnonzero(pairs == pair)
+        gaps = Counter(np.diff(places).tolist()).most_common(1)
+        if gaps and gaps[0][1] >= _FEW and gaps[0][0] >= 4:
+            candidates.append((gaps[0][0] * gaps[0][1], -int(places[0]), gaps[0][0], places))
+    best = max((each[0] for each in candidates), default=0)
+    likely = sorted((each for each in candidates if 2 * each[0] > best), key=lambda each: each[:2], reverse=True)
+    tried = []
+    for _, _, length, places in likely[:_TRIED]:
+        starts = _beginning(data, places[:-1][np.diff(places) == length], length)
+        tried.append(np.ascontiguousarray(sliding_window_view(data, length)[starts]))
+        found = _checksum(tried[-1])
+        if found is not None:
+            return document | _described(tried[-1], found)
+    return document | (_described(tried[0], None) if tried else {})
+
+
+def _beginning(data: Bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.int64]:
+    """Return where frames begin of which `starts`, (n,), are the places of two bytes that all have."""
+    starts = starts[(starts > 8) & (starts + length + 2 <= len(data))]
+    for step, line_end in (
+        (1, True),
+        (-1, False),
+    ):  # not with the end of the line before; with the first that they share
+        while len(starts):
+            byte = data[starts - (step < 0)]
+            if np.ptp(byte) or (int(byte[0]) in b"\r\n") != line_end or not byte[0] or starts[0] < 2:
+                break
+            starts = starts + step
+    return starts
+
+
+@cache
+def _checks(length: int, tail: int) -> list[tuple[dict[str, Any], FrameChecksum]]:
+    """Return the checksums that frames of this length, with a delimiter of `tail` bytes, may carry."""
+    orders = ("big", "little")
+    given = [kind | {"stored": order, "span": [at, None]} for kind, order, at in product(_KINDS, orders, range(4))]
+    given += [
+        kind | {"stored": order, "at": at, "span": [[0, at], [at + kind["width"] // 8, None]]}
+        for kind, order, at in product(_CRC_KINDS, orders, range(2, 8))
+    ]
+    checks = []
+    for kind in given:
+        with contextlib.suppress(ValueError):
+            described = _CHECKSUM.validate_python(kind)
+            covered = sum(len(range(*part)) for part in described.covered(length - tail) if isinstance(part, tuple))
+            described.check_span(covered)
+            if covered > 2:
+                checks.append((kind, FrameChecksum(described, length - tail)))
+    return checks
+
+
+def _tail(rows: Bytes) -> int:
+    """Return how many bytes at the end of all frames, bytes of shape (n, length), are the same: a delimiter."""
+    return next(tail for tail in range(4) if tail == 3 or np.ptp(rows[:, -1 - tail]))
+
+
+def _checksum(rows: Bytes) -> dict[str, Any] | None:
+    """Return a checksum that most of the frames carry, bytes of shape (n, length), as it is described."""
+    few = [bytes(row) for row in rows[:: max(1, len(rows) // 6)][:6]]
+    for kind, check in _checks(rows.shape[1], _tail(rows)) if len(rows) >= _FEW else ():
+        if sum(map(check.matches, few)) >= len(few) - 1 and check.matches_rows(rows).mean() > _MOST:
+            return {key: value for key, value in kind.items() if value is not False and value != 0}
+    return None
+
+
+def _described(rows: Bytes, found: dict[str, Any] | None) -> dict[str, Any]:
+    """Say what frames, bytes of shape (n, length), have in common, and make a stream of it."""
+    kind, tail = ({"kind": "none"}, 0) if found is None else (found, _tail(rows))
+    described, length = _CHECKSUM.validate_python(kind), rows.shape[1]
+    at, end = described.position(length - tail), described.content_end(length - tail)
+    steady = [np.bincount(column).max() > _MOST * len(rows) for column in rows.T]
+    sync = min(4, at, max(1, next((place for place, same in enumerate(steady) if not same), length)))
+    taken = set(range(at, at + described.size))
+    fields: dict[str, Any] = {}
+    frame: dict[str, Any] = {"length": length, "checksum": kind, "fields": fields}
+    frame |= {"delimiter": rows[0, length - tail :].tobytes().hex(" ").upper()} if tail else {}
+    counter = _counter(rows, sync, end, taken)
+    if counter is not None:
+        bits = int(counter["type"][1:])
+        fields["count"] = {key: counter[key] for key in ("type", "at", "byte_order")}
+        frame["counter"] = {"field": "count", "modulus": 1 << bits, "step": counter["step"]}
+        taken |= set(range(counter["at"], counter["at"] + bits // 8))
+    fields |= {f"byte_{place}": {"type": "u8", "at": place} for place in range(sync, end) if place not in taken}
+    begins = rows[0, :sync].tobytes().hex(" ").upper()
+    return {
+        "length": length,
+        "frames": len(rows),
+        "sync": begins,
+        "checksum": found,
+        "counter": counter,
+        "stream": {"sync": begins, "frames": {"frame": frame}},
+    }
+
+
+def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, Any] | None:
+    """Return what steps by the same from frame to frame, bytes (n, length), between two places."""
+    found: list[tuple[int, int, int, dict[str, Any]]] = []
+    for kind, at in product(("<u1", "<u2", ">u2"), range(first, end)):
+        size = int(kind[2])
+        if at + size > end or taken & set(range(at, at + size)):
+            continue
+        values = np.ascontiguousarray(rows[:, at : at + size]).view(kind)[:, 0].astype(np.int64)
+        step, times = Counter((np.diff(values) % (1 << 8 * size)).tolist()).most_common(1)[0]
+        if 0 < step <= 1 << 4 * size and times > _MOST * (len(rows) - 1) and not (1 << 8 * size) % step:
+            told = {"at": at, "type": f"u{8 * size}", "byte_order": "little" if kind[0] == "<" else "big", "step": step}
+            found.append((times, size, -step, told))
+    return max(found, key=lambda each: each[:3])[3] if found else None
