@@ -1,15 +1,12 @@
 """The report's plots: readable in colour, in black and white, and with colour-blind eyes.
 
-    svg = inline_svg(draw_against_temperature("Bias A", "deg/hr", lines), "bias A against temperature")
+    figure = draw_against_temperature("Bias A", "deg/hr", lines)
 
 Every series has its own colour (Okabe-Ito), marker and line style, and every axis its unit.
 """
 
 from __future__ import annotations
 
-import hashlib
-import html
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil.campaign import FloatArray
-from hil.files.figure import drawn
 from hil.report.night import NightContent
 
 LOOKS: dict[str, dict[str, Any]] = {
@@ -48,9 +44,9 @@ class Line:
     style: str = "matrix"  # a key of LOOKS
 
 
-def draw_against_temperature(title: str, unit: str, lines: Sequence[Line]) -> Figure:
-    """Draw the layout of the report's Figures 2-5: a parameter against temperature, °C below and °F above."""
-    figure, axes = blank(6.2, 3.4)
+def draw_against_temperature(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = True) -> Figure:
+    """Draw parameters against temperature, °C below; with °F above it is the layout of the report's Figures 2-5."""
+    figure, axes = blank(*((5.2, 2.5) if fahrenheit else (4.4, 2.6)))
     for line in lines:
         axes.errorbar(
             line.temperature_degC,
@@ -64,11 +60,14 @@ def draw_against_temperature(title: str, unit: str, lines: Sequence[Line]) -> Fi
         )
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     axes.set_xlabel("temperature, °C")
-    axes.set_ylabel(f"{title.rpartition(': ')[2]}, {unit}")
+    axes.set_ylabel(unit)
     axes.set_title(title, loc="left", fontsize=10, pad=8)
-    fahrenheit = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
-    fahrenheit.set_xlabel("temperature, °F", labelpad=3, fontsize=8)
-    fahrenheit.tick_params(labelsize=8)
+    if fahrenheit:
+        above = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
+        above.set_xlabel("temperature, °F", labelpad=3, fontsize=8)
+        above.tick_params(labelsize=8)
+    else:
+        figure.subplots_adjust(top=0.88)
     if len(lines) > 1:
         axes.legend(frameon=False, fontsize=8)
     return figure
@@ -79,7 +78,7 @@ def draw_night(night: NightContent) -> Figure:
 
     The numbers are those of the list of events, from 1.
     """
-    figure, axes = blank(10.0, 3.8)
+    figure, axes = blank(10.0, 3.3)
     for (label, values), look in zip(night.temperatures.items(), _TRACES, strict=False):
         axes.plot(night.hours, values, label=label, **look)
     for place, soak in enumerate(night.soaks):
@@ -103,7 +102,7 @@ def draw_night(night: NightContent) -> Figure:
     axes.set_xlabel("time since the night began, hours")
     axes.set_ylabel("temperature, °C")
     axes.margins(x=0.01)
-    figure.subplots_adjust(bottom=0.2, top=0.9)
+    figure.subplots_adjust(bottom=0.22, top=0.89)
     figure.legend(frameon=False, fontsize=8, ncols=7, loc="lower center")
     return figure
 
@@ -120,22 +119,6 @@ def blank(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
     return figure, axes
-
-
-def inline_svg(figure: Figure, says: str) -> str:
-    """Return the figure as an <svg> element for a page, the same bytes for the same data; `says` is its text for ears.
-
-    Its ids are its own: a page may hold many such elements.
-    """
-    text = drawn(figure).decode()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
-    label = html.escape(says, quote=True)
-    text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', f'role="img" aria-label="{label}"', text, count=1)
-    used = set(re.findall(r'["(]#([^")]+)', text))
-    prefix = "f" + hashlib.sha256(text.encode()).hexdigest()[:10]
-    text = re.sub(r' id="([^"]+)"', lambda found: f' id="{prefix}{found[1]}"' if found[1] in used else "", text)
-    return re.sub(r'(["(])#([^")]+)', rf"\1#{prefix}\2", text)
 
 
 def _fahrenheit(celsius: Any) -> Any:

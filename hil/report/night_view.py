@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from hil.report.figures import draw_night, inline_svg
-from hil.report.grid import Cell, Grid, degrees, number, text, wrap
+from hil.files.grid import Cell, Grid, degrees, number, text, wrap
+from hil.files.page import inline_svg
+from hil.report.figures import draw_night
 from hil.report.night import CollectLine, NightContent
 from procedures.verdict import Verdict
-from procedures.words import counted, hours_minutes
+from procedures.words import counted, hours_minutes, listed, percent
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -33,6 +34,8 @@ def night_view(night: NightContent) -> dict[str, Any]:
     left = len(night.events) - len(listed)
     return {
         "svg": _picture(night),
+        "margins": _margins(night) if night.margins else None,
+        "worst": _worst(night),
         "soaks": _soaks(night) if night.soaks else None,
         "stream": stream_in_words(night.collects),
         "collects": _collects(night.collects) if night.collects else None,
@@ -42,24 +45,48 @@ def night_view(night: NightContent) -> dict[str, Any]:
     }
 
 
+def _worst(night: NightContent) -> str:
+    """Say which limit was come nearest to, and how near; nothing where no collect was completed."""
+    if not night.margins:
+        return ""
+    worst = night.margins[0]
+    return f"{worst.what} {worst.value}, limit {worst.limit}: {percent(worst.used)} of it used ({worst.where})"
+
+
 def stream_in_words(collects: Sequence[CollectLine]) -> str:
     """Say of all collects together what the stream brought, in one sentence."""
     if not collects:
         return ""
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
     used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
-    troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
-    resyncs = counted(total["resyncs"], "resync")
+    bad = [
+        f"{counted(total[name], below.removesuffix('s') or 'resync')} {what if below else ''}".rstrip()
+        for what, below, name in _COUNTS[1:]
+        if total[name]
+    ]
+    came = listed(bad) if bad else "nothing else came"
     most = min(used, expected)  # an edge sample more is no more than all of them
     share = f" ({math.floor(10_000 * most / expected) / 100:.2f} %)" if expected else ""
     if used > expected + 2 * len(collects):
         share = f", {used / max(expected, 1) - 1.0:.2%} more than the description's rate gives: the unit is faster"
+    where = f", in {len(_troubled(collects))} of them" if bad else ""
     return (
-        f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "
-        f"{total['duplicate']} twice, {total['timed_out']} late, {resyncs}, "
-        f"{total['skipped_bytes']} bytes skipped; {used} of {expected} expected samples are in the averages{share}. "
-        + (f"Trouble in {troubled} of them." if troubled else "No collect saw anything but good frames.")
+        f"{len(collects)} collects: {total['ok']} good frames; {came}{where}. "
+        f"{used} of {expected} expected samples are in the averages{share}."
     )
+
+
+def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
+    """Return the collects in which anything but good frames came, samples lacked, or the verdict is not PASS."""
+    return [
+        each
+        for each in collects
+        if each.verdict != Verdict.PASS or any(_count(each, name) for _, _, name in _COUNTS[1:]) or _lacks(each)
+    ]
+
+
+def _lacks(each: CollectLine) -> bool:
+    return each.n_samples < each.n_expected - 1
 
 
 def _count(each: CollectLine, name: str) -> int:
@@ -103,9 +130,14 @@ def _soaks(night: NightContent) -> Grid:
     )
 
 
-def _collects(collects: Sequence[CollectLine]) -> Grid:
+def _collects(collects: Sequence[CollectLine]) -> Grid | None:
+    """The collects with something to see, in columns with something to see; None where all are good."""
+    shown = _troubled(collects)
+    if not shown:
+        return None
+    counts = [of for of in _COUNTS if any(_count(each, of[2]) for each in shown)]
     heads = [Cell("run"), Cell("position"), Cell("at"), Cell("verdict", kind="text"), Cell("began", "UTC")]
-    heads += [Cell("lasts", "s"), Cell("samples"), *(Cell(name, below) for name, below, _ in _COUNTS)]
+    heads += [Cell("lasts", "s"), Cell("samples"), *(Cell(name, below) for name, below, _ in counts)]
     rows = [
         [
             number(each.run),
@@ -115,17 +147,22 @@ def _collects(collects: Sequence[CollectLine]) -> Grid:
             Cell(each.utc),
             Cell(f"{each.duration_s:g}"),
             Cell(str(each.n_samples), f"of {each.n_expected}"),
-            *(_counted(_count(each, name)) for _, _, name in _COUNTS),
+            *(number(_count(each, name)) for _, _, name in counts),
         ]
-        for each in collects
+        for each in shown
     ]
-    caption = "The stream of every collect that counts. Bad: a wrong checksum or end; lost: missing by their counter."
+    rest = len(collects) - len(shown)
+    caption = f"Collects in which not everything was good; in the other {rest} it was. Bad: a wrong checksum or end."
     return Grid("collects", caption, heads, rows)
 
 
-def _counted(count: int) -> Cell:
-    """Return a cell that stays in the background where there is nothing to see."""
-    return number(count) if count else Cell("0", kind="nil")
+def _margins(night: NightContent) -> Grid:
+    heads = [Cell(name, kind="text") for name in ("nearest to its limit", "was", "limit", "of it used", "where")]
+    rows = [
+        [text(each.what), Cell(each.value, kind="bold"), text(each.limit), text(percent(each.used)), wrap(each.where)]
+        for each in night.margins
+    ]
+    return Grid("margins", "How near the night came to its limits.", heads, rows)
 
 
 def _list(name: str, caption: str, columns: tuple[str, str], rows: Sequence[tuple[str, str, str]]) -> Grid | None:

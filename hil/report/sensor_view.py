@@ -1,22 +1,26 @@
-"""One sensor's chapter of the report: Table 1's layout, Figures 2-5, every self-calibration, Table A-1, the scatter."""
+"""One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.report.content import Mean, Repeat, SensorContent
-from hil.report.figures import Line, draw_against_temperature, inline_svg
-from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
+from hil.files.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
+from hil.files.page import inline_svg
+from hil.report.content import Repeat, ReportContent, SensorContent
+from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
+from hil.solve.repeats import MeanAt, Uncertain
 from hil.solve.temperatures import WIDEST_DEGC
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
+_ROOM_DEGC = 20.0
 
 # Table 1 of the report has these six rows, in this order; GSA and GSB, which it never gives, follow.
 _TABLE_1 = (
@@ -31,10 +35,10 @@ _TABLE_1 = (
 )
 
 _FIGURES = (
-    ("Figure 2's layout: bias A", "BA", _RATE, "Bias A; the contractor's is eq. (5) with MU taken as zero."),
-    ("Figure 3's layout: bias B", "BB", _RATE, "Bias B; the contractor's is eq. (6) with MU taken as zero."),
-    ("Figure 4's layout: MUA", "MUA", _PER_G, "MUA, eq. (11): what the contractor took for zero."),
-    ("Figure 5's layout: MUB", "MUB", _PER_G, "MUB, eq. (12): what the contractor took for zero."),
+    ("Figure 2's layout: bias A, eq. (5)", "BA", _RATE),
+    ("Figure 3's layout: bias B, eq. (6)", "BB", _RATE),
+    ("Figure 4's layout: MUA, eq. (11)", "MUA", _PER_G),
+    ("Figure 5's layout: MUB, eq. (12)", "MUB", _PER_G),
 )
 
 _NO_CONTRACTOR = (
@@ -42,16 +46,16 @@ _NO_CONTRACTOR = (
 )
 
 
-def sensor_view(sensor: SensorContent) -> dict[str, Any]:
-    """Return what the template shows of one sensor."""
+def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, Any]:
+    """Return what the template shows of one sensor; `published`: the report speaks RD-GC-86-1's words."""
     found = sensor.reproduction
     return {
         "number": sensor.number,
-        "note": _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else "",
-        "table": _table_1(sensor),
+        "note": _NO_CONTRACTOR if published and sensor.is_rotor and not sensor.has_contractor else "",
+        "table": _by_temperature(sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
+        "published": sensor.has_contractor,
         "runs": _runs(sensor),
-        "reasons": list(_reasons(sensor)),
         "contractor": _contractors_verdicts(sensor),
         "seven": None if found is None else _table_a1(sensor.number, found),
         "errors": None if found is None else _contractor_errors(sensor.number, found),
@@ -60,21 +64,74 @@ def sensor_view(sensor: SensorContent) -> dict[str, Any]:
     }
 
 
-def _table_1(sensor: SensorContent) -> Grid:
-    if sensor.is_rotor:
-        rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
+def in_words(name: str) -> str:
+    """Say what a parameter is: its symbol alone tells those who know it already."""
+    if name.startswith(("GS", "MU")):
+        return f"drift per g {'across' if name.startswith('GS') else 'along'} the spin axis"
+    return f"bias of channel {name[1:].lstrip('_')}" if name.startswith("B") else "drift per g"
+
+
+def key_numbers(content: ReportContent) -> Grid | None:
+    """The numbers in one look: each parameter nearest to room temperature, and between which it lies over all."""
+    sensors = [each for each in content.sensors if each.repeats][:_MOST_SENSORS]
+    if not sensors:
+        return None
+    heads, columns = [Cell("parameter", kind="text")], []
+    for sensor in sensors:
+        room = min(sensor.repeats, key=_from_room)
+        heads.append(Cell(f"sensor {sensor.number}, {degrees(room.temperature_degC)}"))
+        columns.append((sensor, room.matrix.values))
+        heads += [Cell(f"lowest … highest, {len(sensor.repeats)} temperatures")] * (len(sensor.repeats) > 1)
+    units = {name: unit for sensor in sensors for name, unit in _units(sensor.solutions).items()}
+    rows = []
+    for name, unit in units.items():
+        cells = [Cell(f"{in_words(name)}, {name}", kind="text")]
+        for sensor, at_room in columns:
+            one = at_room.get(name)
+            digits = decimals_for([None if one is None else one.sd])
+            cells.append(_bold(one, digits, unit))
+            all_of = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
+            if len(sensor.repeats) > 1:
+                cells.append(Cell(f"{min(all_of):.{digits}f} … {max(all_of):.{digits}f}" if all_of else "–"))
+        rows.append(cells)
+    left = len(content.sensors) - len(sensors)
+    more = f" {left} more sensors are below." if left > 0 else ""
+    return Grid("numbers", f"Means, ± their standard uncertainty, scatter from run to run included.{more}", heads, rows)
+
+
+_MOST_SENSORS = 3  # beside each other in one look
+
+
+def _from_room(repeat: Repeat) -> float:
+    return 0.0 if repeat.temperature_degC is None else abs(repeat.temperature_degC - _ROOM_DEGC)
+
+
+def _bold(one: Uncertain | None, digits: int, unit: str) -> Cell:
+    if one is None:
+        return number(None)
+    shown = estimate(one.value, one.sd, digits)
+    return Cell(shown.text, f"{shown.below} {unit}" if shown.below else unit, "bold")
+
+
+def _by_temperature(sensor: SensorContent) -> Grid:
+    if sensor.has_contractor:
+        rows: Sequence[tuple[str, str, str, str]] = _TABLE_1
     else:
-        units = {name: each.unit for solution in sensor.solutions for name, each in solution.parameters.items()}
-        rows = [(name, name, "matrix", unit) for name, unit in units.items()]
+        rows = [(name, name, "matrix", unit) for name, unit in _units(sensor.solutions).items()]
     heads = [Cell("parameter", kind="text")]
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
-        heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F{_unit(at, repeat)}"))
+        fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
+        heads.append(Cell(degrees(at), "\n".join(filter(None, [fahrenheit, _unit(repeat)]))))
     doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
+    caption = "Mean over the self-calibrations at each temperature, ± its standard uncertainty, as the bars above"
+    if sensor.has_contractor:
+        caption = (
+            f"Table 1's layout. {caption}; below it their one-sigma scatter σ (n − 1). The contractor took MU for zero"
+        )
     return Grid(
-        f"table-1-sensor-{sensor.number}",
-        f"Table 1's layout: mean over the self-calibrations at each temperature and, below it, {_sigmas(sensor)}."
-        + (" The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else ""),
+        f"means-sensor-{sensor.number}",
+        f"{caption}. The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else f"{caption}.",
         heads,
         [
             [
@@ -82,18 +139,24 @@ def _table_1(sensor: SensorContent) -> Grid:
                 *(number(len(each.runs), 0, told) for each, told in zip(sensor.repeats, doubtful, strict=True)),
             ],
             *(
-                [Cell(label, unit, "text"), *_means([_of(repeat, model).get(name) for repeat in sensor.repeats])]
+                [
+                    Cell(label, unit, "text"),
+                    *_means([_of(repeat, model) for repeat in sensor.repeats], name, sensor.has_contractor),
+                ]
                 for label, name, model, unit in rows
             ),
         ],
     )
 
 
-def _unit(at_degC: float, repeat: Repeat) -> str:
+def _unit(repeat: Repeat) -> str:
     """Say what the unit's own thermometer showed where that was another temperature, or moved by more than one."""
-    low, high = repeat.unit_degC or (at_degC, at_degC)
+    at_degC = repeat.temperature_degC
+    if at_degC is None or repeat.matrix.unit_degC is None:
+        return ""
+    low, high = repeat.matrix.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
-    return f"\nunit {low:.1f} to {high:.1f} °C" if moved else ""
+    return f"unit {low:.1f} to {high:.1f} °C" if moved else ""
 
 
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
@@ -102,51 +165,47 @@ def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
     return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
 
 
-def _sigmas(sensor: SensorContent) -> str:
-    """Say what stands behind ± and what bars show: scatter where runs were repeated, else what one run tells."""
-    single = [len(repeat.runs) == 1 for repeat in sensor.repeats]
-    scatter = "their one-sigma scatter (n − 1)"
-    alone = "standard deviation (s.d.)"
-    if not any(single):
-        return scatter
-    return f"as there is one at each, its {alone}" if all(single) else f"{scatter}; where there is one, its {alone}"
-
-
-def _means(at_each: Sequence[Mean | None]) -> Iterator[Cell]:
-    """Yield the means of one row, all with as many decimals as their usual sigma asks for."""
-    sigmas = [each.scatter for each in at_each if each is not None and np.isfinite(each.scatter)]
-    decimals = decimals_for([float(np.median(sigmas))] if sigmas else [])
-    for each in at_each:
-        if each is None:
+def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[Cell]:
+    """Yield the means of one row, all with as many decimals as their usual uncertainty asks for."""
+    found = [None if each is None else each.values.get(name) for each in at_each]
+    sds = [each.sd for each in found if each is not None and np.isfinite(each.sd)]
+    decimals = decimals_for([float(np.median(sds))] if sds else [])
+    for at, each in zip(at_each, found, strict=True):
+        if at is None or each is None:
             yield number(None)
-        elif each.runs > 1:
-            yield estimate(each.value, each.scatter, decimals)
-        else:
-            yield number(each.value, decimals, f"±{each.sd:.{decimals}f} s.d." if np.isfinite(each.sd) else "no s.d.")
+            continue
+        shown = estimate(each.value, each.sd, decimals)
+        scatter = at.scatter[name] if with_scatter else np.nan
+        below = [shown.below or "± not known", f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""]
+        yield Cell(shown.text, "\n".join(filter(None, below)))
 
 
-def _of(repeat: Repeat, model: str) -> Mapping[str, Mean]:
+def _of(repeat: Repeat, model: str) -> MeanAt | None:
     return repeat.matrix if model == "matrix" else repeat.contractor
 
 
-def _figures(sensor: SensorContent) -> Iterator[dict[str, str]]:
+def _figures(sensor: SensorContent) -> Iterator[str]:
+    """Yield pictures of the means against temperature: one for parameters of a kind, or the published four."""
     if any(repeat.temperature_degC is None for repeat in sensor.repeats):
         return
-    bars = f"Mean over the self-calibrations at each temperature; bars: {_sigmas(sensor)}."
-    if sensor.is_rotor:
-        for title, name, unit, caption in _FIGURES:
-            lines = [_line("matrix (M)", sensor, name, "matrix"), _line("contractor (C)", sensor, name, "contractor")]
-            if name in {"MUA", "MUB"} or not sensor.has_contractor:
-                lines, caption = lines[:1], caption.split(";")[0].rstrip(".") + "."
-            yield _figure(title, unit, [line for line in lines if len(line.mean)], f"{caption} {bars}")
+    if sensor.has_contractor:
+        for title, name, unit in _FIGURES:
+            lines = [_line("matrix (M)", sensor, name, "matrix", "matrix")]
+            if name.startswith("B"):
+                lines.append(_line("contractor (C)", sensor, name, "contractor", "contractor"))
+            yield _figure(title, unit, lines, fahrenheit=True)
         return
-    for name, each in sensor.solutions[0].parameters.items():
-        line = _line(name, sensor, name, "matrix")
-        yield _figure(name, each.unit, [line], f"{name} against temperature. {bars}")
+    styles = ("matrix", "contractor", "single")
+    units = _units(sensor.solutions)
+    for kind, names in groupby(units, key=lambda name: name[0] if name.startswith("B") else name[:-1]):
+        own = list(names)
+        what = "bias" if kind == "B" else in_words(own[0])
+        lines = [_line(n, sensor, n, "matrix", style) for n, style in zip(own, styles, strict=False)]
+        yield _figure(f"{what}: {', '.join(own)}", units[own[0]], lines)
 
 
-def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[str, str]:
-    """Return a figure and its caption; its text for ears has the numbers at both ends of each line."""
+def _figure(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = False) -> str:
+    """Return a figure; its text for ears has the numbers at both ends of each line."""
     ends = "; ".join(
         f"{line.label}: "
         + ", ".join(
@@ -157,14 +216,15 @@ def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[
         for line in lines
         if len(line.mean)
     )
-    svg = inline_svg(draw_against_temperature(title, unit, lines), f"{title} against temperature. {ends}.")
-    return {"svg": svg, "caption": caption}
+    figure = draw_against_temperature(title, unit, lines, fahrenheit=fahrenheit)
+    return inline_svg(figure, f"{title} against temperature. {ends}.")
 
 
-def _line(label: str, sensor: SensorContent, name: str, model: str) -> Line:
-    known = [(r.temperature_degC, _of(r, model)[name]) for r in sensor.repeats if name in _of(r, model)]
-    points = np.array([(at, each.value, each.scatter) for at, each in known], dtype=np.float64).reshape(-1, 3)
-    return Line(label, points[:, 0], points[:, 1], points[:, 2], model)
+def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) -> Line:
+    means = [of for repeat in sensor.repeats if (of := _of(repeat, model)) is not None and name in of.values]
+    known = [(of.temperature_degC, of.values[name].value, of.values[name].sd) for of in means]
+    points = np.array(known, dtype=np.float64).reshape(-1, 3)
+    return Line(label, points[:, 0], points[:, 1], points[:, 2], style)
 
 
 def _runs(sensor: SensorContent) -> Grid:
@@ -194,7 +254,7 @@ def _runs(sensor: SensorContent) -> Grid:
         rows.append(cells)
     said = " The contractor's four take MU for zero, eqs. (A-13)–(A-16)." if beside else ""
     models = ", ".join(dict.fromkeys(each.model for each in sensor.solutions))
-    values = "value ± one standard deviation, what repeats show included"
+    values = "value ± its standard uncertainty"
     caption = f"Every self-calibration of sensor {sensor.number}, model {models}: {values}.{said}"
     return Grid(f"runs-sensor-{sensor.number}", caption, heads, rows)
 
@@ -203,15 +263,15 @@ def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
 
 
-def _reasons(sensor: SensorContent) -> Iterator[dict[str, str]]:
-    """Yield each reason once, with its verdict and the runs that it holds for; the worst verdicts first."""
-    groups: dict[tuple[int, str, str], list[int]] = {}
-    for solution in sensor.solutions:
-        groups.setdefault(
-            (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason), []
-        ).extend(solution.runs)
-    for (_, verdict, reason), runs in sorted(groups.items()):
-        yield {"verdict": verdict, "runs": numbered("run", runs), "reason": reason}
+def reasons(sensors: Sequence[SensorContent]) -> Iterator[dict[str, str]]:
+    """Yield each reason once, with its verdict and the sensors and runs that it holds for; the worst come first."""
+    groups: dict[tuple[int, str, str], dict[int, list[int]]] = {}
+    for solution in (each for sensor in sensors for each in sensor.solutions):
+        key = (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason)
+        groups.setdefault(key, {}).setdefault(solution.sensor, []).extend(solution.runs)
+    for (_, verdict, reason), of in sorted(groups.items(), key=lambda each: each[0]):
+        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
+        yield {"verdict": verdict, "runs": where, "reason": reason}
 
 
 def _contractors_verdicts(sensor: SensorContent) -> str:
