@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 ABSENT = "–"
 
@@ -29,6 +30,24 @@ class Grid:
     caption: str
     head: Sequence[Cell]
     rows: Sequence[Sequence[Cell]]
+
+
+def table(name: str, caption: str, heads: Iterable[str], rows: Iterable[Sequence[object]]) -> Grid:
+    """Make a table of cells, whole numbers and texts, which may have small print behind a line's end.
+
+    A head stands over its column: on the left where texts do.
+    """
+    made = [[_cell(each) for each in row] for row in rows]
+    kinds = ["text" if cell.kind and cell.kind != "bold" else "" for cell in (made[0] if made else ())]
+    top = [replace(_cell(head), kind=kind) for head, kind in zip_longest(heads, kinds, fillvalue="text")]
+    return Grid(name, caption, top, made)
+
+
+def _cell(value: object) -> Cell:
+    if isinstance(value, Cell):
+        return value
+    first, _, small = str(value).partition("\n")
+    return Cell(first, small, "" if isinstance(value, int) else "text")
 
 
 def text(value: object) -> Cell:

@@ -12,17 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil.campaign import FloatArray
+from hil.files.figure import LOOKS, blank
 from hil.report.night import NightContent
 
-LOOKS: dict[str, dict[str, Any]] = {
-    "matrix": {"color": "#0072B2", "marker": "o", "linestyle": "-"},
-    "contractor": {"color": "#D55E00", "marker": "s", "linestyle": "--", "markerfacecolor": "white"},
-    "single": {"color": "#009E73", "marker": "D", "linestyle": "-."},
-}
 _TRACES: tuple[dict[str, Any], ...] = (
     {"color": "0.35", "linestyle": ":", "linewidth": 1.2},
     {"color": "#0072B2", "linestyle": "-", "linewidth": 1.3},
@@ -105,20 +100,6 @@ def draw_night(night: NightContent) -> Figure:
     figure.subplots_adjust(bottom=0.22, top=0.89)
     figure.legend(frameon=False, fontsize=8, ncols=7, loc="lower center")
     return figure
-
-
-def blank(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    """Return a figure with one pair of axes in the house's style, size in inches."""
-    figure = Figure(figsize=(width_in, height_in))
-    axes = figure.add_subplot()
-    # Margins in inches: as good as a computed layout here, and a quarter of the time that a report takes.
-    figure.subplots_adjust(
-        left=0.75 / width_in, right=1 - 0.15 / width_in, bottom=0.5 / height_in, top=1 - 0.65 / height_in
-    )
-    axes.spines[["right"]].set_visible(False)
-    axes.grid(visible=True, color="0.92")
-    axes.set_axisbelow(True)
-    return figure, axes
 
 
 def _fahrenheit(celsius: Any) -> Any:
