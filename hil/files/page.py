@@ -11,6 +11,8 @@ from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from markupsafe import Markup
 
 from hil.files.figure import drawn
+from hil.files.numbers import degrees, number
+from procedures.words import hours_minutes, percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +29,8 @@ def rendered(room: str, template: str, content: object) -> str:
         trim_blocks=True,
         finalize=_with_minus,
     )
+    filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes}
+    environment.filters |= {**filters, "percent": percent}
     return environment.get_template(f"room/{template}").render(r=content)
 
 

@@ -7,7 +7,7 @@ from textwrap import shorten
 from typing import Any
 
 from hil.files.durable import RealDisk, write_durably
-from hil.files.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
+from hil.files.numbers import decimals_for, degrees
 from hil.files.page import in_style, rendered
 from hil.records.status import in_brief
 from hil.report.against import Comparison, Difference
@@ -15,7 +15,7 @@ from hil.report.content import ReportContent
 from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, reasons, sensor_view
-from hil.report.statements import assumed, cannot_tell, changed, good, headline, judged, largest, to_do
+from hil.report.statements import assumed, cannot_tell, good, headline, largest, to_do
 from hil.solve.wrong_rows import in_words, rows_of
 from procedures.verdict import Verdict
 
@@ -52,11 +52,10 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "simulated": campaign.simulated,
         "verdict": verdict,
         "good": sentence,
-        "judged": judged(content),
+        "no_residual": not any(each.degrees_of_freedom for sensor in sensors for each in sensor.solutions),
         "to_do": list(to_do(content)),
-        "changed": changed(content),
         "headline": headline(content),
-        "numbers": key_numbers(content),
+        "numbers": key_numbers(content.sensors),
         "why": [each for each in why if each["verdict"] != Verdict.PASS],
         "passed": [each for each in why if each["verdict"] == Verdict.PASS],
         "largest": list(largest(content)),
@@ -72,45 +71,18 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "assumed": assumed(content),
         "cannot_tell": cannot_tell(content),
         "provenance": night.provenance if night is not None else campaign_provenance(campaign),
-        "files": _files(files) if files else None,
+        "files": files,
     }
 
 
 def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
     """Return what the template shows of a comparison; sensors stand in `order`, as elsewhere on the page."""
-    heads = [Cell("sensor"), Cell("at"), Cell("parameter", kind="text"), Cell("now"), Cell("earlier")]
-    heads += [Cell("runs", "now, earlier"), Cell("difference"), Cell("beyond 3 sigma", kind="text")]
-    rows = []
-    for each in sorted(comparison.differences, key=lambda each: order.index(each.sensor)):
-        digits = decimals_for([each.sigma])
-        rows.append(
-            [
-                number(each.sensor),
-                Cell(degrees(each.temperature_degC)),
-                Cell(each.parameter, each.unit, "text"),
-                number(each.now, digits),
-                number(each.earlier, digits),
-                Cell(f"{each.runs[0]}, {each.runs[1]}"),
-                estimate(each.difference, each.sigma, digits),
-                Cell("BEYOND", kind="FAIL") if each.flagged else text("no"),
-            ]
-        )
+    differences = sorted(comparison.differences, key=lambda each: order.index(each.sensor))
     return {
-        "sentence": comparison.sentence,
-        "simulated": comparison.simulated,
-        "earlier": comparison.source,
+        "of": comparison,
         "flagged": [_in_words(each) for each in comparison.flagged[:_MOST_IN_WORDS]],
-        "doubts": list(comparison.doubts),
         "remarks": [each for each in comparison.remarks if each not in comparison.doubts],
-        "grid": Grid(
-            "differences",
-            "This campaign's mean less the earlier one's, ± its standard uncertainty: that of both means, what "
-            "repeats show included, widened (Student's t) where few runs tell it.",
-            heads,
-            rows,
-        )
-        if rows
-        else None,
+        "differences": [(each, decimals_for([each.sigma])) for each in differences],
     }
 
 
@@ -121,9 +93,3 @@ def _in_words(each: Difference) -> str:
         f"and was {each.earlier:.{digits}f}, a difference of {each.difference:.{digits}f} ±{each.sigma:.{digits}f} "
         f"{each.unit}"
     )
-
-
-def _files(files: Any) -> Grid:
-    heads = [Cell("file", kind="text"), Cell("bytes"), Cell("SHA-256", kind="text")]
-    rows = [[text(path), number(size), Cell(digest, kind="hash")] for path, size, digest in files]
-    return Grid("files", "The files that the numbers come from, as they were when they were written.", heads, rows)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.files.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
+from hil.files.numbers import decimals_for, degrees, estimate, number
 from hil.files.page import inline_svg
-from hil.report.content import Repeat, ReportContent, SensorContent
+from hil.report.content import Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
-from hil.solve.repeats import MeanAt, Uncertain
+from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
@@ -57,9 +57,10 @@ def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, 
         "published": sensor.has_contractor,
         "runs": _runs(sensor),
         "contractor": _contractors_verdicts(sensor),
-        "seven": None if found is None else _table_a1(sensor.number, found),
-        "errors": None if found is None else _contractor_errors(sensor.number, found),
-        "scatter": _scatter(sensor),
+        "seven": SEVEN,
+        "found": found,
+        "errors": [] if found is None else list(_worst(found)),
+        "scatter": sensor.shown.document()["run_to_run"],
         "shown": sensor.shown.sentences(),
     }
 
@@ -71,32 +72,24 @@ def in_words(name: str) -> str:
     return f"bias of channel {name[1:].lstrip('_')}" if name.startswith("B") else "drift per g"
 
 
-def key_numbers(content: ReportContent) -> Grid | None:
+def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
     """The numbers in one look: each parameter nearest to room temperature, and between which it lies over all."""
-    sensors = [each for each in content.sensors if each.repeats][:_MOST_SENSORS]
-    if not sensors:
-        return None
-    heads, columns = [Cell("parameter", kind="text")], []
-    for sensor in sensors:
-        room = min(sensor.repeats, key=_from_room)
-        heads.append(Cell(f"sensor {sensor.number}, {degrees(room.temperature_degC)}"))
-        columns.append((sensor, room.matrix.values))
-        heads += [Cell(f"lowest … highest, {len(sensor.repeats)} temperatures")] * (len(sensor.repeats) > 1)
-    units = {name: unit for sensor in sensors for name, unit in _units(sensor.solutions).items()}
+    shown = [each for each in sensors if each.repeats][:_MOST_SENSORS]
+    at_room = [min(each.repeats, key=_from_room).matrix for each in shown]
+    units = {name: unit for sensor in shown for name, unit in _units(sensor.solutions).items()}
     rows = []
     for name, unit in units.items():
-        cells = [Cell(f"{in_words(name)}, {name}", kind="text")]
-        for sensor, at_room in columns:
-            one = at_room.get(name)
+        cells = []
+        for sensor, at in zip(shown, at_room, strict=True):
+            one = at.values.get(name)
             digits = decimals_for([None if one is None else one.sd])
-            cells.append(_bold(one, digits, unit))
-            all_of = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
-            if len(sensor.repeats) > 1:
-                cells.append(Cell(f"{min(all_of):.{digits}f} … {max(all_of):.{digits}f}" if all_of else "–"))
-        rows.append(cells)
-    left = len(content.sensors) - len(sensors)
-    more = f" {left} more sensors are below." if left > 0 else ""
-    return Grid("numbers", f"Means, ± their standard uncertainty, scatter from run to run included.{more}", heads, rows)
+            over = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
+            span = f"{number(min(over), digits)} … {number(max(over), digits)}" if over else number(None)
+            value, error = estimate(one, digits)
+            cells.append((value, f"{error} {unit}", span, len(sensor.repeats) > 1))
+        rows.append((f"{in_words(name)}, {name}", cells))
+    heads = [(s.number, at.temperature_degC, len(s.repeats)) for s, at in zip(shown, at_room, strict=True)]
+    return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown)}
 
 
 _MOST_SENSORS = 3  # beside each other in one look
@@ -106,47 +99,24 @@ def _from_room(repeat: Repeat) -> float:
     return 0.0 if repeat.temperature_degC is None else abs(repeat.temperature_degC - _ROOM_DEGC)
 
 
-def _bold(one: Uncertain | None, digits: int, unit: str) -> Cell:
-    if one is None:
-        return number(None)
-    shown = estimate(one.value, one.sd, digits)
-    return Cell(shown.text, f"{shown.below} {unit}" if shown.below else unit, "bold")
-
-
-def _by_temperature(sensor: SensorContent) -> Grid:
+def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
+    """Means and their uncertainty by temperature; in Table 1's layout, with their scatter, where that is published."""
+    rows: Sequence[tuple[str, str, str, str]] = [(n, n, "matrix", u) for n, u in _units(sensor.solutions).items()]
     if sensor.has_contractor:
-        rows: Sequence[tuple[str, str, str, str]] = _TABLE_1
-    else:
-        rows = [(name, name, "matrix", unit) for name, unit in _units(sensor.solutions).items()]
-    heads = [Cell("parameter", kind="text")]
+        rows = _TABLE_1
+    heads = []
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
         fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
-        heads.append(Cell(degrees(at), "\n".join(filter(None, [fahrenheit, _unit(repeat)]))))
-    doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
-    caption = "Mean over the self-calibrations at each temperature, ± its standard uncertainty, as the bars above"
-    if sensor.has_contractor:
-        caption = (
-            f"Table 1's layout. {caption}; below it their one-sigma scatter σ (n − 1). The contractor took MU for zero"
-        )
-    return Grid(
-        f"means-sensor-{sensor.number}",
-        f"{caption}. The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else f"{caption}.",
-        heads,
-        [
-            [
-                Cell("runs", kind="text"),
-                *(number(len(each.runs), 0, told) for each, told in zip(sensor.repeats, doubtful, strict=True)),
-            ],
-            *(
-                [
-                    Cell(label, unit, "text"),
-                    *_means([_of(repeat, model) for repeat in sensor.repeats], name, sensor.has_contractor),
-                ]
-                for label, name, model, unit in rows
-            ),
+        heads.append((degrees(at), list(filter(None, [fahrenheit, _unit(repeat)]))))
+    return {
+        "heads": heads,
+        "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.repeats],
+        "rows": [
+            (label, unit, list(_means([_of(each, model) for each in sensor.repeats], name, sensor.has_contractor)))
+            for label, name, model, unit in rows
         ],
-    )
+    }
 
 
 def _unit(repeat: Repeat) -> str:
@@ -159,25 +129,22 @@ def _unit(repeat: Repeat) -> str:
     return f"unit {low:.1f} to {high:.1f} °C" if moved else ""
 
 
-def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
-    """Say how many runs of a mean must not be relied upon, a line for each verdict."""
+def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:
+    """Say how many runs of a mean must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
-    return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
+    return [f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found]
 
 
-def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[Cell]:
-    """Yield the means of one row, all with as many decimals as their usual uncertainty asks for."""
+def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[tuple[str, str, str]]:
+    """Yield value, ± and scatter of one row, all with as many decimals as their usual uncertainty asks for."""
     found = [None if each is None else each.values.get(name) for each in at_each]
     sds = [each.sd for each in found if each is not None and np.isfinite(each.sd)]
     decimals = decimals_for([float(np.median(sds))] if sds else [])
     for at, each in zip(at_each, found, strict=True):
-        if at is None or each is None:
-            yield number(None)
-            continue
-        shown = estimate(each.value, each.sd, decimals)
-        scatter = at.scatter[name] if with_scatter else np.nan
-        below = [shown.below or "± not known", f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""]
-        yield Cell(shown.text, "\n".join(filter(None, below)))
+        scatter = at.scatter.get(name, np.nan) if at is not None and with_scatter else np.nan
+        value, error = estimate(each, decimals)
+        told = error or ("± not known" if each else "")
+        yield value, told, f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""
 
 
 def _of(repeat: Repeat, model: str) -> MeanAt | None:
@@ -227,36 +194,25 @@ def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) 
     return Line(label, points[:, 0], points[:, 1], points[:, 2], style)
 
 
-def _runs(sensor: SensorContent) -> Grid:
+def _runs(sensor: SensorContent) -> dict[str, Any]:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
     temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
-    own = [("", each) for each in _units(sensor.solutions).items()]
-    beside = [("contractor\n", each) for each in _units(list(sensor.contractor.values())).items()]
+    heads = [(name, "", unit) for name, unit in _units(sensor.solutions).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)
-        for name in _units(sensor.solutions)
+        for name, _, _ in heads
     }
-    heads = [Cell("run"), Cell("at"), Cell("verdict", kind="text")]
-    heads += [Cell(name, whose + unit) for whose, (name, unit) in [*own, *beside]]
-    rows, shown = [], sensor.contractor_shown
+    heads += [(name, "contractor", unit) for name, unit in _units(list(sensor.contractor.values())).items()]
+    shown, rows = sensor.contractor_shown, []
     others = {} if shown is None else {run: shown.of_run(each) for run, each in sensor.contractor.items()}
     for solution in sensor.solutions:
-        uncertain = sensor.shown.of_run(solution)
+        own, beside = sensor.shown.of_run(solution), others.get(solution.run, {})
+        found = [((beside if whose else own).get(name), digits.get(name, 2)) for name, whose, _ in heads]
+        cells = [estimate(each, decimals) for each, decimals in found]
         run = "all" if solution.run is None else str(solution.run)
-        cells = [
-            Cell(run),
-            Cell(temperature.get(solution.runs[0], "")),
-            Cell(str(solution.verdict), kind=solution.verdict),
-        ]
-        for whose, (name, _) in [*own, *beside]:
-            found = (uncertain if not whose else others.get(solution.run, {})).get(name)
-            cells.append(number(None) if found is None else estimate(found.value, found.sd, digits.get(name, 2)))
-        rows.append(cells)
-    said = " The contractor's four take MU for zero, eqs. (A-13)–(A-16)." if beside else ""
+        rows.append((run, temperature.get(solution.runs[0], ""), solution.verdict, cells))
     models = ", ".join(dict.fromkeys(each.model for each in sensor.solutions))
-    values = "value ± its standard uncertainty"
-    caption = f"Every self-calibration of sensor {sensor.number}, model {models}: {values}.{said}"
-    return Grid(f"runs-sensor-{sensor.number}", caption, heads, rows)
+    return {"heads": heads, "rows": rows, "models": models}
 
 
 def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
@@ -286,63 +242,9 @@ def _contractors_verdicts(sensor: SensorContent) -> str:
     return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 
 
-def _table_a1(sensor: int, found: Reproduction) -> Grid:
-    heads = [Cell("run", kind="text"), *(Cell(f"({name})", _RATE) for name in SEVEN)]
-    heads += [Cell("MUB·G1", _RATE), Cell("MUB·G3", _RATE), Cell("G3/G1", "rad")]
-    return Grid(
-        f"table-a-1-sensor-{sensor}",
-        "Table A-1's layout: the bias BA seven ways, eqs. (A-27)–(A-33). Without noise (A-27) and (A-31)–(A-33) are "
-        "BA, (A-28) and (A-29) are off by ±MUB·G3, and (A-30), the contractor's, by MUB·G1.",
-        heads,
-        [
-            [
-                text(each.label.removeprefix("run ")),
-                *(number(each.biases[name], 2) for name in SEVEN),
-                number(each.mub_g1, 2),
-                number(each.mub_g3, 2),
-                number(each.g3_over_g1, 4),
-            ]
-            for each in found.table_a1
-        ],
-    )
-
-
-def _contractor_errors(sensor: int, found: Reproduction) -> Grid:
-    rows = []
+def _worst(found: Reproduction) -> Iterator[tuple[str, str, int, list[float]]]:
+    """Yield of each of the contractor's four its unit, the run in which it is farthest off, and by how much."""
     for place, name in enumerate(CONTRACTORS):
         worst = max(found.contractor_errors, key=lambda each: abs(each.found[place]))
-        values = (worst.found[place], worst.closed_form[place], worst.g1_only[place])
-        unit = _RATE if name.startswith("B") else _PER_G
-        rows.append([Cell(name, unit, "text"), number(worst.run), *(number(float(value), 2) for value in values)])
-    return Grid(
-        f"contractor-sensor-{sensor}",
-        "What taking MU for zero does to the contractor's four: contractor's less matrix, the largest of all runs.",
-        [
-            Cell("parameter", kind="text"),
-            Cell("in run"),
-            Cell("as found"),
-            Cell("by the closed form", "G1 and G3 terms"),
-            Cell("by the G1 term alone", "as the report's text has it"),
-        ],
-        rows,
-    )
-
-
-def _scatter(sensor: SensorContent) -> Grid | None:
-    """How much parameters change from run to run; None where nothing was repeated."""
-    shown = sensor.shown.document()["run_to_run"]
-    if not shown:
-        return None
-    heads = [Cell("parameter", kind="text"), Cell("from run to run", "one σ"), Cell("of it", "not in standard errors")]
-    heads.append(Cell("degrees of freedom"))
-    rows = [
-        [
-            Cell(name, each["unit"], "text"),
-            number(each["sd"], 2),
-            number(each["beyond_standard_errors"], 2),
-            number(each["degrees_of_freedom"], 0),
-        ]
-        for name, each in shown.items()
-    ]
-    caption = "Repeatability: standard deviation of single runs at one temperature, all temperatures together."
-    return Grid(f"scatter-sensor-{sensor.number}", caption, heads, rows)
+        values = [float(each[place]) for each in (worst.found, worst.closed_form, worst.g1_only)]
+        yield name, _RATE if name.startswith("B") else _PER_G, worst.run, values

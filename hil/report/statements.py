@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hil.files.grid import decimals_for, degrees
+from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
@@ -115,24 +115,6 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield "Find out which of the two campaigns is wrong before using either."
     elif compared is not None and compared.flagged:
         yield f"{counted(len(compared.flagged), 'number')} changed since the earlier campaign: find out why, below."
-
-
-def judged(content: ReportContent) -> str:
-    """Say what the verdict judges, and what it leaves to others."""
-    solutions = [each for sensor in content.sensors for each in sensor.solutions]
-    alone = solutions and not any(each.degrees_of_freedom for each in solutions)
-    no = " No residual is left here that could contradict it." if alone else ""
-    return (
-        "Judged is the measurement: that everything was done, recorded and solved as it must be. Not judged is whether "
-        f"the model is complete; hil reconcile answers that.{no} Nor whether the unit keeps its specification."
-    )
-
-
-def changed(content: ReportContent) -> str:
-    """Say what changed since an earlier campaign, or how to ask."""
-    if content.comparison is None:
-        return "not compared; hil report --against EARLIER compares with an earlier night of the unit"
-    return content.comparison.sentence
 
 
 def largest(content: ReportContent) -> Iterator[str]:

@@ -198,6 +198,17 @@ def picture(
         temperature = known.columns.get("temperature_degC")
         steps = np.diff(known.start_s)[np.diff(known.run) == 0]
         minutes += [float(np.median(steps)) / 60.0] if len(steps) else []
+        names: tuple[str, ...] = (
+            "before",
+            "after",
+            "before_deg_per_hr",
+            "after_deg_per_hr",
+            "held_before",
+            "held_after",
+        )
+        names += ("noise_before", "noise_after", "left", "effect")
+        by_row = (whole / noise[1], left / noise[1], whole, left, *held, *noise, inner[1], added)
+        columns = dict(zip(names, by_row, strict=True))
         for i, row in enumerate(own.rows):
             rows.append(
                 {
@@ -206,16 +217,7 @@ def picture(
                     "run": int(known.run[row]),
                     "position": str(known.position[row]),
                     "temperature_degC": None if temperature is None else float(temperature[row]),
-                    "before": float(whole[i] / noise[1][i]),
-                    "after": float(left[i] / noise[1][i]),
-                    "before_deg_per_hr": float(whole[i]),
-                    "after_deg_per_hr": float(left[i]),
-                    "held_before": float(held[0][i]),
-                    "held_after": float(held[1][i]),
-                    "noise_before": float(noise[0][i]),
-                    "noise_after": float(noise[1][i]),
-                    "left": float(inner[1][i]),
-                    "effect": float(added[i]),
+                    **{name: float(of[i]) for name, of in columns.items()},
                 }
             )
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}

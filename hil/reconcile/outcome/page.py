@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from hil.files.figure import LOOKS, blank
-from hil.files.grid import Cell, Grid, table, wrap
 from hil.files.page import in_style, inline_svg, rendered
 from hil.model import Model, save_model
 from hil.model.curve import Curve
@@ -25,36 +24,13 @@ _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
 _MOST_PANELS = 4
-_TOLD, _LEAST = 0.05, 1e-4  # simulated nights are told apart below; p-values are said down to
+_LEAST = 1e-4  # p-values are said down to it
 _LONGEST_RUNNING = 90
-
-VERDICTS = {
-    "none": ("Nothing is missing: no disagreement beyond the noise.", "Nobody has to act."),
-    "named": ("Something is missing, and it has a name.", "Use the improved model, model.yaml, from now on."),
-    "ambiguous": (
-        "Something is missing; these collects cannot tell which of several causes it is.",
-        "Measure what is said below before the name is relied upon.",
-    ),
-    "empirical": (
-        "Something is missing that no effect of the catalogue describes.",
-        "Look for the cause: what it follows is known, what it is is not.",
-    ),
-    "unresolved": (
-        "Something is missing, but these collects support no added term.",
-        "Do not predict with this model; take more runs.",
-    ),
-}
-_LABELS_ONLY = (
-    "Nothing is missing from the model: collects carry each other's labels.",
-    "Put the labels right where they were recorded; the model stays.",
-)
 
 
 def page(result: Reconciliation) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
     rows = list(result.picture.get("rows", []))
-    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
-    headline, act = _LABELS_ONLY if only else VERDICTS[result.verdict]
     panels, driver = _panels(rows), _driver(result, rows)
     on_mean = any(effect.acts_on == "mean" and not effect.inside_collects for effect in result.effects)
     minutes = result.picture.get("minutes_per_collect")
@@ -68,25 +44,23 @@ def page(result: Reconciliation) -> str:
         "simulated": result.simulated,
         "whole": False,
         "result": result,
-        "headline": headline,
-        "act": act,
+        "only_labels": result.verdict == "named" and all(effect.mends_labels for effect in result.effects),
         "summary": summary(result),
         "driver": driver,
         "before": list(_pictures(panels, driver, "held_before", "before", known)),
         "curves": list(_pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
         "after": list(_pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
-        "places": _places(result) if result.disagreements else None,
-        "more_places": max(len(result.disagreements) - _MOST_PLACES, 0),
+        "most_places": _MOST_PLACES,
+        "place_in_words": place_in_words,
         "effects": [_effect(effect) for effect in result.effects],
         "added": _added(result, rows),
         "gap": _gap(result),
-        "twin": _twin(result.twin),
         "next": following,
         "why": _titled(result, str(following.get("why", ""))),
         "takes": hours_minutes(60.0 * count * minutes) if minutes and count else "",
-        "percent": percent,
         "number": _number,
-        "chance": f"noise alone would look like this with a probability {_chance(result.p_value)}",
+        "chance": _chance,
+        "rival_in_words": rival_in_words,
     }
     return rendered("hil.reconcile.outcome", "page.html.j2", view)
 
@@ -160,50 +134,22 @@ def _gap(result: Reconciliation) -> list[str]:
 
 
 def _chance(value: float) -> str:
-    return f"below {_LEAST:.4f}" if value < _LEAST else f"= {value:.2g}"
-
-
-def _twin(asked: Mapping[str, Any] | None) -> str:
-    """Say whether nights simulated before and after can be told from the measured one; nothing where nobody asked."""
-    if not asked:
-        return ""
-    said = []
-    for when, words in (("before", "as it was"), ("after", "as it is now")):
-        chance = asked[when]["p_value"]
-        told = "can" if chance < _TOLD else "cannot"
-        said.append(f"from those with the model {words} it {told} be told (p {_chance(chance)})")
-    return f"The night beside {asked['draws']} simulated ones, through bytes: {', '.join(said)}."
+    return f"below {_LEAST:.4f}" if value < _LEAST else f"{value:.2g}"
 
 
 def _effect(effect: FoundEffect) -> dict[str, Any]:
-    """What the page shows of one effect: its values by sensor, its size beside what is typical, its rivals."""
-    tables, of = [], effect.id.replace(" ", "-")
+    """What the page shows of one effect: its values by sensor, its size beside what is typical."""
+    tables = []
     for sensor, own in groupby(sorted(effect.parameters, key=_sensor), key=_sensor):
         told = list(dict.fromkeys(stated([{**each, "sensor": None} for each in own])))
         cells = {(at, name): value for name, at, value in told}
         places, names = (list(dict.fromkeys(each[i] for each in told)) for i in (1, 0))
-        rows = [[at or "value", *(Cell(cells.get((at, name), "–")) for name in names)] for at in places]
-        where = f"Values on sensor {sensor}" if sensor else "Values"
-        tables.append(table(f"values-{of}-{sensor}", f"{where}, ± one standard error.", ["at", *names], rows))
-    rivals = [
-        [f"{each.title} ({each.id})", percent(each.probability), wrap("; ".join(_alike(each)))]
-        for each in effect.confusable_with
-    ]
-    heads = ["could also be", "probability", "why, and why not"]
-    others = table(f"rivals-{of}", "Other names for the same data.", heads, rivals) if rivals else None
-    return {"of": effect, "tables": tables, "size": _size(effect), "rivals": others}
+        tables.append((sensor, names, [(at or "value", [cells.get((at, n), "–") for n in names]) for at in places]))
+    return {"of": effect, "tables": tables, "size": _size(effect)}
 
 
 def _sensor(parameter: Mapping[str, Any]) -> str:
     return str(parameter.get("sensor") or "")
-
-
-def _alike(rival: Any) -> Iterator[str]:
-    if rival.same_on:
-        yield f"the same on sensor {listed(rival.same_on)}, taken by itself"
-    else:
-        yield "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
-    yield from filter(None, [rival_in_words(rival.document())])
 
 
 def _size(effect: FoundEffect) -> str:
@@ -223,7 +169,7 @@ def _size(effect: FoundEffect) -> str:
     return f"At most {size:.3g} {unit_in_words(each['unit'])}: {word} what is typical, {low:g} to {high:g}."
 
 
-def _added(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> Grid | None:
+def _added(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """The model before and after, in values: what is in one and not in the other, at up to three temperatures."""
     known = sorted(t for row in rows if (t := row["temperature_degC"]) is not None and np.isfinite(t))
     at = [round(known[place], 1) for place in (0, len(known) // 2, -1)] if known else [20.0]
@@ -231,13 +177,9 @@ def _added(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> Grid | 
     changed = [name for name in {**was, **now} if was.get(name) != now.get(name)]
     if not changed:
         return None
-    lines = [
-        [wrap(name), *_at(was.get(name), at[len(at) // 2 :][:1], "not in it"), *_at(now.get(name), at, "taken out")]
-        for name in changed
-    ]
-    heads = ["what", f"before\nat {at[len(at) // 2]:.1f} °C", *(f"after\nat {t:.1f} °C" for t in at)]
-    caption = "Values, not increments. A model without values of its own has those fitted here in model.yaml."
-    return table("added", caption, heads, lines)
+    middle = at[len(at) // 2]
+    told = [(name, _at(was.get(name), [middle], "not in it") + _at(now.get(name), at, "taken out")) for name in changed]
+    return {"at": [middle, *at], "rows": told}
 
 
 def _curves(model: Model, *, base: bool = True) -> dict[str, Curve]:
@@ -254,10 +196,10 @@ def _curves(model: Model, *, base: bool = True) -> dict[str, Curve]:
     return found
 
 
-def _at(curve: Curve | None, at: Sequence[float], lacking: str) -> list[Cell]:
+def _at(curve: Curve | None, at: Sequence[float], lacking: str) -> list[str]:
     if curve is None:
-        return [Cell(lacking)] * len(at)
-    return [Cell(f"{float(curve.at([t])[0]):.3g} {unit_in_words(curve.unit)}") for t in at]
+        return [lacking] * len(at)
+    return [f"{float(curve.at([t])[0]):.3g} {unit_in_words(curve.unit)}" for t in at]
 
 
 def _titled(result: Reconciliation, said: str) -> str:
@@ -281,19 +223,6 @@ def place_in_words(where: Mapping[str, Any]) -> str:
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)
-
-
-def _places(result: Reconciliation) -> Grid:
-    rows = [
-        [
-            place_in_words(each.where),
-            Cell(f"{each.size_deg_per_hr:.1f}", f"±{each.se_deg_per_hr:.1f}"),
-            _chance(each.q_value).removeprefix("= "),
-        ]
-        for each in result.disagreements[:_MOST_PLACES]
-    ]
-    heads = ["place", "size\ndeg/hr", "chance of such a place anywhere"]
-    return table("places", "Where measured and simulated differ, the largest first.", heads, rows)
 
 
 def _driver(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:

@@ -190,15 +190,16 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
 
     from hil.records.export import campaign_of_night
     from hil.report.content import gather
+    from hil.report.page import render
     from hil.report.sensor_view import sensor_view
 
     campaign = campaign_of_night(night)
     passed = Judgement(Verdict.PASS, "")
-    for judged, told in ((passed, ""), (Judgement(Verdict.FAIL, "moved"), "1 FAIL")):
+    for judged, told in ((passed, []), (Judgement(Verdict.FAIL, "moved"), ["1 FAIL"])):
         content = gather(replace(campaign, verdicts={1: judged, 2: passed, 3: passed, 4: passed}))
         table = sensor_view(content.sensors[0])["table"]
-        assert [(cell.text, cell.below) for cell in table.rows[0][1:]] == [("2", told), ("2", "")]
-        assert ("INCONCLUSIVE or FAIL" in table.caption) == bool(told)
+        assert table["runs"] == [(2, told), (2, [])]
+        assert ("INCONCLUSIVE or FAIL" in render(content)) == bool(told)
 
 
 def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:
@@ -223,8 +224,9 @@ def test_collects_that_lost_frames_are_counted(night: Path) -> None:
         collects[3], counts={**collects[3].counts, "bad_checksum": 2, "lost": 5, "resyncs": 1}, n_samples=393
     )
     one = replace(night_content(night), collects=[*collects[:3], hurt, *collects[4:]])
-    (row,) = night_view(one)["collects"].rows  # zeros are in no row and in no column
-    assert [cell.text for cell in row[-3:]] == ["2", "5", "1"]
+    view = night_view(one)
+    ((_, counts),) = view["troubled"]  # zeros are in no row and in no column
+    assert [counts[name] for _, _, name in view["counts"]] == [2, 5, 1]
     words = stream_in_words(one.collects)
     assert "2 frames bad, 5 frames lost and 1 resync," in words
     assert "4793 of 4800 expected samples" in words
@@ -306,6 +308,6 @@ def test_a_device_that_flaps_all_night_makes_no_report_that_cannot_be_opened(nig
     content = replace(night_content(night), events=many, event_hours=np.linspace(0, 1, len(many)), rejected=many)
     view = night_view(content)
     for name in ("events", "rejected"):
-        assert len(view[name].rows) == MOST_EVENTS
-        assert "700 more are in the journal" in view[name].caption
+        assert len(view[name]) == MOST_EVENTS
+        assert view["more"][name] == 700
     assert len(view["svg"]) < 1_000_000

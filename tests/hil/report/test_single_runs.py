@@ -61,15 +61,15 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
 
 def test_where_only_some_were_repeated_the_scatter_stands_there_alone(folder: Path) -> None:
     """± means one thing in the whole row; the scatter of three has its own sign, and one run has none."""
-    row = next(r for r in sensor_view(_without(folder, {"2", "3"}).sensors[0])["table"].rows if r[0].text[:2] == "BA")
-    assert [cell.below.count("±") for cell in row[1:]] == [1] * 8
-    assert [cell.below.count("σ") for cell in row[1:]] == [0] + [1] * 7
+    rows = sensor_view(_without(folder, {"2", "3"}).sensors[0])["table"]["rows"]
+    (cells,) = (cells for label, _, cells in rows if label == "BA, matrix")
+    assert [(error[0], scatter[:1]) for _, error, scatter in cells] == [("±", ""), *[("±", "σ")] * 7]
 
 
 def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     """Neither repeats nor standard errors."""
     content = _without(folder, REPEATED, errors=False)
     assert all(each.parameters["BA"].se is None for each in content.sensors[0].solutions)
-    rows = {row[0].text: row[1:] for row in sensor_view(content.sensors[0])["table"].rows}
-    assert {cell.below for cell in rows["BA, matrix"]} == {"± not known"}
+    rows = {label: cells for label, _, cells in sensor_view(content.sensors[0])["table"]["rows"]}
+    assert {error for _, error, _ in rows["BA, matrix"]} == {"± not known"}
     assert not any("±" in said for said in largest(content))
