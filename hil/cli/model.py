@@ -76,11 +76,11 @@ def reconcile(
 
 def _reconciled(result: Reconciliation) -> Iterator[str]:
     """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
-    from hil.reconcile.outcome.page import place_in_words, summary
+    from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
     from hil.reconcile.result import rival_in_words
 
     yield f"{result.campaign}, model {result.model_before}{'  SIMULATED' * result.simulated}"
-    yield f"\nverdict: {result.verdict}"
+    yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
     yield from summary(result)
     for each in result.disagreements[:5]:
         yield f"  {each.size_deg_per_hr:+.2f} ± {each.se_deg_per_hr:.2f} deg/hr  {place_in_words(each.where)}"

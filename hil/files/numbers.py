@@ -4,18 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Protocol
+from typing import Any
 
 ABSENT = "–"
-
-
-class Uncertain(Protocol):
-    """A value and its standard uncertainty, NaN where it is not known."""
-
-    @property
-    def value(self) -> float: ...  # noqa: D102 - what its name says
-    @property
-    def sd(self) -> float: ...  # noqa: D102
 
 
 def number(value: float | None, decimals: int = 0) -> str:
@@ -25,8 +16,8 @@ def number(value: float | None, decimals: int = 0) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"  # + 0.0: no minus before nothing
 
 
-def estimate(of: Uncertain | None, decimals: int) -> tuple[str, str]:
-    """Write a value, and its uncertainty behind ±; nothing for that where it is not known."""
+def estimate(of: Any, decimals: int) -> tuple[str, str]:
+    """Write the `value` of what is given, and its `sd` behind ±; nothing for that where it is not known."""
     known = of is not None and math.isfinite(of.value) and math.isfinite(of.sd)
     return number(None if of is None else of.value, decimals), f"±{of.sd:.{decimals}f}" if of and known else ""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import html
 import re
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
@@ -17,6 +18,7 @@ from procedures.words import hours_minutes, percent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_LONGEST_RUNNING = 90
 _HYPHEN = re.compile(r"(?<![^\s(±])-(?=\d)")
 
 
@@ -40,8 +42,9 @@ def _with_minus(shown: object) -> object:
 
 
 def in_style(title: str) -> Markup:
-    """Return a text for a string of CSS, in which only letters and digits need no escape."""
-    return Markup("".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in title))  # noqa: S704 - escaped
+    """Return a text, shortened, for a string of CSS, in which only letters and digits need no escape."""
+    short = shorten(title, _LONGEST_RUNNING, placeholder=" …")
+    return Markup("".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in short))  # noqa: S704 - escaped
 
 
 def inline_svg(figure: Figure, says: str) -> str:

@@ -10,7 +10,7 @@ from hil.files.page import inline_svg
 from hil.report.figures import draw_night
 from hil.report.night import CollectLine, NightContent
 from procedures.verdict import Verdict
-from procedures.words import counted, listed, percent
+from procedures.words import counted, listed
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -34,7 +34,6 @@ def night_view(night: NightContent) -> dict[str, Any]:
     return {
         "svg": _picture(night),
         "margins": night.margins,
-        "worst": _worst(night),
         "soaks": night.soaks,
         "stream": stream_in_words(night.collects),
         "troubled": [(each, {name: _count(each, name) for _, _, name in _COUNTS}) for each in troubled],
@@ -43,14 +42,6 @@ def night_view(night: NightContent) -> dict[str, Any]:
         **{name: list(of)[:MOST_EVENTS] for name, of in lists.items()},
         "more": {name: max(len(of) - MOST_EVENTS, 0) for name, of in lists.items()},
     }
-
-
-def _worst(night: NightContent) -> str:
-    """Say which limit was come nearest to, and how near; nothing where no collect was completed."""
-    if not night.margins:
-        return ""
-    worst = night.margins[0]
-    return f"{worst.what} {worst.value}, limit {worst.limit}: {percent(worst.used)} of it used ({worst.where})"
 
 
 def stream_in_words(collects: Sequence[CollectLine]) -> str:
@@ -81,12 +72,10 @@ def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
     return [
         each
         for each in collects
-        if each.verdict != Verdict.PASS or any(_count(each, name) for _, _, name in _COUNTS[1:]) or _lacks(each)
+        if each.verdict != Verdict.PASS
+        or any(_count(each, name) for _, _, name in _COUNTS[1:])
+        or each.n_samples < each.n_expected - 1
     ]
-
-
-def _lacks(each: CollectLine) -> bool:
-    return each.n_samples < each.n_expected - 1
 
 
 def _count(each: CollectLine, name: str) -> int:

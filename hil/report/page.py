@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import shorten
 from typing import Any
 
 from hil.files.durable import RealDisk, write_durably
@@ -20,7 +19,6 @@ from hil.solve.wrong_rows import in_words, rows_of
 from procedures.verdict import Verdict
 
 _MOST_IN_WORDS = 3
-_LONGEST_RUNNING = 90
 
 
 def render(content: ReportContent, *, whole: bool = False) -> str:
@@ -45,7 +43,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
     why = list(reasons(sensors))
     return {
         "title": campaign.title,
-        "running_title": in_style(shorten(campaign.title, _LONGEST_RUNNING, placeholder=" …")),
+        "running_title": in_style(campaign.title),
         "subtitle": campaign.source,
         "identity": {name: text for name, text in campaign.identity.items() if name != "despite"},
         "despite": campaign.identity.get("despite", ""),

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,23 @@ _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not
 _MOST_PLACES = 12
 _MOST_PANELS = 4
 _LEAST = 1e-4  # p-values are said down to it
-_LONGEST_RUNNING = 90
+
+
+_ACT = {
+    "none": "Nobody has to act.",
+    "named": "Use the improved model, model.yaml, from now on.",
+    "ambiguous": "Measure what is said below before the name is relied upon.",
+    "empirical": "Look for the cause: what it follows is known, what it is is not.",
+    "unresolved": "Do not predict with this model; take more runs.",
+    "labels": "Put the labels right where they were recorded; the model stays.",
+}
+
+
+def what_to_do(result: Reconciliation) -> tuple[str, str]:
+    """Return the verdict, "labels" where only those were wrong, and what somebody has to do now."""
+    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
+    kind = "labels" if only else result.verdict
+    return kind, _ACT[kind]
 
 
 def page(result: Reconciliation) -> str:
@@ -40,11 +55,11 @@ def page(result: Reconciliation) -> str:
     known = {} if on_mean else {(n["sensor"], n["channel"]): n["explained_deg_per_hr"] for n in result.noise}
     view = {
         "title": f"{result.campaign}: what the model lacks",
-        "running_title": in_style(shorten(result.campaign, _LONGEST_RUNNING, placeholder=" …")),
+        "running_title": in_style(result.campaign),
         "simulated": result.simulated,
         "whole": False,
         "result": result,
-        "only_labels": result.verdict == "named" and all(effect.mends_labels for effect in result.effects),
+        "act": what_to_do(result),
         "summary": summary(result),
         "driver": driver,
         "before": list(_pictures(panels, driver, "held_before", "before", known)),
