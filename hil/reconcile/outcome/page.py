@@ -280,7 +280,9 @@ def _pictures(
         labels = sorted({r["position"] for r in own})
         figure, axes = blank(4.4, 2.7)
         figure.subplots_adjust(top=0.88)
-        size = known.get((own[0]["sensor"], own[0]["channel"])) or _rms([r["noise_after"] for r in own])
+        size = known.get((own[0]["sensor"], own[0]["channel"])) or float(
+            np.sqrt(np.mean([r["noise_after"] ** 2 for r in own]))
+        )
         axes.axhspan(-size, size, color="0.85", linewidth=0.0, zorder=0, label="noise")
         for label, look in zip(
             labels, [*LOOKS.values(), *({"color": "0.4", "marker": "."},) * len(labels)], strict=False
@@ -307,10 +309,6 @@ def _pictures(
         values = [r[key] for r in own]
         ends = f"from {min(values):.1f} to {max(values):.1f} deg/hr, noise {size:.1f}"
         yield inline_svg(figure, f"{title}: measured less simulated over {driver}, {ends}")
-
-
-def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _along(row: Mapping[str, Any], driver: str, labels: Sequence[str]) -> float:
