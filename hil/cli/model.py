@@ -94,8 +94,11 @@ def _reconciled(result: Reconciliation) -> Iterator[str]:
     if result.twin:
         halves = (f"{when} {_chance(result.twin[when]['p_value'])}" for when in ("before", "after"))
         yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({result.twin['draws']} draws)"
-    if result.outliers:
-        yield f"left out: {len(result.outliers)} rates, in reconciliation.json"
+    for row in result.outliers[:_SHOWN]:
+        where = f"collect {row['collect']}, sensor {row['sensor']} {row['channel']}"
+        yield f"left out: {where}, off by {row['size_deg_per_hr']:.4g} deg/hr"
+    if len(result.outliers) > _SHOWN:
+        yield f"left out: {len(result.outliers) - _SHOWN} more, in reconciliation.json"
     yield from (f"note: {note}" for note in result.notes)
     yield "every ± is one standard error"
 

@@ -41,17 +41,13 @@ _FIGURES = (
     ("Figure 5's layout: MUB, eq. (12)", "MUB", _PER_G),
 )
 
-_NO_CONTRACTOR = (
-    "The contractor's solution is made from the report's three orientations, which this sensor's collects are not."
-)
-
 
 def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, Any]:
     """Return what the template shows of one sensor; `published`: the report speaks RD-GC-86-1's words."""
     found = sensor.reproduction
     return {
         "number": sensor.number,
-        "note": _NO_CONTRACTOR if published and sensor.is_rotor and not sensor.has_contractor else "",
+        "not_published": published and sensor.is_rotor and not sensor.has_contractor,
         "table": _by_temperature(sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
         "published": sensor.has_contractor,
