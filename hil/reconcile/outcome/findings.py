@@ -78,8 +78,9 @@ def described(
         for n, j in pairs
         for p in described_parameters(posterior.term(n, j).candidate, values_of(posterior, fit, n, j), conditions[n])
     ]
+    of_it = ("name", "unit", "typical")
     parameters += [
-        {"name": f.parameter.name, "value": f.value, "se": f.se, "unit": f.parameter.unit, "at": "", "sensor": f.sensor}
+        {**{n: getattr(f.parameter, n) for n in of_it}, "value": f.value, "se": f.se, "at": "", "sensor": f.sensor}
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None

@@ -169,17 +169,11 @@ def _sensor(parameter: Mapping[str, Any]) -> str:
 
 def _size(effect: FoundEffect) -> str:
     """Say how large an effect is beside what is typical of it; nothing where nobody knows."""
-    known = next((entry for entry in entries() if entry.id == effect.id), None)
-    sizes = [
-        (abs(each["value"]), each, of)
-        for each in effect.parameters
-        for of in (known.parameters if known else ())
-        if each["unit"] == of.unit and str(each["name"]).startswith(of.name)
-    ]
-    if not sizes:
+    known = [each for each in effect.parameters if "typical" in each]
+    if not known:
         return ""
-    size, each, of = max(sizes, key=lambda each: each[0])
-    low, high = of.typical
+    each = max(known, key=lambda each: abs(each["value"]))
+    size, (low, high) = abs(each["value"]), each["typical"]
     word = "larger than" if size > high else "smaller than" if size < low else "within"
     return f"At most {size:.3g} {unit_in_words(each['unit'])}: {word} what is typical, {low:g} to {high:g}."
 
