@@ -46,7 +46,7 @@ def duration(seconds: float) -> str:
 
 def unit_in_words(unit: str) -> str:
     """Return a unit as it is printed behind a number: what has none is a ratio, not 1."""
-    return "ratio" if unit == "1" else unit
+    return "ratio" if unit == "1" else unit.replace("degC", "°C").replace("^2", "²")
 
 
 def spelled(number: int) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
 from drivers.chambers.ramp import steps_of_a_ramp
 from drivers.chambers.wear import ENDURANCE_WRITES
+from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
 from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
@@ -348,8 +349,8 @@ def _duration(left: Sequence[Step] | None, live: LiveBench) -> Finding:
     if left is None:
         return Finding("duration", True, "no sweep was given", "add --sweep SWEEP to see when it would end")
     left_s = sum(step.duration_s for step in left)
-    ends = live.devices.clock.utc() + timedelta(seconds=left_s)
+    ends = (live.devices.clock.utc() + timedelta(seconds=left_s)).astimezone()
     hours, minutes = divmod(round(left_s / 60.0), 60)
-    simulated = " (simulated time)" if live.simulated else ""
-    when = f"{ends:%Y-%m-%d %H:%M} UTC" if live.simulated else f"{ends.astimezone():%a %d %b %H:%M}"
-    return Finding("duration", True, f"{hours} h {minutes:02d} min; begun now, it ends {when}{simulated}")
+    simulated = "" if isinstance(live.devices.clock, SystemClock) else " (simulated time)"
+    when = f"{ends:%a %d %b %Y %H:%M %Z}{simulated}"
+    return Finding("duration", True, f"{hours} h {minutes:02d} min; begun now, it ends {when}")

@@ -21,7 +21,8 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
     Anything but yes or no is asked again. Where standard input has ended nobody can answer.
     """
     console = messages()
-    console.print(f"{question}  [yes/no, within {hours_minutes(timeout_s)}] ", end="")
+    asked = f"{question}  [yes/no, within {hours_minutes(timeout_s)}]"
+    console.print(asked)
     while select.select([sys.stdin], [], [], timeout_s)[0]:
         line = sys.stdin.readline()
         if not line:
@@ -29,7 +30,7 @@ def ask_on_terminal(question: str, timeout_s: float) -> bool | None:
         answer = line.strip().lower()
         if answer in _YES | _NO:
             return answer in _YES
-        console.print("please answer yes or no: ", end="")
+        console.print(f"please answer yes or no\n{asked}")
     return None
 
 
@@ -54,13 +55,14 @@ def ask_words(question: str) -> str:
 class TerminalQuestions:
     """A `procedures.attended.Terminal`: shows the questions of a night, and hears answers without ever waiting."""
 
-    _wants_words = False
+    _wants_words, _asked = False, ""
 
     def put(self, question: str, timeout_s: float, *, wants_words: bool = False) -> None:
         """Show the question."""
         self._wants_words = wants_words
         wanted = "type it, then Enter" if wants_words else "yes/no"
-        messages().print(f"{question}  [{wanted}, within {hours_minutes(timeout_s)}]")
+        self._asked = f"{question}  [{wanted}, within {hours_minutes(timeout_s)}]"
+        messages().print(self._asked)
 
     def answer(self) -> bool | str | None:
         """Return the answer, or None while there is none. Anything but yes or no is asked again, unless words count."""
@@ -73,7 +75,7 @@ class TerminalQuestions:
         if answer in _YES | _NO:
             return answer in _YES
         if answer:
-            messages().print("please answer yes or no")
+            messages().print(f"please answer yes or no\n{self._asked}")
         return None
 
     def settle(self, how: str) -> None:

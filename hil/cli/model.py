@@ -16,6 +16,7 @@ from hil.cli.output import JsonFlag, check_result_folder, listing, messages, pri
 
 if TYPE_CHECKING:
     from hil.model import Model
+    from hil.reconcile import Reconciliation
 
 _SHOWN = 3
 _LEVEL = 0.05
@@ -65,56 +66,40 @@ def reconcile(
         }
         result = replace(result, twin={**how, **halves})
     write_result(result, out)
-    document = result.document()
-    if printed(document, as_json):
+    if printed(result.document(), as_json):
         return
     warn(tuple(data.warnings))
-    for line in _reconciled(document):
+    for line in _reconciled(result):
         results().print(line)
     results().print(f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml")
 
 
-def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
-    """The result in a screenful."""
+def _reconciled(result: Reconciliation) -> Iterator[str]:
+    """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
+    from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
     from hil.reconcile.result import rival_in_words
 
-    mark = "  SIMULATED" if document["simulated"] else ""
-    yield f"{document['campaign']}, model {document['model_before']}{mark}"
-    how = "" if document["calibration"] == "one set" else " (the model calibrated at each temperature)"
-    yield f"\nverdict: {document['verdict']}{how}"
-    for each in document["disagreements"][:5]:
-        where = ", ".join(f"{name} {value}" for name, value in each["where"].items() if value not in (None, [], ""))
-        yield f"  {each['size_deg_per_hr']:+.2f} ± {each['se_deg_per_hr']:.2f} deg/hr  {where}"
-    for effect in document["effects"]:
-        yield f"\n{effect['id']}: {effect['title']}, probability {effect['probability']:.2f}"
-        yield f"  {effect['equation']}{', ' * bool(effect['shape_in_words'])}{effect['shape_in_words']}"
-        yield from _values(effect["parameters"])
-        for rival in effect["confusable_with"][:4]:
-            why = rival_in_words(rival)
-            yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}{f': {why}' if why else ''}"
-    gap = document["gap"]
-    if gap["before"] is not None:
-        after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
-        floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
-        yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"
-    if twin_of := document.get("twin"):
-        halves = (f"{when} {_chance(twin_of[when]['p_value'])}" for when in ("before", "after"))
-        yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({twin_of['draws']} draws)"
-    follows = [f"{each['driver'].replace('_', ' ')} {each['probability']:.2f}" for each in document["follows"][:3]]
-    if follows:
-        yield f"it follows: {', '.join(follows)}"
-    for each in document["outliers"][:_SHOWN]:
-        yield (
-            f"left out: collect {each['collect']}, sensor {each['sensor']} {each['channel']}, off by "
-            f"{each['size_deg_per_hr']:.4g} deg/hr"
-        )
-    if len(document["outliers"]) > _SHOWN:
-        yield f"left out: {len(document['outliers']) - _SHOWN} more, in reconciliation.json"
-    if document["next_experiment"]:
-        what = document["next_experiment"].get("what")
-        yield f"measure next: {f'{what}: ' if what else ''}{document['next_experiment']['why']}"
-    for note in document.get("notes", []):
-        yield f"note: {note}"
+    yield f"{result.campaign}, model {result.model_before}{'  SIMULATED' * result.simulated}"
+    yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
+    yield from summary(result)
+    for each in result.disagreements[:5]:
+        yield f"  {each.size_deg_per_hr:+.2f} ± {each.se_deg_per_hr:.2f} deg/hr  {place_in_words(each.where)}"
+    for effect in result.effects:
+        yield f"\n{effect.id}: {effect.title}, probability {effect.probability:.2f}"
+        yield f"  {effect.equation}{', ' * bool(effect.shape_in_words)}{effect.shape_in_words}"
+        yield from _values(effect.parameters)
+        for rival in effect.confusable_with[:4]:
+            why = rival_in_words(rival.document())
+            yield f"  could also be {rival.id}, probability {rival.probability:.2f}{f': {why}' if why else ''}"
+    if result.twin:
+        halves = (f"{when} {_chance(result.twin[when]['p_value'])}" for when in ("before", "after"))
+        yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({result.twin['draws']} draws)"
+    for row in result.outliers[:_SHOWN]:
+        where = f"collect {row['collect']}, sensor {row['sensor']} {row['channel']}"
+        yield f"left out: {where}, off by {row['size_deg_per_hr']:.4g} deg/hr"
+    if len(result.outliers) > _SHOWN:
+        yield f"left out: {len(result.outliers) - _SHOWN} more, in reconciliation.json"
+    yield from (f"note: {note}" for note in result.notes)
     yield "every ± is one standard error"
 
 

@@ -31,6 +31,9 @@ def report(
             show_default=False,
         ),
     ] = None,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Nothing folded, and all of it printed; by default the evidence is.")
+    ] = False,
     pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Beside it its tables, for a program.")] = False,
@@ -41,7 +44,7 @@ def report(
 
     if pdf:
         find_browser()  # before anything is written
-    path, content = write_report(source, out, against)
+    path, content = write_report(source, out, against, whole=whole)
     results().print(f"report: {path}")
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for kind in formats:
@@ -52,7 +55,9 @@ def report(
         results().print(f"pdf: {path.with_suffix('.pdf')}")
 
 
-def write_report(source: Path, out: Path | None = None, against: Path | None = None) -> tuple[Path, ReportContent]:
+def write_report(
+    source: Path, out: Path | None = None, against: Path | None = None, *, whole: bool = False
+) -> tuple[Path, ReportContent]:
     """Write the report of a night or a campaign folder; return where it is, and what it says.
 
     Raises `InputError` where the source cannot be read, or `out` is a folder, in none, or not named .html.
@@ -74,7 +79,7 @@ def write_report(source: Path, out: Path | None = None, against: Path | None = N
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
     try:
-        write_page(content, path)
+        write_page(content, path, whole=whole)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return path, content

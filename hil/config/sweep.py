@@ -7,7 +7,7 @@ plan = make_plan(sweep.procedure())
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -20,6 +20,9 @@ from procedures.plan import make_plan
 from procedures.safe_air import ROOM_DEGC
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 from procedures.words import counted
+
+PUBLISHED = "rd-gc-86-1"
+"""The vocabulary of the published report: the contractor's solution beside the matrix, its tables, its equations."""
 
 _MOST_COLLECTS = 100_000
 _LONGEST_DAYS = 60
@@ -42,6 +45,7 @@ class Sweep(WholeFile):
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] = 3.0
     start: Celsius = 23.0
     final: Celsius | None = None
+    vocabulary: Literal["plain", "rd-gc-86-1"] = "plain"  # whose words the report speaks
 
     def procedure(self) -> SweepProcedure:
         """Return the sweep as the procedures take it."""

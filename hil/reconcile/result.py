@@ -59,8 +59,12 @@ def rival_in_words(rival: Mapping[str, Any]) -> str:
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
     if data is None or before is None or not math.isfinite(data):
         return ""
-    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {data:.2g} times as probable as the first name"
-    return f"the data {told}; before them it was {before:.2g} times as probable"
+    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {_times(data)} as probable as the first name"
+    return f"the data {told}; before them it was {_times(before)} as probable"
+
+
+def _times(ratio: float) -> str:
+    return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
 
 
 def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
@@ -74,10 +78,35 @@ def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, 
         moves = each.get("moves_deg_per_hr")
         if moves is not None:
             value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
-        more = "" if total is None else f" ({value:+.4g} by this effect)"
-        error = "" if se is None else f" ± {se:.2g}"
-        whole = f"{value if total is None else total:.4g}{error}{more}"
-        yield f"{each['name']}{sensor}, {unit_in_words(unit)}", str(each.get("at") or ""), whole
+        more = (
+            ""
+            if total is None
+            else f" ({'+' if value >= 0 else ''}{rounded(value, se).partition(' ')[0]} by this effect)"
+        )
+        at = unit_in_words(str(each.get("at") or ""))
+        yield (
+            f"{each['name']}{sensor}, {unit_in_words(unit)}",
+            at,
+            f"{rounded(value if total is None else total, se)}{more}",
+        )
+
+
+def rounded(value: float, se: float | None) -> str:
+    """Write a value with as many decimals as its error has two digits; small ones with a power of ten for both.
+
+    >>> rounded(4.6412, 2.71), rounded(-3.94e-16, 2.6e-18), rounded(0.25, None)
+    ('4.6 ± 2.7', '(-3.940 ± 0.026) × 10⁻¹⁶', '0.25')
+    """
+    if not se or not math.isfinite(se):
+        return f"{value:.3g}"
+    power = math.floor(math.log10(max(abs(value), se)))
+    scale = 10.0**power if power < -3 else 1.0
+    digits = max(1 - math.floor(math.log10(se / scale)), 0)
+    pair = f"{value / scale:.{digits}f} ± {se / scale:.{digits}f}"
+    return pair if scale == 1.0 else f"({pair}) × 10{str(power).translate(_RAISED)}"
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 _SHAPES = {

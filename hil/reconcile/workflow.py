@@ -189,7 +189,7 @@ def _result(
         notes=notes,
         simulated=campaign.simulated,
         calibration="per temperature" if any(b.calibrated for b in fit.blocks) else "one set",
-        picture=findings.picture(fit, before, conditions),
+        picture=findings.picture(fit, before, conditions, proof),
         follows=reading.follows,
         noise=noise,
         rows=rows,

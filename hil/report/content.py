@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from hil.analysis.published.reproduction import Reproduction, reproduce
 from hil.campaign import Campaign
+from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
 from hil.report.against import Comparison
 from hil.report.night import NightContent
@@ -21,28 +22,17 @@ from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True)
-class Mean:
-    """A parameter at one temperature: the mean of the `runs` that it was solved from, and how sure it is.
-
-    `scatter` is that of those runs (n − 1), of a single run its standard deviation; `sd` is the mean's. NaN where that
-    is not known.
-    """
-
-    value: float
-    scatter: float
-    sd: float
-    runs: int
-
-
-@dataclass(frozen=True)
 class Repeat:
-    """The self-calibrations of one sensor at one temperature, by model: parameter name to what was found."""
+    """The self-calibrations of one sensor at one temperature, and their means by model; `contractor` may lack."""
 
-    temperature_degC: float | None
     runs: tuple[int, ...]
-    matrix: Mapping[str, Mean]
-    contractor: Mapping[str, Mean]
-    unit_degC: tuple[float, float] | None = None
+    matrix: MeanAt
+    contractor: MeanAt | None
+
+    @property
+    def temperature_degC(self) -> float | None:
+        """What the runs have in common; None where no temperature is known."""
+        return self.matrix.temperature_degC
 
 
 @dataclass(frozen=True)
@@ -94,13 +84,18 @@ class ReportContent:
 
 
 def gather(
-    campaign: Campaign, night: NightContent | None = None, comparison: Comparison | None = None
+    campaign: Campaign, night: NightContent | None = None, comparison: Comparison | None = None, vocabulary: str = ""
 ) -> ReportContent:
-    """Solve the campaign with each sensor's default model and group the self-calibrations by temperature."""
+    """Solve the campaign with each sensor's default model and group the self-calibrations by temperature.
+
+    `vocabulary` is by default the night's: only in RD-GC-86-1's does the contractor's solution stand beside.
+    """
     solutions = solve_campaign(campaign)
+    published = (vocabulary or (night.vocabulary if night else "")) == PUBLISHED
     contractor = {
         (each.run, number): each
         for number in campaign.sensors
+        if published
         for each in solutions_of_contractor(campaign, number, solutions)
     }
     matrix, beside = repeats(campaign, solutions), repeats(campaign, list(contractor.values()))
@@ -109,9 +104,7 @@ def gather(
         own = [each for each in solutions if each.sensor == number]
         others = beside.get(number)
         means = {} if others is None else {each.runs: each for each in others.means}
-        at = [
-            Repeat(e.temperature_degC, e.runs, _means(e), _means(means.get(e.runs)), e.unit_degC) for e in shown.means
-        ]
+        at = [Repeat(each.runs, each, means.get(each.runs)) for each in shown.means]
         of_run = {run: each for (run, sensor), each in contractor.items() if sensor == number}
         sensors.append(SensorContent(number, at, own, of_run, shown, others, _reproduced(campaign, number, of_run)))
     both = common_and_differential(campaign)
@@ -133,12 +126,3 @@ def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence
         return ()
     one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
     return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
-
-
-def _means(at: MeanAt | None) -> Mapping[str, Mean]:
-    if at is None:
-        return {}
-    return {
-        name: Mean(each.value, at.scatter[name] if each.runs > 1 else each.sd, each.sd, each.runs)
-        for name, each in at.values.items()
-    }

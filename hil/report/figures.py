@@ -1,32 +1,23 @@
 """The report's plots: readable in colour, in black and white, and with colour-blind eyes.
 
-    svg = inline_svg(draw_against_temperature("Bias A", "deg/hr", lines), "bias A against temperature")
+    figure = draw_against_temperature("Bias A", "deg/hr", lines)
 
 Every series has its own colour (Okabe-Ito), marker and line style, and every axis its unit.
 """
 
 from __future__ import annotations
 
-import hashlib
-import html
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hil.campaign import FloatArray
-from hil.files.figure import drawn
+from hil.files.figure import LOOKS, blank
 from hil.report.night import NightContent
 
-LOOKS: dict[str, dict[str, Any]] = {
-    "matrix": {"color": "#0072B2", "marker": "o", "linestyle": "-"},
-    "contractor": {"color": "#D55E00", "marker": "s", "linestyle": "--", "markerfacecolor": "white"},
-    "single": {"color": "#009E73", "marker": "D", "linestyle": "-."},
-}
 _TRACES: tuple[dict[str, Any], ...] = (
     {"color": "0.35", "linestyle": ":", "linewidth": 1.2},
     {"color": "#0072B2", "linestyle": "-", "linewidth": 1.3},
@@ -48,9 +39,9 @@ class Line:
     style: str = "matrix"  # a key of LOOKS
 
 
-def draw_against_temperature(title: str, unit: str, lines: Sequence[Line]) -> Figure:
-    """Draw the layout of the report's Figures 2-5: a parameter against temperature, °C below and °F above."""
-    figure, axes = blank(6.2, 3.4)
+def draw_against_temperature(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = True) -> Figure:
+    """Draw parameters against temperature, °C below; with °F above it is the layout of the report's Figures 2-5."""
+    figure, axes = blank(*((5.2, 2.5) if fahrenheit else (4.4, 2.6)))
     for line in lines:
         axes.errorbar(
             line.temperature_degC,
@@ -64,11 +55,14 @@ def draw_against_temperature(title: str, unit: str, lines: Sequence[Line]) -> Fi
         )
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     axes.set_xlabel("temperature, °C")
-    axes.set_ylabel(f"{title.rpartition(': ')[2]}, {unit}")
+    axes.set_ylabel(unit)
     axes.set_title(title, loc="left", fontsize=10, pad=8)
-    fahrenheit = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
-    fahrenheit.set_xlabel("temperature, °F", labelpad=3, fontsize=8)
-    fahrenheit.tick_params(labelsize=8)
+    if fahrenheit:
+        above = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
+        above.set_xlabel("temperature, °F", labelpad=3, fontsize=8)
+        above.tick_params(labelsize=8)
+    else:
+        figure.subplots_adjust(top=0.88)
     if len(lines) > 1:
         axes.legend(frameon=False, fontsize=8)
     return figure
@@ -79,7 +73,7 @@ def draw_night(night: NightContent) -> Figure:
 
     The numbers are those of the list of events, from 1.
     """
-    figure, axes = blank(10.0, 3.8)
+    figure, axes = blank(10.0, 3.3)
     for (label, values), look in zip(night.temperatures.items(), _TRACES, strict=False):
         axes.plot(night.hours, values, label=label, **look)
     for place, soak in enumerate(night.soaks):
@@ -103,39 +97,9 @@ def draw_night(night: NightContent) -> Figure:
     axes.set_xlabel("time since the night began, hours")
     axes.set_ylabel("temperature, °C")
     axes.margins(x=0.01)
-    figure.subplots_adjust(bottom=0.2, top=0.9)
+    figure.subplots_adjust(bottom=0.22, top=0.89)
     figure.legend(frameon=False, fontsize=8, ncols=7, loc="lower center")
     return figure
-
-
-def blank(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    """Return a figure with one pair of axes in the house's style, size in inches."""
-    figure = Figure(figsize=(width_in, height_in))
-    axes = figure.add_subplot()
-    # Margins in inches: as good as a computed layout here, and a quarter of the time that a report takes.
-    figure.subplots_adjust(
-        left=0.75 / width_in, right=1 - 0.15 / width_in, bottom=0.5 / height_in, top=1 - 0.65 / height_in
-    )
-    axes.spines[["right"]].set_visible(False)
-    axes.grid(visible=True, color="0.92")
-    axes.set_axisbelow(True)
-    return figure, axes
-
-
-def inline_svg(figure: Figure, says: str) -> str:
-    """Return the figure as an <svg> element for a page, the same bytes for the same data; `says` is its text for ears.
-
-    Its ids are its own: a page may hold many such elements.
-    """
-    text = drawn(figure).decode()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
-    label = html.escape(says, quote=True)
-    text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', f'role="img" aria-label="{label}"', text, count=1)
-    used = set(re.findall(r'["(]#([^")]+)', text))
-    prefix = "f" + hashlib.sha256(text.encode()).hexdigest()[:10]
-    text = re.sub(r' id="([^"]+)"', lambda found: f' id="{prefix}{found[1]}"' if found[1] in used else "", text)
-    return re.sub(r'(["(])#([^")]+)', rf"\1#{prefix}\2", text)
 
 
 def _fahrenheit(celsius: Any) -> Any:

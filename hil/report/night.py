@@ -10,13 +10,15 @@ Times are hours since the night began, temperatures °C.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.config.recorded import understood
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
@@ -75,6 +77,17 @@ class CollectLine:
 
 
 @dataclass(frozen=True)
+class Margin:
+    """How near a night came to one of its limits: what, where, how large it was, the limit, and their ratio."""
+
+    what: str
+    where: str
+    value: str
+    limit: str
+    used: float
+
+
+@dataclass(frozen=True)
 class NightContent:
     """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were."""
 
@@ -95,6 +108,8 @@ class NightContent:
     soaks: Sequence[Soak] = ()
     collects: Sequence[CollectLine] = ()
     rejected: Sequence[tuple[str, str, str]] = ()  # UTC, what, why
+    margins: Sequence[Margin] = ()  # the smallest first
+    vocabulary: str = "plain"
     provenance: Sequence[tuple[str, str]] = ()
     files: Sequence[tuple[str, int, str]] = ()  # path, bytes, SHA-256
 
@@ -133,6 +148,8 @@ def night_content(folder: Path) -> NightContent:
             temperatures=series,
             soaks=[_soak(step, attempt) for step, attempt in ended if step.kind is StepKind.RESTABILISE],
             collects=[_collect(journal, step, each) for step, each in ended if step.kind is StepKind.COLLECT],
+            margins=sorted(_margins(ended), key=lambda each: -each.used),
+            vocabulary=str(understood(journal.night.configuration).get("sweep", {}).get("vocabulary", "plain")),
             rejected=_rejected(journal, going_on=status["state"] in {"running", "paused"}),
             provenance=night_provenance(journal, identity),
             files=[(row.block.path, row.block.size, row.block.sha256) for row in journal.blocks()],
@@ -170,7 +187,7 @@ def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
     return (
         f"{status['self_calibrations_done']} of {len(plan.self_calibrations)} self-calibrations, {taken} of "
         f"{len(collects)} collects, {len(done)} of {len(plan.steps)} steps, in {hours_minutes(last_s)} from "
-        f"{_utc(journal, 0.0)} to {_utc(journal, last_s)} UTC" + (f", in {sittings} parts" if sittings > 1 else "")
+        f"{_local(journal, 0.0)} to {_local(journal, last_s)}" + (f", in {sittings} parts" if sittings > 1 else "")
     )
 
 
@@ -210,6 +227,40 @@ def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> CollectLin
     )
 
 
+def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:
+    """Yield of each limit that has a number in the records the place that came nearest to it."""
+    soaks = [each for each in ended if each[0].kind is StepKind.RESTABILISE and each[0].parameters.get("ceiling_s")]
+    if soaks:
+        step, attempt = max(soaks, key=lambda each: each[1].data.get("waited_s") or 0.0)
+        waited_s, ceiling_s = float(attempt.data.get("waited_s") or 0.0), step.parameters["ceiling_s"]
+        where, value = step_in_words(step), hours_minutes(waited_s)
+        yield Margin("longest restabilisation", where, value, hours_minutes(ceiling_s), waited_s / ceiling_s)
+    drifts, lost = [], []
+    for step, attempt in ended:
+        if step.kind is not StepKind.COLLECT:
+            continue
+        limit, data = step.parameters, attempt.data
+        expected = int(data.get("n_expected") or 0)
+        if expected and limit["minimum_fraction"] < 1.0:
+            there = min(int(data.get("n_samples") or 0) / expected, 1.0)
+            lost.append(((1.0 - there) / (1.0 - limit["minimum_fraction"]), there, step))
+        for number, sensor in (data.get("sensors") or {}).items():
+            for channel, rate in sensor["rates"].items():
+                size, se = (abs(rate.get(f"drift_{of}deg_per_hr_per_min") or 0.0) for of in ("", "se_"))
+                # A drift counts where it is beyond its limit and significant: the lesser share is how near it came.
+                top, sigmas = limit["drift_limit_deg_per_hr_per_min"], limit["drift_sigmas"]
+                found = [(size / top, f"{size:.1f} deg/hr/min", f"{top:g}")]
+                found += [(size / se / sigmas, f"{size / se:.1f} standard errors", f"{sigmas:g}")] if se else []
+                drifts.append((*min(found), f"sensor {number} {channel}", step))
+    if drifts:
+        used, value, most, channel, step = max(drifts, key=lambda each: each[0])
+        yield Margin("drift within a collect", f"{step_in_words(step)}, {channel}", value, most, used)
+    if lost:
+        used, there, step = max(lost, key=lambda each: each[0])
+        least = f"{step.parameters['minimum_fraction']:.0%} at least".replace("%", " %")
+        yield Margin("samples of a collect", step_in_words(step), f"{math.floor(1e3 * there) / 10:g} %", least, used)
+
+
 def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str, str]]:
     """Return every attempt that does not count, and why; not the one that is going on now."""
     attempts, steps = journal.attempts(), journal.steps_by_key()
@@ -243,3 +294,8 @@ def _temperatures(
 
 def _utc(journal: JournalReader, at_s: float) -> str:
     return f"{journal.night.utc(at_s):%Y-%m-%d %H:%M:%S}"
+
+
+def _local(journal: JournalReader, at_s: float) -> str:
+    """Write a time by the clock of this computer, with its zone."""
+    return f"{journal.night.utc(at_s).astimezone():%Y-%m-%d %H:%M %Z}"

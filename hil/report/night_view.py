@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from hil.report.figures import draw_night, inline_svg
-from hil.report.grid import Cell, Grid, degrees, number, text, wrap
+from hil.files.page import inline_svg
+from hil.report.figures import draw_night
 from hil.report.night import CollectLine, NightContent
 from procedures.verdict import Verdict
-from procedures.words import counted, hours_minutes
+from procedures.words import counted, listed
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -28,17 +28,19 @@ _COUNTS = (
 
 
 def night_view(night: NightContent) -> dict[str, Any]:
-    """Return what the template shows of a night."""
-    listed = list(night.events)[:MOST_EVENTS]
-    left = len(night.events) - len(listed)
+    """Return what the template shows of a night: of its lists at most so many, and how many more there are."""
+    lists = {"rejected": night.rejected, "resumes": night.resumes, "events": night.events}
+    troubled = _troubled(night.collects)
     return {
         "svg": _picture(night),
-        "soaks": _soaks(night) if night.soaks else None,
+        "margins": night.margins,
+        "soaks": night.soaks,
         "stream": stream_in_words(night.collects),
-        "collects": _collects(night.collects) if night.collects else None,
-        "rejected": _list("rejected", "Attempts that count for nothing.", ("what", "why"), night.rejected),
-        "resumes": _list("resumes", "What a resume did, and why.", ("what", "said"), night.resumes),
-        "events": _events(listed, left),
+        "troubled": [(each, {name: _count(each, name) for _, _, name in _COUNTS}) for each in troubled],
+        "counts": [of for of in _COUNTS[1:] if any(_count(each, of[2]) for each in troubled)],
+        "good": len(night.collects) - len(troubled),
+        **{name: list(of)[:MOST_EVENTS] for name, of in lists.items()},
+        "more": {name: max(len(of) - MOST_EVENTS, 0) for name, of in lists.items()},
     }
 
 
@@ -48,18 +50,32 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
         return ""
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
     used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
-    troubled = sum(any(_count(each, name) for _, _, name in _COUNTS if name != "ok") for each in collects)
-    resyncs = counted(total["resyncs"], "resync")
+    bad = [
+        f"{counted(total[name], below.removesuffix('s') or 'resync')} {what if below else ''}".rstrip()
+        for what, below, name in _COUNTS[1:]
+        if total[name]
+    ]
+    came = listed(bad) if bad else "nothing else came"
     most = min(used, expected)  # an edge sample more is no more than all of them
     share = f" ({math.floor(10_000 * most / expected) / 100:.2f} %)" if expected else ""
     if used > expected + 2 * len(collects):
         share = f", {used / max(expected, 1) - 1.0:.2%} more than the description's rate gives: the unit is faster"
+    where = f", in {len(_troubled(collects))} of them" if bad else ""
     return (
-        f"{len(collects)} collects: {total['ok']} frames ok, {total['bad']} bad, {total['lost']} lost, "
-        f"{total['duplicate']} twice, {total['timed_out']} late, {resyncs}, "
-        f"{total['skipped_bytes']} bytes skipped; {used} of {expected} expected samples are in the averages{share}. "
-        + (f"Trouble in {troubled} of them." if troubled else "No collect saw anything but good frames.")
+        f"{len(collects)} collects: {total['ok']} good frames; {came}{where}. "
+        f"{used} of {expected} expected samples are in the averages{share}."
     )
+
+
+def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
+    """Return the collects in which anything but good frames came, samples lacked, or the verdict is not PASS."""
+    return [
+        each
+        for each in collects
+        if each.verdict != Verdict.PASS
+        or any(_count(each, name) for _, _, name in _COUNTS[1:])
+        or each.n_samples < each.n_expected - 1
+    ]
 
 
 def _count(each: CollectLine, name: str) -> int:
@@ -78,71 +94,3 @@ def _picture(night: NightContent) -> str:
         f"collects, {len(night.events)} events."
     )
     return inline_svg(draw_night(night), says)
-
-
-def _soaks(night: NightContent) -> Grid:
-    heads = [Cell("run"), Cell("at"), Cell("began", "h"), Cell("waited"), Cell("started over", "soak, window")]
-    heads += [Cell("decided by", kind="text"), Cell("verdict", kind="text"), Cell("remark", kind="text")]
-    return Grid(
-        "soaks",
-        "Restabilisation before each self-calibration: how long, and which criterion was the last to be met.",
-        heads,
-        [
-            [
-                number(each.run),
-                Cell(degrees(each.temperature_degC)),
-                number(each.began_h, 2),
-                Cell(hours_minutes(each.waited_s)),
-                Cell(f"{each.soak_restarts}, {each.window_restarts}"),
-                text(each.decided_by),
-                Cell(each.verdict, kind=each.verdict),
-                wrap("" if each.verdict == Verdict.PASS else each.reason),
-            ]
-            for each in night.soaks
-        ],
-    )
-
-
-def _collects(collects: Sequence[CollectLine]) -> Grid:
-    heads = [Cell("run"), Cell("position"), Cell("at"), Cell("verdict", kind="text"), Cell("began", "UTC")]
-    heads += [Cell("lasts", "s"), Cell("samples"), *(Cell(name, below) for name, below, _ in _COUNTS)]
-    rows = [
-        [
-            number(each.run),
-            Cell(each.position),
-            Cell(degrees(each.temperature_degC)),
-            Cell(each.verdict, kind=each.verdict),
-            Cell(each.utc),
-            Cell(f"{each.duration_s:g}"),
-            Cell(str(each.n_samples), f"of {each.n_expected}"),
-            *(_counted(_count(each, name)) for _, _, name in _COUNTS),
-        ]
-        for each in collects
-    ]
-    caption = "The stream of every collect that counts. Bad: a wrong checksum or end; lost: missing by their counter."
-    return Grid("collects", caption, heads, rows)
-
-
-def _counted(count: int) -> Cell:
-    """Return a cell that stays in the background where there is nothing to see."""
-    return number(count) if count else Cell("0", kind="nil")
-
-
-def _list(name: str, caption: str, columns: tuple[str, str], rows: Sequence[tuple[str, str, str]]) -> Grid | None:
-    if not rows:
-        return None
-    if len(rows) > MOST_EVENTS:
-        caption += f" {len(rows) - MOST_EVENTS} more are in the journal."
-    heads = [Cell("when (UTC)", kind="text"), *(Cell(column, kind="text") for column in columns)]
-    return Grid(name, caption, heads, [[text(when), text(what), wrap(why)] for when, what, why in rows[:MOST_EVENTS]])
-
-
-def _events(events: Sequence[tuple[str, str, str]], left: int) -> Grid | None:
-    if not events:
-        return None
-    caption = "Events; their numbers are those of the marks in the picture."
-    if left:
-        caption += f" {left} more are in the journal."
-    heads = [Cell("no."), Cell("when (UTC)", kind="text"), Cell("what", kind="text"), Cell("said", kind="text")]
-    rows = [[number(n), text(when), text(kind), wrap(said)] for n, (when, kind, said) in enumerate(events, start=1)]
-    return Grid("events", caption, heads, rows)

@@ -170,10 +170,9 @@ def draw_temperatures(folder: Path) -> Figure:
     if len(night.hours) < 2:
         raise InputError(f"{folder}: the night is {night.state}; no temperatures were recorded yet")
     figure = draw_night(night)
-    simulated = any("simulated time" in value for _, value in night.provenance)
     figure.subplots_adjust(top=0.84)
     figure.suptitle(
-        _title(folder.resolve().name, simulated=simulated), x=0.01, ha="left", fontsize=10, parse_math=False
+        _title(folder.resolve().name, simulated=night.simulated), x=0.01, ha="left", fontsize=10, parse_math=False
     )
     return figure
 

@@ -10,6 +10,7 @@ from typing import Any
 from drivers.given_file import opened
 from hil.campaign import Campaign
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
+from hil.config.recorded import understood
 from hil.records import JournalReader
 
 
@@ -18,9 +19,10 @@ def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str,
     night = journal.night
     controllers = journal.controllers()
     first = night.versions or {}
+    clock = understood(night.configuration).get("bench", {}).get("clock")
     told = [
         ("folder", journal.folder.resolve().name),
-        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + (" (simulated time)" if night.simulated else "")),
+        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + " (simulated time)" * (clock == "virtual")),
         ("began by", night.who),
         ("carried on by", ", ".join(each.who for each in controllers[1:])),
         *((device, _identity(said)) for device, said in identity.items()),

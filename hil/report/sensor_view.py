@@ -1,22 +1,26 @@
-"""One sensor's chapter of the report: Table 1's layout, Figures 2-5, every self-calibration, Table A-1, the scatter."""
+"""One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.report.content import Mean, Repeat, SensorContent
-from hil.report.figures import Line, draw_against_temperature, inline_svg
-from hil.report.grid import Cell, Grid, decimals_for, degrees, estimate, number, text
+from hil.files.numbers import decimals_for, degrees, estimate, number
+from hil.files.page import inline_svg
+from hil.report.content import Repeat, SensorContent
+from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
+from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
+_ROOM_DEGC = 20.0
 
 # Table 1 of the report has these six rows, in this order; GSA and GSB, which it never gives, follow.
 _TABLE_1 = (
@@ -31,122 +35,140 @@ _TABLE_1 = (
 )
 
 _FIGURES = (
-    ("Figure 2's layout: bias A", "BA", _RATE, "Bias A; the contractor's is eq. (5) with MU taken as zero."),
-    ("Figure 3's layout: bias B", "BB", _RATE, "Bias B; the contractor's is eq. (6) with MU taken as zero."),
-    ("Figure 4's layout: MUA", "MUA", _PER_G, "MUA, eq. (11): what the contractor took for zero."),
-    ("Figure 5's layout: MUB", "MUB", _PER_G, "MUB, eq. (12): what the contractor took for zero."),
-)
-
-_NO_CONTRACTOR = (
-    "The contractor's solution is made from the report's three orientations, which this sensor's collects are not."
+    ("Figure 2's layout: bias A, eq. (5)", "BA", _RATE),
+    ("Figure 3's layout: bias B, eq. (6)", "BB", _RATE),
+    ("Figure 4's layout: MUA, eq. (11)", "MUA", _PER_G),
+    ("Figure 5's layout: MUB, eq. (12)", "MUB", _PER_G),
 )
 
 
-def sensor_view(sensor: SensorContent) -> dict[str, Any]:
-    """Return what the template shows of one sensor."""
+def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, Any]:
+    """Return what the template shows of one sensor; `published`: the report speaks RD-GC-86-1's words."""
     found = sensor.reproduction
     return {
         "number": sensor.number,
-        "note": _NO_CONTRACTOR if sensor.is_rotor and not sensor.has_contractor else "",
-        "table": _table_1(sensor),
+        "not_published": published and sensor.is_rotor and not sensor.has_contractor,
+        "table": _by_temperature(sensor),
         "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
+        "published": sensor.has_contractor,
         "runs": _runs(sensor),
-        "reasons": list(_reasons(sensor)),
         "contractor": _contractors_verdicts(sensor),
-        "seven": None if found is None else _table_a1(sensor.number, found),
-        "errors": None if found is None else _contractor_errors(sensor.number, found),
-        "scatter": _scatter(sensor),
+        "seven": SEVEN,
+        "found": found,
+        "errors": [] if found is None else list(_worst(found)),
+        "scatter": sensor.shown.document()["run_to_run"],
         "shown": sensor.shown.sentences(),
     }
 
 
-def _table_1(sensor: SensorContent) -> Grid:
-    if sensor.is_rotor:
-        rows = [row for row in _TABLE_1 if row[2] == "matrix" or sensor.has_contractor]
-    else:
-        units = {name: each.unit for solution in sensor.solutions for name, each in solution.parameters.items()}
-        rows = [(name, name, "matrix", unit) for name, unit in units.items()]
-    heads = [Cell("parameter", kind="text")]
+def in_words(name: str) -> str:
+    """Say what a parameter is: its symbol alone tells those who know it already."""
+    if name.startswith(("GS", "MU")):
+        return f"drift per g {'across' if name.startswith('GS') else 'along'} the spin axis"
+    return f"bias of channel {name[1:].lstrip('_')}" if name.startswith("B") else "drift per g"
+
+
+def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
+    """The numbers in one look: each parameter nearest to room temperature, and between which it lies over all."""
+    shown = [each for each in sensors if each.repeats][:_MOST_SENSORS]
+    at_room = [min(each.repeats, key=_from_room).matrix for each in shown]
+    units = {name: unit for sensor in shown for name, unit in _units(sensor.solutions).items()}
+    rows = []
+    for name, unit in units.items():
+        cells = []
+        for sensor, at in zip(shown, at_room, strict=True):
+            one = at.values.get(name)
+            digits = decimals_for([None if one is None else one.sd])
+            over = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
+            span = f"{number(min(over), digits)} … {number(max(over), digits)}" if over else number(None)
+            value, error = estimate(one, digits)
+            cells.append((value, f"{error} {unit}", span, len(sensor.repeats) > 1))
+        rows.append((f"{in_words(name)}, {name}", cells))
+    heads = [(s.number, at.temperature_degC, len(s.repeats)) for s, at in zip(shown, at_room, strict=True)]
+    return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown)}
+
+
+_MOST_SENSORS = 3  # beside each other in one look
+
+
+def _from_room(repeat: Repeat) -> float:
+    return 0.0 if repeat.temperature_degC is None else abs(repeat.temperature_degC - _ROOM_DEGC)
+
+
+def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
+    """Means and their uncertainty by temperature; in Table 1's layout, with their scatter, where that is published."""
+    rows: Sequence[tuple[str, str, str, str]] = [(n, n, "matrix", u) for n, u in _units(sensor.solutions).items()]
+    if sensor.has_contractor:
+        rows = _TABLE_1
+    heads = []
     for repeat in sensor.repeats:
         at = repeat.temperature_degC
-        heads.append(Cell(degrees(at), "" if at is None else f"{at * 1.8 + 32.0:.1f} °F{_unit(at, repeat)}"))
-    doubtful = [_doubtful(sensor, repeat) for repeat in sensor.repeats]
-    return Grid(
-        f"table-1-sensor-{sensor.number}",
-        f"Table 1's layout: mean over the self-calibrations at each temperature and, below it, {_sigmas(sensor)}."
-        + (" The means hold the runs that are INCONCLUSIVE or FAIL, too." if any(doubtful) else ""),
-        heads,
-        [
-            [
-                Cell("runs", kind="text"),
-                *(number(len(each.runs), 0, told) for each, told in zip(sensor.repeats, doubtful, strict=True)),
-            ],
-            *(
-                [Cell(label, unit, "text"), *_means([_of(repeat, model).get(name) for repeat in sensor.repeats])]
-                for label, name, model, unit in rows
-            ),
+        fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
+        heads.append((degrees(at), list(filter(None, [fahrenheit, _unit(repeat)]))))
+    return {
+        "heads": heads,
+        "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.repeats],
+        "rows": [
+            (label, unit, list(_means([_of(each, model) for each in sensor.repeats], name, sensor.has_contractor)))
+            for label, name, model, unit in rows
         ],
-    )
+    }
 
 
-def _unit(at_degC: float, repeat: Repeat) -> str:
+def _unit(repeat: Repeat) -> str:
     """Say what the unit's own thermometer showed where that was another temperature, or moved by more than one."""
-    low, high = repeat.unit_degC or (at_degC, at_degC)
+    at_degC = repeat.temperature_degC
+    if at_degC is None or repeat.matrix.unit_degC is None:
+        return ""
+    low, high = repeat.matrix.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
-    return f"\nunit {low:.1f} to {high:.1f} °C" if moved else ""
+    return f"unit {low:.1f} to {high:.1f} °C" if moved else ""
 
 
-def _doubtful(sensor: SensorContent, repeat: Repeat) -> str:
-    """Say how many runs of a mean must not be relied upon, a line for each verdict."""
+def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:
+    """Say how many runs of a mean must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
-    return "\n".join(f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found)
+    return [f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found]
 
 
-def _sigmas(sensor: SensorContent) -> str:
-    """Say what stands behind ± and what bars show: scatter where runs were repeated, else what one run tells."""
-    single = [len(repeat.runs) == 1 for repeat in sensor.repeats]
-    scatter = "their one-sigma scatter (n − 1)"
-    alone = "standard deviation (s.d.)"
-    if not any(single):
-        return scatter
-    return f"as there is one at each, its {alone}" if all(single) else f"{scatter}; where there is one, its {alone}"
+def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[tuple[str, str, str]]:
+    """Yield value, ± and scatter of one row, all with as many decimals as their usual uncertainty asks for."""
+    found = [None if each is None else each.values.get(name) for each in at_each]
+    sds = [each.sd for each in found if each is not None and np.isfinite(each.sd)]
+    decimals = decimals_for([float(np.median(sds))] if sds else [])
+    for at, each in zip(at_each, found, strict=True):
+        scatter = at.scatter.get(name, np.nan) if at is not None and with_scatter else np.nan
+        value, error = estimate(each, decimals)
+        told = error or ("± not known" if each else "")
+        yield value, told, f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""
 
 
-def _means(at_each: Sequence[Mean | None]) -> Iterator[Cell]:
-    """Yield the means of one row, all with as many decimals as their usual sigma asks for."""
-    sigmas = [each.scatter for each in at_each if each is not None and np.isfinite(each.scatter)]
-    decimals = decimals_for([float(np.median(sigmas))] if sigmas else [])
-    for each in at_each:
-        if each is None:
-            yield number(None)
-        elif each.runs > 1:
-            yield estimate(each.value, each.scatter, decimals)
-        else:
-            yield number(each.value, decimals, f"±{each.sd:.{decimals}f} s.d." if np.isfinite(each.sd) else "no s.d.")
-
-
-def _of(repeat: Repeat, model: str) -> Mapping[str, Mean]:
+def _of(repeat: Repeat, model: str) -> MeanAt | None:
     return repeat.matrix if model == "matrix" else repeat.contractor
 
 
-def _figures(sensor: SensorContent) -> Iterator[dict[str, str]]:
+def _figures(sensor: SensorContent) -> Iterator[str]:
+    """Yield pictures of the means against temperature: one for parameters of a kind, or the published four."""
     if any(repeat.temperature_degC is None for repeat in sensor.repeats):
         return
-    bars = f"Mean over the self-calibrations at each temperature; bars: {_sigmas(sensor)}."
-    if sensor.is_rotor:
-        for title, name, unit, caption in _FIGURES:
-            lines = [_line("matrix (M)", sensor, name, "matrix"), _line("contractor (C)", sensor, name, "contractor")]
-            if name in {"MUA", "MUB"} or not sensor.has_contractor:
-                lines, caption = lines[:1], caption.split(";")[0].rstrip(".") + "."
-            yield _figure(title, unit, [line for line in lines if len(line.mean)], f"{caption} {bars}")
+    if sensor.has_contractor:
+        for title, name, unit in _FIGURES:
+            lines = [_line("matrix (M)", sensor, name, "matrix", "matrix")]
+            if name.startswith("B"):
+                lines.append(_line("contractor (C)", sensor, name, "contractor", "contractor"))
+            yield _figure(title, unit, lines, fahrenheit=True)
         return
-    for name, each in sensor.solutions[0].parameters.items():
-        line = _line(name, sensor, name, "matrix")
-        yield _figure(name, each.unit, [line], f"{name} against temperature. {bars}")
+    styles = ("matrix", "contractor", "single")
+    units = _units(sensor.solutions)
+    for kind, names in groupby(units, key=lambda name: name[0] if name.startswith("B") else name[:-1]):
+        own = list(names)
+        what = "bias" if kind == "B" else in_words(own[0])
+        lines = [_line(n, sensor, n, "matrix", style) for n, style in zip(own, styles, strict=False)]
+        yield _figure(f"{what}: {', '.join(own)}", units[own[0]], lines)
 
 
-def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[str, str]:
-    """Return a figure and its caption; its text for ears has the numbers at both ends of each line."""
+def _figure(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = False) -> str:
+    """Return a figure; its text for ears has the numbers at both ends of each line."""
     ends = "; ".join(
         f"{line.label}: "
         + ", ".join(
@@ -157,61 +179,51 @@ def _figure(title: str, unit: str, lines: Sequence[Line], caption: str) -> dict[
         for line in lines
         if len(line.mean)
     )
-    svg = inline_svg(draw_against_temperature(title, unit, lines), f"{title} against temperature. {ends}.")
-    return {"svg": svg, "caption": caption}
+    figure = draw_against_temperature(title, unit, lines, fahrenheit=fahrenheit)
+    return inline_svg(figure, f"{title} against temperature. {ends}.")
 
 
-def _line(label: str, sensor: SensorContent, name: str, model: str) -> Line:
-    known = [(r.temperature_degC, _of(r, model)[name]) for r in sensor.repeats if name in _of(r, model)]
-    points = np.array([(at, each.value, each.scatter) for at, each in known], dtype=np.float64).reshape(-1, 3)
-    return Line(label, points[:, 0], points[:, 1], points[:, 2], model)
+def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) -> Line:
+    means = [of for repeat in sensor.repeats if (of := _of(repeat, model)) is not None and name in of.values]
+    known = [(of.temperature_degC, of.values[name].value, of.values[name].sd) for of in means]
+    points = np.array(known, dtype=np.float64).reshape(-1, 3)
+    return Line(label, points[:, 0], points[:, 1], points[:, 2], style)
 
 
-def _runs(sensor: SensorContent) -> Grid:
+def _runs(sensor: SensorContent) -> dict[str, Any]:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
     temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
-    own = [("", each) for each in _units(sensor.solutions).items()]
-    beside = [("contractor\n", each) for each in _units(list(sensor.contractor.values())).items()]
+    heads = [(name, "", unit) for name, unit in _units(sensor.solutions).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)
-        for name in _units(sensor.solutions)
+        for name, _, _ in heads
     }
-    heads = [Cell("run"), Cell("at"), Cell("verdict", kind="text")]
-    heads += [Cell(name, whose + unit) for whose, (name, unit) in [*own, *beside]]
-    rows, shown = [], sensor.contractor_shown
+    heads += [(name, "contractor", unit) for name, unit in _units(list(sensor.contractor.values())).items()]
+    shown, rows = sensor.contractor_shown, []
     others = {} if shown is None else {run: shown.of_run(each) for run, each in sensor.contractor.items()}
     for solution in sensor.solutions:
-        uncertain = sensor.shown.of_run(solution)
+        own, beside = sensor.shown.of_run(solution), others.get(solution.run, {})
+        found = [((beside if whose else own).get(name), digits.get(name, 2)) for name, whose, _ in heads]
+        cells = [estimate(each, decimals) for each, decimals in found]
         run = "all" if solution.run is None else str(solution.run)
-        cells = [
-            Cell(run),
-            Cell(temperature.get(solution.runs[0], "")),
-            Cell(str(solution.verdict), kind=solution.verdict),
-        ]
-        for whose, (name, _) in [*own, *beside]:
-            found = (uncertain if not whose else others.get(solution.run, {})).get(name)
-            cells.append(number(None) if found is None else estimate(found.value, found.sd, digits.get(name, 2)))
-        rows.append(cells)
-    said = " The contractor's four take MU for zero, eqs. (A-13)–(A-16)." if beside else ""
+        rows.append((run, temperature.get(solution.runs[0], ""), solution.verdict, cells))
     models = ", ".join(dict.fromkeys(each.model for each in sensor.solutions))
-    values = "value ± one standard deviation, what repeats show included"
-    caption = f"Every self-calibration of sensor {sensor.number}, model {models}: {values}.{said}"
-    return Grid(f"runs-sensor-{sensor.number}", caption, heads, rows)
+    return {"heads": heads, "rows": rows, "models": models}
 
 
 def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
 
 
-def _reasons(sensor: SensorContent) -> Iterator[dict[str, str]]:
-    """Yield each reason once, with its verdict and the runs that it holds for; the worst verdicts first."""
-    groups: dict[tuple[int, str, str], list[int]] = {}
-    for solution in sensor.solutions:
-        groups.setdefault(
-            (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason), []
-        ).extend(solution.runs)
-    for (_, verdict, reason), runs in sorted(groups.items()):
-        yield {"verdict": verdict, "runs": numbered("run", runs), "reason": reason}
+def reasons(sensors: Sequence[SensorContent]) -> Iterator[dict[str, str]]:
+    """Yield each reason once, with its verdict and the sensors and runs that it holds for; the worst come first."""
+    groups: dict[tuple[int, str, str], dict[int, list[int]]] = {}
+    for solution in (each for sensor in sensors for each in sensor.solutions):
+        key = (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason)
+        groups.setdefault(key, {}).setdefault(solution.sensor, []).extend(solution.runs)
+    for (_, verdict, reason), of in sorted(groups.items(), key=lambda each: each[0]):
+        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
+        yield {"verdict": verdict, "runs": where, "reason": reason}
 
 
 def _contractors_verdicts(sensor: SensorContent) -> str:
@@ -226,63 +238,9 @@ def _contractors_verdicts(sensor: SensorContent) -> str:
     return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 
 
-def _table_a1(sensor: int, found: Reproduction) -> Grid:
-    heads = [Cell("run", kind="text"), *(Cell(f"({name})", _RATE) for name in SEVEN)]
-    heads += [Cell("MUB·G1", _RATE), Cell("MUB·G3", _RATE), Cell("G3/G1", "rad")]
-    return Grid(
-        f"table-a-1-sensor-{sensor}",
-        "Table A-1's layout: the bias BA seven ways, eqs. (A-27)–(A-33). Without noise (A-27) and (A-31)–(A-33) are "
-        "BA, (A-28) and (A-29) are off by ±MUB·G3, and (A-30), the contractor's, by MUB·G1.",
-        heads,
-        [
-            [
-                text(each.label.removeprefix("run ")),
-                *(number(each.biases[name], 2) for name in SEVEN),
-                number(each.mub_g1, 2),
-                number(each.mub_g3, 2),
-                number(each.g3_over_g1, 4),
-            ]
-            for each in found.table_a1
-        ],
-    )
-
-
-def _contractor_errors(sensor: int, found: Reproduction) -> Grid:
-    rows = []
+def _worst(found: Reproduction) -> Iterator[tuple[str, str, int, list[float]]]:
+    """Yield of each of the contractor's four its unit, the run in which it is farthest off, and by how much."""
     for place, name in enumerate(CONTRACTORS):
         worst = max(found.contractor_errors, key=lambda each: abs(each.found[place]))
-        values = (worst.found[place], worst.closed_form[place], worst.g1_only[place])
-        unit = _RATE if name.startswith("B") else _PER_G
-        rows.append([Cell(name, unit, "text"), number(worst.run), *(number(float(value), 2) for value in values)])
-    return Grid(
-        f"contractor-sensor-{sensor}",
-        "What taking MU for zero does to the contractor's four: contractor's less matrix, the largest of all runs.",
-        [
-            Cell("parameter", kind="text"),
-            Cell("in run"),
-            Cell("as found"),
-            Cell("by the closed form", "G1 and G3 terms"),
-            Cell("by the G1 term alone", "as the report's text has it"),
-        ],
-        rows,
-    )
-
-
-def _scatter(sensor: SensorContent) -> Grid | None:
-    """How much parameters change from run to run; None where nothing was repeated."""
-    shown = sensor.shown.document()["run_to_run"]
-    if not shown:
-        return None
-    heads = [Cell("parameter", kind="text"), Cell("from run to run", "one σ"), Cell("of it", "not in standard errors")]
-    heads.append(Cell("degrees of freedom"))
-    rows = [
-        [
-            Cell(name, each["unit"], "text"),
-            number(each["sd"], 2),
-            number(each["beyond_standard_errors"], 2),
-            number(each["degrees_of_freedom"], 0),
-        ]
-        for name, each in shown.items()
-    ]
-    caption = "Repeatability: standard deviation of single runs at one temperature, all temperatures together."
-    return Grid(f"scatter-sensor-{sensor.number}", caption, heads, rows)
+        values = [float(each[place]) for each in (worst.found, worst.closed_form, worst.g1_only)]
+        yield name, _RATE if name.startswith("B") else _PER_G, worst.run, values

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
-from hil.report.grid import degrees
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
 from procedures.verdict import Verdict
@@ -21,8 +21,9 @@ _WANDER = (
 _THREE_COLLECTS = (
     "Six equations, six unknowns: no residual is left, so these collects cannot contradict the model.",
     (
-        "What is alike in all positions is called bias; what changes sign between Collects 1 and 2 is called GS; what "
-        "appears in Collect 3 alone is called MU, be it settling, an index error times GS, a drift, or an even g² term."
+        "What is alike in all positions is called bias; what changes sign between Collects 1 and 2 is called drift per "
+        "g across the spin axis (GS); what appears in Collect 3 alone is called drift along it (MU), be it settling, "
+        "an index error times GS, a drift, or an even g² term."
     ),
     "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
     (
@@ -92,37 +93,45 @@ def _missing(content: ReportContent) -> str:
     return f"{asked - done} of {asked} self-calibrations are missing" if done < asked else content.night.reason
 
 
-def summary(content: ReportContent) -> Iterator[str]:
-    """Yield what an engineer must know first."""
-    if content.campaign.warnings:
-        yield f"{counted(len(content.campaign.warnings), 'warning')} about the data: see Notes and warnings."
-    solutions = [each for sensor in content.sensors for each in sensor.solutions]
-    if solutions and not any(each.degrees_of_freedom for each in solutions):
-        yield "No residual is left: this speaks for the measurements, and not for the model."
-    for sensor in content.sensors:
-        if sensor.has_contractor:
-            yield from _largest_mu(sensor)
-    for verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL):
+_DO = {
+    Verdict.FAIL: "Do not use",
+    Verdict.INCONCLUSIVE: "Do not rely on",
+    Verdict.MARGINAL: "Look at the reasons before using",
+}
+
+
+def to_do(content: ReportContent) -> Iterator[str]:
+    """Yield what somebody has to do now: with a night that is not whole, with runs that are not good."""
+    night = content.night
+    if night is not None and night.state in {"incomplete", "aborted", "failed"}:
+        yield "Carry the night on with hil resume; what is missing is listed below."
+    for verdict, do in _DO.items():
         for sensor in content.sensors:
             found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
             if found:
-                yield f"{verdict}: sensor {sensor.number}, {numbered('run', found)}."
-    if content.comparison is not None:
-        yield content.comparison.sentence[:1].upper() + content.comparison.sentence[1:] + "."
+                yield f"{do} sensor {sensor.number}, {numbered('run', found)} ({verdict})."
+    compared = content.comparison
+    if compared is not None and compared.doubts:
+        yield "Find out which of the two campaigns is wrong before using either."
+    elif compared is not None and compared.flagged:
+        yield f"{counted(len(compared.flagged), 'number')} changed since the earlier campaign: find out why, below."
 
 
-def _largest_mu(sensor: SensorContent) -> Iterator[str]:
-    names = ("MUA", "MUB")
-    sizes = [(each.matrix[name], name, each) for each in sensor.repeats for name in names if name in each.matrix]
-    if sizes:
-        mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
-        what = f"standard deviation of the mean of {counted(mean.runs, 'run')}, what repeats show included"
-        sigma, which = (f" ±{mean.sd:.1f}", f" (±: {what})") if np.isfinite(mean.sd) else ("", "")
-        yield (
-            f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-            f"{mean.value:.1f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}{which}; taking it for zero moves "
-            f"{'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
-        )
+def largest(content: ReportContent) -> Iterator[str]:
+    """Yield of each sensor beside which the contractor's solution stands the largest term that it leaves out."""
+    for sensor in (each for each in content.sensors if each.has_contractor):
+        names = ("MUA", "MUB")
+        known = [(each.matrix.values, name, each) for each in sensor.repeats for name in names]
+        sizes = [(values[name], name, each) for values, name, each in known if name in values]
+        if sizes:
+            mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
+            digits = decimals_for([mean.sd]) - 1
+            sigma = f" ±{mean.sd:.{digits}f}" if np.isfinite(mean.sd) else ""
+            yield (
+                f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
+                f"{mean.value:.{digits}f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero "
+                f"moves {'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
+            )
 
 
 def assumed(content: ReportContent) -> list[str]:

@@ -1,6 +1,7 @@
 // The curves, drawn by uPlot: the night's temperatures against the plan, and each channel's running average.
 
 import { points } from "./store.js";
+import { dayTime, degrees, temperatureName } from "./words.js";
 
 const GAP_S = 180;
 
@@ -20,7 +21,7 @@ export function temperatureStyle(columns) {
     if (name === "chamber_degC") return { curve: 1, dash: [], kind: "" };
     if (name === "setpoint_degC") return { curve: 3, dash: [10, 5], kind: "dashed" };
     sensor = sensor === 2 ? 4 : 2;
-    return { curve: sensor, dash: sensor === 4 ? [4, 3] : [], kind: sensor === 4 ? "dotted" : "" };
+    return { curve: sensor, dash: sensor === 4 ? [10, 4, 2, 4] : [], kind: sensor === 4 ? "dashdot" : "" };
   });
 }
 
@@ -32,8 +33,9 @@ const CLOCK = [
 ];
 
 export class TemperatureChart {
-  constructor(element) {
+  constructor(element, onTold) {
     this.element = element;
+    this.onTold = onTold;
     this.plot = null;
     this.columns = "";
     new ResizeObserver(() => this.resize()).observe(element);
@@ -77,7 +79,7 @@ export class TemperatureChart {
     const options = {
       ...this.size(),
       legend: { show: false },
-      cursor: { show: false },
+      cursor: { y: false, drag: { x: false, y: false }, points: { size: 8 } },
       padding: [8, 12, 0, 0],
       scales: {
         x: { time: true, range: () => [this.began, Math.max(this.end, this.began + 60)] },
@@ -88,9 +90,21 @@ export class TemperatureChart {
         { ...axes(), size: 46, values: (plot, ticks) => ticks.map((tick) => String(tick).replace("-", "−")) },
       ],
       series: [{}, ...series],
-      hooks: { draw: [(plot) => this.drawPlan(plot)] },
+      hooks: { draw: [(plot) => this.drawPlan(plot)], setCursor: [(plot) => this.tell(plot, columns)] },
     };
     this.plot = new uPlot(options, [[], ...columns.map(() => [])], this.element);
+    const finger = (event) => {
+      const touch = event.touches[0];
+      if (touch) this.plot.setCursor({ left: touch.clientX - this.plot.over.getBoundingClientRect().left, top: 10 });
+    };
+    for (const kind of ["touchstart", "touchmove"]) this.plot.over.addEventListener(kind, finger, { passive: true });
+  }
+
+  // What the curves show where the pointer or a finger is.
+  tell(plot, columns) {
+    const at = plot.cursor.idx;
+    const values = at === null || at === undefined ? [] : columns.map((name, i) => `${temperatureName(name)} ${degrees(plot.data[i + 1][at])}`);
+    this.onTold(values.length ? `${dayTime(1000 * plot.data[0][at])}: ${values.join(", ")} °C` : "");
   }
 
   range(low, high) {

@@ -4,7 +4,7 @@ import { AverageChart, TemperatureChart, temperatureStyle } from "./charts.js";
 import { results } from "./results.js";
 import { identityOf, reportLink, stateOf } from "./state.js";
 import { points } from "./store.js";
-import { capital, channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError } from "./words.js";
+import { capital, channelName, countdown, dateTime, dayTime, degrees, duration, temperatureName, sentence, signed, time, withError, zone } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const put = (id, text) => {
@@ -16,7 +16,7 @@ export class Detail {
   constructor(onAsk) {
     this.id = null;
     this.night = null;
-    this.temperatures = new TemperatureChart($("temperature-chart"));
+    this.temperatures = new TemperatureChart($("temperature-chart"), (text) => put("temperature-told", text || this.hint()));
     this.channels = new Map();
     for (const kind of ["pause", "continue", "abort", "confirm", "refuse"]) {
       $(kind).addEventListener("click", () => {
@@ -24,6 +24,10 @@ export class Detail {
         onAsk(this.id, kind, prompt);
       });
     }
+  }
+
+  hint() {
+    return `Clock times are ${zone()}. Touch the curves, or point at them, for their values.`;
   }
 
   restyle() {
@@ -128,6 +132,7 @@ export class Detail {
     const curve = night.temperatures;
     if (!curve) return;
     this.temperatures.show(curve, night.plan, night.head.began_utc, night.head.finishing_utc);
+    if (!$("temperature-told").textContent) put("temperature-told", this.hint());
     if (this.legend === curve.columns.join()) return;
     this.legend = curve.columns.join();
     const styles = temperatureStyle(curve.columns);
@@ -207,6 +212,7 @@ export class Detail {
 function ending(head) {
   if (head.working) return "beginning …";
   if (head.killed) return "interrupted";
+  if (head.state === "complete" && head.verdict?.verdict === "PASS") return `nothing has to be done: ${head.reason}`;
   return head.state === "failed" ? "ended early" : head.reason;
 }
 

@@ -21,6 +21,7 @@ export function results(rows, working) {
       if (each.verdict !== "PASS") list.append(reason(row, `sensor ${each.sensor}`, each));
     }
   }
+  list.append(cell("li", "", "± is one run's standard error, from the noise within its collects; what repeats show beside it is in the report."));
   const assumed = new Set(rows.flatMap((row) => row.solutions.flatMap((each) => each.assumed)));
   for (const each of assumed) list.append(cell("li", "", `Assumed: ${sentence(each)}`));
   return [table(rows, working), list];
@@ -65,9 +66,15 @@ function addRow(body, row, names, working) {
   lines.forEach((solution, i) => {
     const line = body.insertRow();
     if (i === 0) line.append(...firstCells(row, lines.length));
-    line.append(cell("td", "", solution ? String(solution.sensor) : ""), verdictCell(solution, row, working));
-    for (const name of names) line.append(parameter(solution && solution.parameters[name]));
+    line.append(labelled("Sensor", cell("td", "", solution ? String(solution.sensor) : "")), verdictCell(solution, row, working));
+    for (const name of names) line.append(labelled(name, parameter(solution && solution.parameters[name])));
   });
+}
+
+// What stands over a column stands before its cell where the screen is too narrow for columns.
+function labelled(name, made) {
+  made.dataset.name = name;
+  return made;
 }
 
 function firstCells(row, span) {
@@ -79,7 +86,7 @@ function firstCells(row, span) {
     mark.title = each.verdict ? `${each.verdict}: ${each.reason}` : "to do";
     collects.append(mark, " ");
   }
-  const cells = [number, cell("td", "", degrees(row.temperature_degC)), collects];
+  const cells = [labelled("Run", number), labelled("°C", cell("td", "", degrees(row.temperature_degC))), labelled("Collects", collects)];
   for (const each of cells) each.rowSpan = span;
   return cells;
 }
@@ -88,7 +95,7 @@ function parameter(estimate) {
   if (!estimate || estimate.value === null) return cell("td", "", estimate ? "not seen" : "");
   const [value, error] = withError(estimate.value, estimate.se);
   const made = cell("td", "", `${value} `);
-  made.append(cell("span", "se", error));
+  made.append(cell("span", "se", error), cell("span", "unit narrow", ` ${estimate.unit}`));
   return made;
 }
 

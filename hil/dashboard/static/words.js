@@ -20,12 +20,14 @@ export function countdown(seconds) {
   return s >= 3600 ? `${Math.floor(s / 3600)}:${rest}` : rest.replace(/^0/, "");
 }
 
-const DAY_TIME = new Intl.DateTimeFormat("en-GB", { weekday: "short", hour: "2-digit", minute: "2-digit" });
+const DAY_TIME = new Intl.DateTimeFormat("en-GB", { weekday: "short", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
 const DATE_TIME = new Intl.DateTimeFormat("en-GB", { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
-const TIME = new Intl.DateTimeFormat("en-GB", { timeStyle: "medium" });
+const TIME = new Intl.DateTimeFormat("en-GB", { hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "short" });
 
 export const dayTime = (utc) => DAY_TIME.format(new Date(utc)).replace(",", "");
 export const dateTime = (utc) => DATE_TIME.format(new Date(utc));
+// The zone that every clock time here is in.
+export const zone = () => DAY_TIME.formatToParts(new Date()).find((part) => part.type === "timeZoneName").value;
 export const time = (utc) => TIME.format(new Date(utc));
 
 export function signed(value, digits) {

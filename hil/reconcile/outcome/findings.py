@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import SystemClock
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
@@ -18,7 +18,7 @@ from hil.reconcile.outcome.improve import Values, described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
-from hil.reconcile.search.fitted import Fitted
+from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.posterior import Posterior
 
 NOT_HELD_OUT = (
@@ -107,8 +107,9 @@ def described(
         for n, j in pairs
         for p in described_parameters(posterior.term(n, j).candidate, values_of(posterior, fit, n, j), conditions[n])
     ]
+    of_it = ("name", "unit", "typical")
     parameters += [
-        {"name": f.parameter.name, "value": f.value, "se": f.se, "unit": f.parameter.unit, "at": "", "sensor": f.sensor}
+        {**{n: getattr(f.parameter, n) for n in of_it}, "value": f.value, "se": f.se, "at": "", "sensor": f.sensor}
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None
@@ -203,15 +204,41 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def picture(fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions]) -> dict[str, Any]:
-    """Standardised residuals by row, before and after, for the page."""
-    rows = []
-    for block, plain in zip(fit.blocks, before.blocks, strict=True):
+def picture(
+    fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions], proof: tuple[HeldOut, HeldOut] | None
+) -> dict[str, Any]:
+    """Residuals by row before and after, for the page; minutes from one collect to the next.
+
+    `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_*` what they may scatter by,
+    `left` what values at each temperature leave of a residual, and `effect` what was added makes of the rate.
+    """
+    rows, minutes = [], []
+    for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
         own = block.search.block
         known = conditions[own.sensor]
-        sigma = np.sqrt(np.diag(block.noise_alone()))
+        noise = [np.sqrt(np.diag(each.noise_alone())) for each in (plain, block)]
         left, whole = fit.residual(block), before.residual(plain)
+        inner = [_beside_values(f, o) for f, o in ((before, plain), (fit, block))]
+        held = (
+            inner
+            if proof is None
+            else [np.where(np.isfinite(e), e, i) for e, i in zip(proof[0].errors[b], inner, strict=True)]
+        )
+        added = fit.design(block) @ fit.values
         temperature = known.columns.get("temperature_degC")
+        steps = np.diff(known.start_s)[np.diff(known.run) == 0]
+        minutes += [float(np.median(steps)) / 60.0] if len(steps) else []
+        names: tuple[str, ...] = (
+            "before",
+            "after",
+            "before_deg_per_hr",
+            "after_deg_per_hr",
+            "held_before",
+            "held_after",
+        )
+        names += ("noise_before", "noise_after", "left", "effect")
+        by_row = (whole / noise[1], left / noise[1], whole, left, *held, *noise, inner[1], added)
+        columns = dict(zip(names, by_row, strict=True))
         for i, row in enumerate(own.rows):
             rows.append(
                 {
@@ -220,13 +247,17 @@ def picture(fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions]) -
                     "run": int(known.run[row]),
                     "position": str(known.position[row]),
                     "temperature_degC": None if temperature is None else float(temperature[row]),
-                    "before": float(whole[i] / sigma[i]),
-                    "after": float(left[i] / sigma[i]),
-                    "before_deg_per_hr": float(whole[i]),
-                    "after_deg_per_hr": float(left[i]),
+                    **{name: float(of[i]) for name, of in columns.items()},
                 }
             )
-    return {"rows": rows}
+    return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
+
+
+def _beside_values(fit: Fitted, block: FittedBlock) -> FloatArray:
+    """Return what values of the base that follow temperature leave of a residual, (N,)."""
+    left = fit.residual(block)
+    values = block.covariance - block.noise_alone()
+    return np.asarray(left - values @ np.linalg.solve(block.covariance, left))
 
 
 def as_it_stands(model: Model, campaign: Campaign, reading: Reading) -> dict[str, Any] | None:

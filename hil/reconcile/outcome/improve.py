@@ -41,6 +41,8 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
             "at": at or _range(conditions),
             "sensor": candidate.sensor,
         }
+        if power == 0 and candidate.tier == 1:
+            entry["typical"] = parameter.typical
         if candidate.tier == 2:
             channel = _channel_and_power(candidate, number, conditions)[0]
             own = [n for n in values if _channel_and_power(candidate, n, conditions)[0] == channel]

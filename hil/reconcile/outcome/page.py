@@ -1,72 +1,88 @@
-"""The result for people: one self-contained page that a technician can follow."""
+"""The result for people: one self-contained page that tells what is missing in the order in which it was found out."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from io import StringIO
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 
-from hil.model import save_model
+from hil.files.figure import LOOKS, blank
+from hil.files.page import in_style, inline_svg, rendered
+from hil.model import Model, save_model
+from hil.model.curve import Curve
+from hil.model.effects.catalogue import entries
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
-from procedures.words import listed, numbered, percent
+from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
-_TEMPLATE = "page.html.j2"
-_LIMIT = 5.0
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
-_TOLD, _LEAST = 0.05, 1e-4  # simulated nights are told apart below; p-values are said down to
+_MOST_PANELS = 4
+_LEAST = 1e-4  # p-values are said down to it
 
-VERDICTS = {
-    "none": "Nothing is missing: no disagreement beyond the noise.",
-    "named": "Something is missing, and it has a name.",
-    "ambiguous": "Something is missing; these collects cannot tell which of several causes it is.",
-    "empirical": "Something is missing that no effect of the catalogue describes.",
-    "unresolved": "Something is missing, but these collects support no added term.",
+
+_ACT = {
+    "none": "Nobody has to act.",
+    "named": "Use the improved model, model.yaml, from now on.",
+    "ambiguous": "Measure what is said below before the name is relied upon.",
+    "empirical": "Look for the cause: what it follows is known, what it is is not.",
+    "unresolved": "Do not predict with this model; take more runs.",
+    "labels": "Put the labels right where they were recorded; the model stays.",
 }
-_LABELS_ONLY = "Nothing is missing from the model: collects carry each other's labels."
+
+
+def what_to_do(result: Reconciliation) -> tuple[str, str]:
+    """Return the verdict, "labels" where only those were wrong, and what somebody has to do now."""
+    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
+    kind = "labels" if only else result.verdict
+    return kind, _ACT[kind]
 
 
 def page(result: Reconciliation) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["number"] = _number
-    environment.filters["percent"] = percent
     rows = list(result.picture.get("rows", []))
-    return environment.get_template(_TEMPLATE).render(
-        result=result,
-        headline=_headline(result),
-        map_svg=_svg(_map(rows)) if rows else "",
-        gap_svg=_svg(_gap(result)) if np.isfinite(result.gap.before) else "",
-        rivals=[_candidates(effect) for effect in result.effects],
-        places=[place_in_words(d.where) for d in result.disagreements],
-        most_places=_MOST_PLACES,
-        summary=summary(result),
-        twin=_twin(result.twin),
-        tables=[_by_temperature(effect) for effect in result.effects],
-    )
-
-
-def _headline(result: Reconciliation) -> str:
-    """Say the verdict in a sentence: labels that were exchanged are no lack of the model."""
-    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
-    return _LABELS_ONLY if only else VERDICTS[result.verdict]
+    panels, driver = _panels(rows), _driver(result, rows)
+    on_mean = any(effect.acts_on == "mean" and not effect.inside_collects for effect in result.effects)
+    minutes = result.picture.get("minutes_per_collect")
+    following = dict(result.next_experiment or {})
+    count = sum(each["runs"] for each in following.get("collects", [])) * following.get("repeats", 1)
+    # What only scatters stands out of what the model before explains; the band that it widens is the noise of after.
+    known = {} if on_mean else {(n["sensor"], n["channel"]): n["explained_deg_per_hr"] for n in result.noise}
+    view = {
+        "title": f"{result.campaign}: what the model lacks",
+        "running_title": in_style(result.campaign),
+        "simulated": result.simulated,
+        "whole": False,
+        "result": result,
+        "act": what_to_do(result),
+        "summary": summary(result),
+        "driver": driver,
+        "before": list(_pictures(panels, driver, "held_before", "before", known)),
+        "curves": list(_pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
+        "after": list(_pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
+        "most_places": _MOST_PLACES,
+        "place_in_words": place_in_words,
+        "effects": [_effect(effect) for effect in result.effects],
+        "added": _added(result, rows),
+        "gap": _gap(result),
+        "next": following,
+        "why": _titled(result, str(following.get("why", ""))),
+        "takes": hours_minutes(60.0 * count * minutes) if minutes and count else "",
+        "number": _number,
+        "chance": _chance,
+        "rival_in_words": rival_in_words,
+    }
+    return rendered("hil.reconcile.outcome", "page.html.j2", view)
 
 
 def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
     added = [effect for effect in result.effects if not effect.mends_labels and LEFT_OUT not in effect.shape]
-    found = [effect for effect in added if not effect.inside_collects]
     swapped = [effect for effect in result.effects if effect.mends_labels]
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
@@ -89,7 +105,8 @@ def summary(result: Reconciliation) -> list[str]:
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"
         if effect.kind == "ambiguous" and alike:
-            sentence += f", or {' or '.join(alike[:3])}: these collects cannot tell them apart"
+            others = " or ".join(_titled(result, each) for each in alike[:3])
+            sentence += f", or {others}: these collects cannot tell them apart"
             if same[0].probability < effect.probability:
                 sentence += f", and that it is {effect.id} ({percent(effect.probability)}) is what physics expects"
         elif effect.kind == "ambiguous":
@@ -97,19 +114,7 @@ def summary(result: Reconciliation) -> list[str]:
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
-    mended = ["the labels put right"] * bool(swapped) + ["it in the model"] * bool(found)
-    if mended and np.isfinite(result.gap.before):
-        proved = np.isfinite(result.gap.improved_p_value)
-        how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
-        gap, score = result.gap, result.gap.log_score
-        if gap.after < _FALLS * gap.before or score is None:
-            said.append(
-                f"With {listed(mended)} the gap {how} falls from {_number(gap.before)} to {_number(gap.after)} deg/hr; "
-                f"noise alone leaves {_number(gap.noise_floor)}."
-            )
-        else:  # what only scatters moves no average
-            better = float(np.exp(score["after"] - score["before"]))
-            said.append(f"With {listed(mended)} every rate {how} is {better:.2g} times as probable as before.")
+    said += _gap(result)[:1]
     said += [f"It follows {d.replace('_', ' ')} ({percent(share)})." for d, share in result.follows[:1] if added]
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
@@ -118,38 +123,102 @@ def summary(result: Reconciliation) -> list[str]:
     return said
 
 
-def _twin(asked: Mapping[str, Any] | None) -> str:
-    """Say whether nights simulated before and after can be told from the measured one; nothing where nobody asked."""
-    if not asked:
+def _gap(result: Reconciliation) -> list[str]:
+    """Say by how much the gap shrank; where it lies in the scatter, that each rate became more probable, first."""
+    gap, score = result.gap, result.gap.log_score
+    if not np.isfinite(gap.before) or not result.effects:
+        return []
+    proved = np.isfinite(gap.improved_p_value)
+    how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
+    swapped = any(effect.mends_labels for effect in result.effects)
+    mended = ["the labels put right"] * swapped
+    mended += ["it in the model"] * any(
+        not (effect.mends_labels or effect.inside_collects or LEFT_OUT in effect.shape) for effect in result.effects
+    )
+    if not mended:
+        return []
+    falls = f"the gap {how} falls from {_number(gap.before)} to {_number(gap.after)} deg/hr"
+    noise = f"noise alone leaves {_number(gap.noise_floor)}"
+    if gap.after < _FALLS * gap.before or score is None:
+        return [f"With {listed(mended)} {falls}; {noise}."]
+    better = float(np.exp(score["after"] - score["before"]))  # what only scatters moves no average
+    return [
+        f"With {listed(mended)} every rate {how} is {_number(better)} times as probable as before.",
+        f"It scatters and moves no average: the mean gap stays, {_number(gap.after)} deg/hr; {noise}.",
+    ]
+
+
+def _chance(value: float) -> str:
+    return f"below {_LEAST:.4f}" if value < _LEAST else f"{value:.2g}"
+
+
+def _effect(effect: FoundEffect) -> dict[str, Any]:
+    """What the page shows of one effect: its values by sensor, its size beside what is typical."""
+    tables = []
+    for sensor, own in groupby(sorted(effect.parameters, key=_sensor), key=_sensor):
+        told = list(dict.fromkeys(stated([{**each, "sensor": None} for each in own])))
+        cells = {(at, name): value for name, at, value in told}
+        places, names = (list(dict.fromkeys(each[i] for each in told)) for i in (1, 0))
+        tables.append((sensor, names, [(at or "value", [cells.get((at, n), "–") for n in names]) for at in places]))
+    return {"of": effect, "tables": tables, "size": _size(effect)}
+
+
+def _sensor(parameter: Mapping[str, Any]) -> str:
+    return str(parameter.get("sensor") or "")
+
+
+def _size(effect: FoundEffect) -> str:
+    """Say how large an effect is beside what is typical of it; nothing where nobody knows."""
+    known = [each for each in effect.parameters if "typical" in each]
+    if not known:
         return ""
-    said = []
-    for when, words in (("before", "as it was"), ("after", "as it is now")):
-        chance = asked[when]["p_value"]
-        told = "can" if chance < _TOLD else "cannot"
-        size = "below 0.0001" if chance < _LEAST else f"= {chance:.2g}"
-        said.append(f"from those with the model {words} it {told} be told (p {size})")
-    return f"The night beside {asked['draws']} simulated ones, through bytes: {', '.join(said)}."
+    each = max(known, key=lambda each: abs(each["value"]))
+    size, (low, high) = abs(each["value"]), each["typical"]
+    word = "larger than" if size > high else "smaller than" if size < low else "within"
+    return f"At most {size:.3g} {unit_in_words(each['unit'])}: {word} what is typical, {low:g} to {high:g}."
 
 
-def _by_temperature(effect: FoundEffect) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Parameters side by side, by temperature; one row per parameter where there are few: headings and rows."""
-    told = list(dict.fromkeys(stated(effect.parameters)))
-    cells = {(at, name): value for name, at, value in told}
-    places, names = (list(dict.fromkeys(each[i] for each in told)) for i in (1, 0))
-    if len(places) < 3 or len(told) < 6:
-        return ["value ± one standard error", "at"], [(name, [value, at]) for name, at, value in told]
-    return names, [(place, [cells.get((place, name), "–") for name in names]) for place in places]
+def _added(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The model before and after, in values: what is in one and not in the other, at up to three temperatures."""
+    known = sorted(t for row in rows if (t := row["temperature_degC"]) is not None and np.isfinite(t))
+    at = [round(known[place], 1) for place in (0, len(known) // 2, -1)] if known else [20.0]
+    was, now = _curves(result.input_model), _curves(result.model_after, base=bool(result.input_model.sensors))
+    changed = [name for name in {**was, **now} if was.get(name) != now.get(name)]
+    if not changed:
+        return None
+    middle = at[len(at) // 2]
+    told = [(name, _at(was.get(name), [middle], "not in it") + _at(now.get(name), at, "taken out")) for name in changed]
+    return {"at": [middle, *at], "rows": told}
 
 
-def _candidates(effect: FoundEffect) -> list[tuple[str, float, str]]:
-    """The leader and its rivals: name, probability, how alike they are, what data and what knowledge before say."""
-    rows = [(effect.id, effect.probability, "")]
-    for rival in effect.confusable_with:
-        alike = "the same in these collects" if rival.overlap > 0.95 else f"overlap {rival.overlap:.2f}"
-        if rival.same_on:
-            alike = f"the same on sensor {listed(rival.same_on)}, taken by itself"
-        rows.append((rival.id, rival.probability, "; ".join(filter(None, (alike, rival_in_words(rival.document()))))))
-    return rows
+def _curves(model: Model, *, base: bool = True) -> dict[str, Curve]:
+    """Every value of a model by what it is, in words; of its `base` too."""
+    titles = {entry.id: f"{entry.title} ({entry.id})" for entry in entries()}
+    found = {f"{n}, sensor {s}": c for s, curves in model.sensors.items() for n, c in curves.items() if base}
+    for term in model.terms:
+        where = "" if term.sensor is None else f", sensor {term.sensor}"
+        found |= {f"{titles.get(term.effect, term.effect)}: {n}{where}": c for n, c in term.parameters.items()}
+    for sensor, noise in model.noise.items():
+        found |= {f"{n} from run to run, sensor {sensor}": curve for n, curve in noise.run_to_run.items()}
+        for each in noise.scatter:
+            found |= {f"{titles.get(each.effect)}: {n}, sensor {sensor}": c for n, c in each.parameters.items()}
+    return found
+
+
+def _at(curve: Curve | None, at: Sequence[float], lacking: str) -> list[str]:
+    if curve is None:
+        return [lacking] * len(at)
+    return [f"{float(curve.at([t])[0]):.3g} {unit_in_words(curve.unit)}" for t in at]
+
+
+def _titled(result: Reconciliation, said: str) -> str:
+    """Put its title beside every id of an effect or of a rival that stands alone."""
+    titles = {effect.id: effect.title for effect in result.effects}
+    titles |= {each.id: each.title for effect in result.effects for each in effect.confusable_with}
+    for identifier, title in titles.items():
+        if title and title != identifier:
+            said = re.sub(rf"(?<![(\w]){re.escape(identifier)}(?![\w)])", f"{title} ({identifier})", said)
+    return said
 
 
 def place_in_words(where: Mapping[str, Any]) -> str:
@@ -165,87 +234,97 @@ def place_in_words(where: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _map(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Standardised residuals by run (in order of temperature) and position, before and after, on one scale."""
-    channels = list(dict.fromkeys((r["sensor"], r["channel"]) for r in rows))
-    longest = max(len(str(r["position"])) for r in rows)
-    one_run = len({r["run"] for r in rows}) == 1  # positions then stand below, not beside
-    below = 0.2 + 0.045 * (longest if one_run else 10)  # inches, of labels that stand on end
-    width, height = 11.0, 0.3 + (0.95 + below) * len(channels)
-    figure = Figure(figsize=(width, height))  # in stated places: a layout that is sought takes as long as all the rest
-    gap = {"hspace": (0.25 + below) / 0.85, "wspace": 0.03}
-    left = (0.15 + 0.07 * (0 if one_run else longest)) / width
-    places = {"left": left, "right": 0.89, "bottom": below / height, "top": 1.0 - 0.3 / height}
-    axes = figure.subplots(len(channels), 2, squeeze=False, sharey="row", gridspec_kw={**places, **gap})
-    image: AxesImage | None = None
-    for i, (sensor, channel) in enumerate(channels):
-        own = [r for r in rows if (r["sensor"], r["channel"]) == (sensor, channel)]
-        for j, when in enumerate(("before", "after")):
-            image = _panel(axes[i, j], own, when)
-            axes[i, j].set_title(f"sensor {sensor}, {channel}: {when}", fontsize=9)
-    if image is not None:
-        bar = figure.colorbar(image, cax=figure.add_axes((0.92, 0.5 - 0.5 * 0.6, 0.016, 0.6)))
-        bar.set_label("residual / σ", fontsize=8)
-    return figure
+def _driver(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:
+    """Choose what the pictures run over: what the disagreement follows, as far as that is one of the three."""
+    for follows, _ in result.follows:
+        if follows == "pose":
+            return "position"
+        if follows.startswith("temperature"):
+            break
+        if follows != "run":
+            return "run"
+    known = {row["temperature_degC"] for row in rows if row["temperature_degC"] is not None}
+    return "temperature, °C" if len({round(t) for t in known if np.isfinite(t)}) > 1 else "run"
 
 
-def _panel(axes: Axes, rows: Sequence[Mapping[str, Any]], when: str) -> AxesImage:
-    runs = list(dict.fromkeys(r["run"] for r in rows))
-    positions = sorted({r["position"] for r in rows})
-    if len(runs) == 1:  # poses of one run: a single line of cells
-        runs_of = {p: k for k, p in enumerate(positions)}
-        cells = np.full((1, len(positions)), np.nan)
-        for r in rows:
-            cells[0, runs_of[r["position"]]] = r[when]
-        labels, ticks, y_labels = positions, range(len(positions)), [""]
-    else:
-        cells = np.full((len(positions), len(runs)), np.nan)
-        for r in rows:
-            cells[positions.index(r["position"]), runs.index(r["run"])] = r[when]
-        labels, ticks, y_labels = _run_labels(rows, runs), range(len(runs)), positions
-    image = axes.imshow(cells, aspect="auto", cmap="RdBu_r", vmin=-_LIMIT, vmax=_LIMIT, interpolation="nearest")
-    axes.set_yticks(range(len(y_labels)), y_labels, fontsize=7)
-    axes.set_xticks(list(ticks), labels, fontsize=6, rotation=90)
-    return image
+def _panels(rows: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
+    """Return the rows of the channels that disagree most, the worst first."""
+    channels: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        channels.setdefault((row["sensor"], row["channel"]), []).append(row)
+    squares = {key: np.mean([(r["held_before"] / r["noise_after"]) ** 2 for r in own]) for key, own in channels.items()}
+    return [channels[key] for key in sorted(channels, key=lambda key: -squares[key])[:_MOST_PANELS]]
 
 
-def _run_labels(rows: Sequence[Mapping[str, Any]], runs: Sequence[int]) -> list[str]:
-    known = {r["run"]: r["temperature_degC"] for r in rows if r["temperature_degC"] is not None}
-    return [f"{run}: {known[run]:.0f} °C" if np.isfinite(known.get(run, np.nan)) else str(run) for run in runs]
+def _pictures(
+    panels: Sequence[Sequence[Mapping[str, Any]]],
+    driver: str,
+    key: str,
+    when: str,
+    known: Mapping[tuple[int, str], float | None],
+    *,
+    curve: bool = False,
+) -> Iterator[str]:
+    """Yield a picture of each channel: measured less simulated over the driver, on one scale before and after.
+
+    The band is the noise, deg/hr, as `known` of a channel, else as it is after. With a `curve`, what was added as
+    lines, and the points beside them as they would be without it.
+    """
+    for own in panels:
+        labels = sorted({r["position"] for r in own})
+        figure, axes = blank(4.4, 2.7)
+        figure.subplots_adjust(top=0.88)
+        size = known.get((own[0]["sensor"], own[0]["channel"])) or float(
+            np.sqrt(np.mean([r["noise_after"] ** 2 for r in own]))
+        )
+        axes.axhspan(-size, size, color="0.85", linewidth=0.0, zorder=0, label="noise")
+        for label, look in zip(
+            labels, [*LOOKS.values(), *({"color": "0.4", "marker": "."},) * len(labels)], strict=False
+        ):
+            at = [r for r in own if r["position"] == label]
+            x = np.array([_along(r, driver, labels) for r in at])
+            added = np.array([curve * r["effect"] for r in at])
+            marks = {**look, "linestyle": "none"}
+            axes.plot(x, np.array([r[key] for r in at]) + added, markersize=4, label=f"position {label}", **marks)
+            if curve:
+                order = np.argsort(x, kind="stable")
+                axes.plot(x[order], added[order], color=look["color"], linewidth=1.4)
+        if not curve:
+            limit = 1.1 * max(abs(r[k]) for r in own for k in ("held_before", "held_after"))
+            axes.set_ylim(-limit, limit)
+        if driver == "position":
+            axes.set_xticks(range(len(labels)), labels)
+        axes.set_xlabel(driver)
+        axes.set_ylabel("deg/hr")
+        title = f"sensor {own[0]['sensor']}, {own[0]['channel']}, {when}"
+        axes.set_title(title, loc="left", fontsize=10)
+        if len(labels) <= len(LOOKS):
+            axes.legend(frameon=False, fontsize=7, ncols=2)
+        values = [r[key] for r in own]
+        ends = f"from {min(values):.1f} to {max(values):.1f} deg/hr, noise {size:.1f}"
+        yield inline_svg(figure, f"{title}: measured less simulated over {driver}, {ends}")
 
 
-def _gap(result: Reconciliation) -> Figure:
-    """Held-out gap before and after, beside the noise floor."""
-    figure = Figure(figsize=(6.0, 1.9))
-    axes = figure.subplots(gridspec_kw={"left": 0.16, "right": 0.98, "bottom": 0.28, "top": 0.97})
-    names = ["noise floor", "after", "before"]
-    values = [result.gap.noise_floor, result.gap.after, result.gap.before]
-    axes.barh(names, values, color=["0.7", "tab:green", "tab:red"])
-    for place, value in enumerate(values):
-        axes.annotate(f" {_number(value)}", (value, place), va="center", fontsize=9)
-    axes.set_xlabel("rms of held-out residuals, deg/hr")
-    axes.margins(x=0.15)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
-
-
-def _svg(figure: Figure) -> str:
-    text = StringIO()
-    figure.savefig(text, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return text.getvalue()[text.getvalue().index("<svg") :]
+def _along(row: Mapping[str, Any], driver: str, labels: Sequence[str]) -> float:
+    if driver == "position":
+        return float(labels.index(row["position"]))
+    value = row["run"] if driver == "run" else row["temperature_degC"]
+    return float("nan" if value is None else value)
 
 
 def _number(value: float | None) -> str:
-    """Three significant digits, or a dash."""
+    """Three significant digits without powers of ten, or a dash."""
     if value is None or not np.isfinite(value):
         return "–"
-    return f"{value:.3g}"
+    if 0.0 < abs(value) < _LEAST:
+        return f"below {_LEAST:.4f}"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def write_result(result: Reconciliation, out_dir: Path) -> None:
     """Write reconciliation.json, model.yaml and reconciliation.html into `out_dir`, which is made if need be."""
     out_dir.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)
-    (out_dir / "reconciliation.json").write_text(text + "\n", encoding="utf-8")
+    document = json.dumps(result.document(), indent=2, ensure_ascii=False, allow_nan=False)
+    (out_dir / "reconciliation.json").write_text(document + "\n", encoding="utf-8")
     save_model(result.model_after, out_dir / "model.yaml")
     (out_dir / "reconciliation.html").write_text(page(result), encoding="utf-8")

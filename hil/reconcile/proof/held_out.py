@@ -26,8 +26,9 @@ FEWEST_RUNS = 4
 
 @dataclass(frozen=True)
 class Predicted:
-    """One fold of one block under a set: log density, errors (rows,), and a factor of their covariance (rows, rows)."""
+    """One fold of one block under a set: its rows, log density, errors (rows,), a factor of their covariance."""
 
+    rows: IntArray
     log_density: float
     error: FloatArray
     factor: FloatArray
@@ -35,12 +36,16 @@ class Predicted:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """By fold: squared errors, raw and standardised, and log densities, each before and after, (2, f); rows (f,)."""
+    """By fold: squared errors, raw and standardised, and log densities, each before and after, (2, f); rows (f,).
+
+    `errors` are, by block, those of its rows before and after, (2, N), deg/hr; NaN where nothing could be predicted.
+    """
 
     raw: FloatArray
     scaled: FloatArray
     rows: IntArray
     log_density: FloatArray
+    errors: Sequence[FloatArray]
 
     @property
     def rms(self) -> tuple[float, float]:
@@ -97,6 +102,7 @@ def _together(
     """Choose a set in every fold by the rows that are not in it, and add up what it predicts for those that are."""
     blocks = [(n, b) for n, s in posterior.searches.items() for b in range(len(s.blocks))]
     rows = []
+    errors = [np.full((2, len(posterior.searches[n].blocks[b].y)), np.nan) for n, b in blocks]
     for fold in sorted({fold for own in known.values() for fold in own}):
         at = [[known[(n, b, f.terms[n], f.kind)].get(fold) for n, b in blocks] for f in sets]
         usable = [all(a[k] is not None for a in at[:2]) for k in range(len(blocks))]
@@ -107,10 +113,14 @@ def _together(
         weights = np.where(tried, [f.log_weight for f in sets], -np.inf)
         chosen = 1 + likeliest_without(weights[1:], density[1:])
         rows.append([_sums(at[k], at[1], usable) for k in (0, chosen)])
+        for when, k in enumerate((0, chosen)):
+            for error, predicted in zip(errors, at[k], strict=True):
+                if predicted is not None:
+                    error[when, predicted.rows] = predicted.error
     if not rows:
         return None
     table = np.array(rows)
-    return HeldOut(table[:, :, 0].T, table[:, :, 1].T, table[:, 0, 3].astype(np.int64), table[:, :, 2].T)
+    return HeldOut(table[:, :, 0].T, table[:, :, 1].T, table[:, 0, 3].astype(np.int64), table[:, :, 2].T, errors)
 
 
 def likeliest_without(log_weights: FloatArray, log_densities: FloatArray) -> int:
@@ -160,7 +170,7 @@ def _predicted(
         factor = np.linalg.cholesky(0.5 * (covariance + covariance.T))
         white = np.linalg.solve(factor, error)
         density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor)))) - 0.919 * len(rows)
-        yield int(fold), Predicted(density, error, np.asarray(factor, dtype=np.float64))
+        yield int(fold), Predicted(rows, density, error, np.asarray(factor, dtype=np.float64))
 
 
 def by_run(block: FittedBlock) -> IntArray:

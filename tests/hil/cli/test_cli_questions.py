@@ -36,7 +36,7 @@ def test_an_answer_is_taken_when_it_comes_and_rubbish_is_asked_again(
     assert questions.answer() is False
     questions.settle("confirmed")
     said = capsys.readouterr().err
-    assert "position 1.  [yes/no, within 10 min]" in said
+    assert said.count("position 1.  [yes/no, within 10 min]\n") == 2  # again below what was typed wrong
     questions.put("Bring the unit to position 3.", 30.0)
     assert "within 30 s]" in capsys.readouterr().err
     assert "please answer yes or no" in said

@@ -166,6 +166,20 @@ def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable
     page.locator("#controls").wait_for(state="hidden")  # nobody is there any more who could be asked
     update_ms = page.evaluate("() => performance.getEntriesByName('hil-update').at(-1).duration")
     assert update_ms < 100.0
+    zone = page.evaluate("() => Intl.DateTimeFormat('en-GB', {timeZoneName: 'short'}).formatToParts().at(-1).value")
+    assert all(zone in page.locator(place).first.text_content() for place in ("#finishing", "#events time", "#about"))
+    page.locator("#temperature-chart").hover()
+    shown(page, "#temperature-told", "Chamber")
+    page.set_viewport_size(PHONE)
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    narrow = (
+        "() => [...document.querySelectorAll('#results td, #results tbody th')]"
+        ".map(e => [e.innerText, e.dataset.name, e.getBoundingClientRect().right])"
+    )
+    cells = page.evaluate(narrow)
+    assert len(cells) == 3 + 2 * (2 + 6)
+    assert all(right <= 390 for _, _, right in cells)  # no parameter has to be scrolled for
+    assert sum(name in {"MUB", "GSA"} and "deg/hr/g" in text for text, name, _ in cells) == 4
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ self_calibrations_per_temperature: 2
 positions: [1, 2, 3]
 restabilisation: {at_least: 10 min, window: 5 min, ceiling: 60 min, unit_band: 5 degC, unit_slope: 2 degC/min}
 collect: {settle: 5 s, duration: 20 s}
+vocabulary: rd-gc-86-1
 """
 TWO = parse_sweep(SWEEP, "two.yaml")
 

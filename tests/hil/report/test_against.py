@@ -119,13 +119,14 @@ def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
 
 
 def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign) -> None:
-    """First line of the verdict, and a table with every difference."""
+    """In the verdict's box, what to do about it included; the first in words, and a table with every difference."""
     comparison = compare(changed(first, add=50.0), first)
     page = render(gather(changed(first, add=50.0), comparison=comparison))
     assert "16 of 48 differences from" in page[: page.index("<table")]
+    assert "16 numbers changed since the earlier campaign: find out why" in page[: page.index("<table")]
     assert page.count(">BEYOND<") == 16
     listed = page[page.index('id="against"') : page.index('id="differences"')]
-    assert len(re.findall(r"<li>sensor 2, [^<]* now and was [^<]* a difference of 50\.\d+ ±", listed)) == 16
+    assert len(re.findall(r"<li>sensor 2, [^<]* now and was [^<]* a difference of 50\.\d+ ±", listed)) == 3
     assert first.source in listed
     assert isinstance(comparison, Comparison)
 

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.cli.app import run as hil
-from hil.config import load_bench, parse_sweep
+from hil.config import load_bench, load_sweep, parse_sweep
 from hil.night import start_night
 from hil.records.status import night_status
 from tests.hil.report.report_pages import SWEEP
@@ -27,8 +27,6 @@ pytestmark = pytest.mark.skipif(
 )
 
 A4_WITHIN_MARGINS_PX = 703  # 210 mm less 12 mm on either side
-EIGHT = str([f"{degC} degC" for degC in range(-10, 70, 10)])
-WHOLE_NIGHT = SWEEP.replace("[20 degC, 30 degC]", EIGHT).replace("temperature: 2", "temperature: 3")
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +41,9 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def whole_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report of a night of 24 self-calibrations, compared with another campaign."""
+    """The report of the published night, 24 self-calibrations, compared with another campaign."""
     folder = tmp_path_factory.mktemp("whole")
-    start_night(folder / "night", parse_sweep(WHOLE_NIGHT, "whole.yaml"), load_bench("simulated"), who="rk")
+    start_night(folder / "night", load_sweep("rd-gc-86-1"), load_bench("simulated"), who="rk")
     earlier = write_case(make_case(7, model="matrix-6-thermal"), folder / "earlier")
     assert hil(["report", str(folder / "night"), "--against", str(earlier)]) == 0
     return folder / "night" / "report.html"
@@ -95,9 +93,11 @@ def test_a_report_opens_at_once_and_asks_the_network_for_nothing(page: Any, repo
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.slow), 390])
 def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: Path, width: int) -> None:
-    """No violation of axe-core's rules, contrast included, on a desk and on a phone."""
+    """No violation of axe-core's rules, contrast included, on a desk and on a phone, which is dark."""
     page.set_viewport_size({"width": width, "height": 844})
+    page.emulate_media(color_scheme="dark" if width == 390 else "light")
     page.goto(short_report.as_uri())
+    page.evaluate("() => document.querySelectorAll('details').forEach(each => { each.open = true; })")
     found = axe.Axe().run(page).response["violations"]
     assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
 
@@ -126,10 +126,30 @@ def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None
 
 @pytest.mark.slow
 def test_the_pdf_is_printed_by_the_browser_of_this_machine(report: Path, tmp_path: Path) -> None:
-    """A PDF of several pages beside the page; its pages are counted in the file."""
+    """A PDF beside the page, of under six pages; with what is folded, of more, where somebody asks for it."""
     out = tmp_path / "r.html"
-    assert hil(["report", str(report.parent), "--out", str(out), "--pdf"]) == 0
-    data = (tmp_path / "r.pdf").read_bytes()
-    assert data.startswith(b"%PDF-")
-    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", data)) <= 40
+    for options, least, most in (([], 2, 5), (["--whole"], 6, 40)):
+        assert hil(["report", str(report.parent), "--out", str(out), "--pdf", *options]) == 0
+        assert least <= pages((tmp_path / "r.pdf").read_bytes()) <= most
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.html", "r.pdf"]
+
+
+def pages(pdf: bytes) -> int:
+    """Count the pages of a PDF."""
+    assert pdf.startswith(b"%PDF-")
+    return len(re.findall(rb"/Type\s*/Page\b", pdf))
+
+
+@pytest.mark.slow
+def test_one_screen_answers_and_the_whole_is_short(page: Any, whole_report: Path) -> None:
+    """Verdict and numbers within the first screen, all within four; under six sheets of paper; dark where asked."""
+    page.set_viewport_size({"width": 1280, "height": 1000})
+    page.goto(whole_report.as_uri())
+    assert page.locator("#numbers").bounding_box()["y"] + page.locator("#numbers").bounding_box()["height"] < 1000
+    assert page.evaluate("() => document.documentElement.scrollHeight") < 4000
+    assert page.locator("details[open]").count() == 0
+    assert all(pages(page.pdf(format=paper)) < 6 for paper in ("A4", "Letter"))
+    ground = "() => getComputedStyle(document.body).backgroundColor"
+    assert page.evaluate(ground) == "rgb(255, 255, 255)"
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(ground) == "rgb(14, 18, 22)"

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.report.figures import LOOKS, Line, draw_against_temperature, draw_night, inline_svg
+from hil.files.figure import LOOKS
+from hil.files.page import inline_svg
+from hil.report.figures import Line, draw_against_temperature, draw_night
 from hil.report.night import NightContent
 from hil.report.plots import CollectSeries, draw_series
 

@@ -41,21 +41,24 @@ def as_shown(cell: str, number: float) -> bool:
 
 
 def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Both sensors, matrix and contractor's: mean of two runs, and the scatter on one degree of freedom."""
+    """Both sensors, matrix and contractor's: mean of two runs, its uncertainty; published also their scatter."""
     models = {"matrix": solved(capsys, str(night)), "contractor": solved(capsys, str(night), "--model", "collins-4")}
     compared = 0
     for sensor, rows_expected in ((2, 8), (1, 6)):
-        head, count, *rows = Tables(page).found[f"table-1-sensor-{sensor}"]
+        head, count, *rows = Tables(page).found[f"means-sensor-{sensor}"]
         assert [cell[0] for cell in head[1:]] == ["20.0 °C", "30.0 °C"]
         assert count[1:] == [["2"], ["2"]]
         assert len(rows) == rows_expected
+        published = rows_expected == 8
         for row in rows:
             name, _, model = row[0][0].partition(", ")
-            runs = {s["run"]: s["parameters"] for s in models[model] if s["sensor"] == sensor}
-            for (mean, scatter), pair in zip(row[1:], ((1, 2), (3, 4)), strict=True):
-                one, two = (runs[n][name]["value"] for n in pair)  # type: ignore[index]
-                assert as_shown(mean, (one + two) / 2)
-                assert as_shown(scatter[1:], abs(one - two) / 2**0.5)
+            runs = {s["run"]: s["parameters"] for s in models[model or "matrix"] if s["sensor"] == sensor}
+            for (mean, sd, *scatter), pair in zip(row[1:], ((1, 2), (3, 4)), strict=True):
+                one, two = (runs[n][name] for n in pair)  # type: ignore[index]
+                assert as_shown(mean, (one["value"] + two["value"]) / 2)
+                assert as_shown(sd[1:], (one["sd"] ** 2 + two["sd"] ** 2) ** 0.5 / 2)
+                assert len(scatter) == published
+                assert all(as_shown(s[2:], abs(one["value"] - two["value"]) / 2**0.5) for s in scatter)
                 compared += 1
     assert compared == 2 * (8 + 6)
 
@@ -108,4 +111,4 @@ def test_the_largest_term_that_is_left_out_is_that_of_hil_solve(
     name, pair = max(means, key=lambda each: abs(means[each]))
     sd = sum(runs[n][name]["sd"] ** 2 for n in pair) ** 0.5 / 2  # type: ignore[index]
     said = f"is {name} = {means[name, pair]:.1f} ±{sd:.1f} deg/hr/g".replace(" -", " −")
-    assert said in page[: page.index("<table")]
+    assert said in page[: page.index("<nav")]

@@ -12,6 +12,7 @@ from yaml import safe_dump, safe_load
 from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
+from hil.config.sweep import PUBLISHED
 from hil.report.content import gather
 from hil.report.page import render
 from hil.report.statements import headline
@@ -31,8 +32,8 @@ def folder(case: Case, tmp_path: Path) -> Path:
 
 
 def test_the_table_has_the_means_and_the_scatter(case: Case, folder: Path) -> None:
-    """Table 1's layout: mean and sample standard deviation over the three self-calibrations at each temperature."""
-    content = gather(read_campaign(folder))
+    """Table 1's layout: mean, its uncertainty, and the scatter over the three self-calibrations at each temperature."""
+    content = gather(read_campaign(folder), vocabulary=PUBLISHED)
     sensor = content.sensors[0]
     assert [len(repeat.runs) for repeat in sensor.repeats] == [3] * 8
     assert [repeat.temperature_degC for repeat in sensor.repeats] == pytest.approx(case.night.design.temperatures_degC)
@@ -41,16 +42,17 @@ def test_the_table_has_the_means_and_the_scatter(case: Case, folder: Path) -> No
     bias_b = (rates[:, 0, 1] + rates[:, 1, 1]) / 2 - w2
     gsa = np.array([solution.parameters["GSA"].value for solution in sensor.solutions[:3]])
     bias_b = bias_b - gsa * case.night.g[1]  # eq. (10)
-    found = sensor.repeats[0].matrix["BB"]
-    assert (found.value, found.scatter) == pytest.approx((np.mean(bias_b), np.std(bias_b, ddof=1)))
+    at = sensor.repeats[0].matrix
+    assert (at.values["BB"].value, at.scatter["BB"]) == pytest.approx((np.mean(bias_b), np.std(bias_b, ddof=1)))
     page = render(content)
     assert f"{np.mean(bias_b):.2f}" in page
-    assert f"±{np.std(bias_b, ddof=1):.2f}" in page
+    assert f"σ {np.std(bias_b, ddof=1):.2f}" in page
+    assert f"±{at.values['BB'].sd:.2f}" in page
 
 
 def test_the_contractors_bias_is_off_by_mu(folder: Path) -> None:
     """BA_C - BA = MUB (G1 + G3²/G1) + MUA G2 G3/G1, run by run: the story of the report, in its own numbers."""
-    sensor = gather(read_campaign(folder)).sensors[0]
+    sensor = gather(read_campaign(folder), vocabulary=PUBLISHED).sensors[0]
     g2, g3 = Design().tilt_rad
     g1 = np.sqrt(1 - g2**2 - g3**2)
     for solution in sensor.solutions:
@@ -60,13 +62,13 @@ def test_the_contractors_bias_is_off_by_mu(folder: Path) -> None:
 
 
 def test_the_page_stands_alone_and_says_that_it_is_simulated(folder: Path) -> None:
-    """No network, no script; the mark of simulation; figures for bias A, bias B, MUA, MUB; what was assumed."""
+    """No network, no script; the mark of simulation; figures for bias and both drifts per g; what was assumed."""
     page = render(gather(read_campaign(folder)))
     addresses = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!#)([^"')\s>]+)""", page)
     assert addresses == []
     assert "<script" not in page
     assert "SIMULATED: no device was measured" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 3
     assert "isotropic rotor" in page
     assert "cannot contradict the model" in page
 
@@ -159,7 +161,7 @@ def test_the_report_s_own_sensor_comes_first(folder: Path) -> None:
     described = safe_load(yaml.read_text())
     described["sensors"] = {1: described["sensors"][2], **described["sensors"]}
     yaml.write_text(safe_dump(described, sort_keys=False))
-    page = render(gather(read_campaign(folder)))
+    page = render(gather(read_campaign(folder), vocabulary=PUBLISHED))
     assert page.index(">Sensor 2</h2>") < page.index(">Sensor 1</h2>")
 
 

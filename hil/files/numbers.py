@@ -1,0 +1,33 @@
+"""How numbers are written in pages: with as many decimals as their uncertainty asks for; a dash where none is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+ABSENT = "–"
+
+
+def number(value: float | None, decimals: int = 0) -> str:
+    """Write a number, or a dash where it is not known."""
+    if value is None or not math.isfinite(value):
+        return ABSENT
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"  # + 0.0: no minus before nothing
+
+
+def estimate(of: Any, decimals: int) -> tuple[str, str]:
+    """Write the `value` of what is given, and its `sd` behind ±; nothing for that where it is not known."""
+    known = of is not None and math.isfinite(of.value) and math.isfinite(of.sd)
+    return number(None if of is None else of.value, decimals), f"±{of.sd:.{decimals}f}" if of and known else ""
+
+
+def decimals_for(uncertainties: Iterable[float | None]) -> int:
+    """Return how many decimals show two digits of the smallest uncertainty: at least 2, at most 6."""
+    known = [each for each in uncertainties if each is not None and math.isfinite(each) and each > 0.0]
+    return min(max(2, 1 - math.floor(math.log10(min(known)))), 6) if known else 2
+
+
+def degrees(temperature_degC: float | None) -> str:
+    """Write a temperature in °C, or say that there is none."""
+    return "all runs" if temperature_degC is None else f"{temperature_degC:.1f} °C"

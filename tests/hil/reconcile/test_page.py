@@ -1,0 +1,87 @@
+"""The page of a finding: told in the order of the question, in words, on a phone, on paper, and dark where asked."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.blind.cases import make_case, write_case
+from hil.campaign.reader import read_campaign
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.outcome.page import page
+from hil.reconcile.result import rounded
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="module")
+def aged(tmp_path_factory: pytest.TempPathFactory) -> Reconciliation:
+    """A unit that ages, by 25 times the noise, compared with a model that does not know it."""
+    case = make_case(72, ("ageing",), d=25.0, model="matrix-6")
+    return reconcile(read_campaign(write_case(case, tmp_path_factory.mktemp("aged") / "c")), "matrix-6")
+
+
+def test_no_number_is_written_with_an_e() -> None:
+    """A value has as many decimals as its error has two digits; what is tiny shares one power of ten with its error."""
+    assert rounded(4.6412, 2.71) == "4.6 ± 2.7"
+    assert rounded(-35.5057, 0.044) == "-35.506 ± 0.044"
+    assert rounded(-3.94e-16, 2.6e-18) == "(-3.940 ± 0.026) × 10⁻¹⁶"
+    assert rounded(0.25, None) == "0.25"
+
+
+@pytest.mark.slow
+def test_the_story_is_told_in_its_order_and_in_words(aged: Reconciliation) -> None:
+    """Verdict, what to do, what was found, what was judged; where, what, added, smaller, next; no id without title."""
+    text = page(aged)
+    body = re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", text, flags=re.DOTALL)
+    words = " ".join(re.sub(r"<[^>]+>", " ", body).split())
+    order = (
+        "named – Something is missing, and it has a name.",
+        "Use the improved model",
+        "is missing from matrix-6",
+        "Judged is the model",
+        "Where they disagree",
+        "What it follows, and what it is called",
+        "What was added to the model",
+        "How much smaller the gap is",
+        "What to measure next",
+    )
+    places = [words.index(each) for each in order]
+    assert places == sorted(places)
+    assert re.findall(r"\d\.?\d*e[-+]\d\d", words) == []
+    (effect,) = aged.effects
+    assert f"{effect.title} ({effect.id})" in words
+    assert re.search(r"(larger than|smaller than|within) what is typical", words)
+    # The same channels before, with the curve, and after: on one scale, of rows that were held out.
+    titles = re.findall(r"<svg [^>]*aria-label=\"(sensor 2, R[AB]), (before|with what was added|after)", text)
+    assert [when for _, when in titles[::2]] == ["before", "with what was added", "after"]
+    rows = aged.picture["rows"]
+    assert max(abs(row["held_before"]) for row in rows) > 2.0 * max(abs(row["held_after"]) for row in rows)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: apt-get install chromium)")
+def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(aged: Reconciliation, tmp_path: Path) -> None:
+    """390 px wide without scrolling sideways; within the margins of A4, in under six pages; a dark ground."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    (tmp_path / "page.html").write_text(page(aged))
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"] if os.geteuid() == 0 else [])
+        tab = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark").new_page()
+        tab.goto((tmp_path / "page.html").as_uri())
+        tab.evaluate("() => document.querySelectorAll('details').forEach(each => { each.open = true; })")
+        assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
+        assert tab.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(14, 18, 22)"
+        tab.reload()
+        assert len(re.findall(rb"/Type\s*/Page\b", tab.pdf(format="A4"))) < 6
+        tab.set_viewport_size({"width": 703, "height": 1000})
+        tab.emulate_media(media="print")
+        wide = (
+            "() => [...document.querySelectorAll('table, svg, p')].filter(e => e.getBoundingClientRect().right > 704)"
+        )
+        assert tab.evaluate(f"{wide}.length") == 0
+        browser.close()
