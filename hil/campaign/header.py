@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,35 +11,24 @@ import numpy as np
 
 from drivers.given_file import read_text
 from drivers.strict_yaml import parse_yaml
-from hil.campaign.data import SCHEMA, Sensor
+from hil.campaign.data import SCHEMA, Campaign, Sensor
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr"}
+    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt"}
 )
 
 
 @dataclass(frozen=True)
 class Header:
-    """The checked contents of campaign.yaml; `extra` are keys that this version does not know."""
+    """The checked contents of campaign.yaml: a campaign without its collects, the sensors' layouts, unknown keys."""
 
-    title: str
-    source: str
-    notes: str
+    campaign: Campaign
     sensors: Mapping[int, Sensor]
-    conditions: Mapping[str, str]
-    site: Mapping[str, float]
-    simulated: bool
-    centrifuge: bool
-    series_block_s: float | None
-    verdicts: Mapping[int, Judgement]
-    identity: Mapping[str, str]
-    pose: PoseTolerance
-    largest_se: float | None
-    extra: tuple[str, ...] = field(default=())
+    extra: tuple[str, ...]
 
 
 def read_header(path: Path) -> Header:
@@ -48,24 +37,24 @@ def read_header(path: Path) -> Header:
     if keys.get("schema") != SCHEMA:
         found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
         raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
-    series = _mapping(path, keys, "series")
-    block = series.get("block_s")
-    return Header(
+    block = _mapping(path, keys, "series").get("block_s")
+    campaign = Campaign(
         title=str(keys.get("title") or path.parent.name),
         source=str(keys.get("source") or ""),
+        sensors={},
         notes=str(keys.get("notes") or ""),
-        sensors=_sensors(path, keys),
-        conditions={str(name): str(unit) for name, unit in _mapping(path, keys, "conditions").items()},
+        condition_units={str(name): str(unit) for name, unit in _mapping(path, keys, "conditions").items()},
         site={str(k): _number(path, f"site.{k}", v) for k, v in _mapping(path, keys, "site").items()},
         simulated=_flag(path, keys, "simulated") or str(keys.get("notes")).startswith("SIMULATED"),
         centrifuge=_flag(path, keys, "centrifuge"),
+        rebuilt=_flag(path, keys, "rebuilt"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
         identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
         pose=_pose(path, _mapping(path, keys, "pose")),
         largest_se=_positive(path, keys, "largest_standard_error_deg_per_hr"),
-        extra=tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)),
     )
+    return Header(campaign, _sensors(path, keys), tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)))
 
 
 def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:

@@ -18,6 +18,7 @@ from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Condit
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
+_STEADY_DEGC_PER_MIN, _TO_COME_MIN = 0.05, 30.0  # a slope beyond this is of a soak that goes on, for about so long
 _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
 _WARMER_DEGC = 40.0
 _NEIGHBOURS_DEGC = 10.0  # two sensors of one unit; a chamber's air and what it was set to
@@ -36,7 +37,7 @@ _SAMPLE_RATE, _ERROR = 1.25, 10.0
 class Law:
     """One record of n collects, what it shows, and the least and the most that the others allow, all (n,).
 
-    NaN where nothing can be said; `by` names the others.
+    NaN where nothing can be said; `by` names the others, `mutual` where they may be what is wrong just as well.
     """
 
     record: str
@@ -44,6 +45,7 @@ class Law:
     low: FloatArray
     high: FloatArray
     by: str
+    mutual: bool = False
 
     @property
     def excess(self) -> FloatArray:
@@ -81,17 +83,19 @@ def laws(
     def around(name: str, where: BoolArray, centre: FloatArray, below: float, above: float, by: str) -> Law:
         return Law(name, column(name, where), centre - below, centre + above, by)
 
-    after_soak, everywhere = soaked(c), np.full(len(c), True)
+    after_soak = soaked(c)
     shown, air, by = column("temperature_degC"), column("chamber_degC"), "the air around the unit, after a soak"
+    slope = np.nan_to_num(np.abs(column("dTdt_degC_per_min")))
+    to_come = _TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0)
     for name in ("temperature_degC", "case_degC"):
-        yield around(name, after_soak, air, _COLDER_DEGC, _WARMER_DEGC, by)
+        yield Law(name, column(name, after_soak), air - _COLDER_DEGC - to_come, air + _WARMER_DEGC + to_come, by)
     yield around("case_degC", after_soak, shown, _CASE_DEGC, _CASE_DEGC, "the thermometer of the sensor, after a soak")
     set_to = column("setpoint_degC")
     yield around("chamber_degC", after_soak, set_to, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, "its setpoint, after a soak")
     if beside is not None:
         other = np.where(after_soak, beside.conditions.columns.get("temperature_degC", none), np.nan)
         by = f"the thermometer of sensor {beside.conditions.sensor.number}, in the same unit"
-        yield around("temperature_degC", everywhere, other, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, by)
+        yield Law("temperature_degC", shown, other - _NEIGHBOURS_DEGC, other + _NEIGHBOURS_DEGC, by, mutual=True)
     if "latitude_deg" in site:
         yield _earth_rate(c, site["latitude_deg"])
     yield from _from_one_to_the_next(c, column)

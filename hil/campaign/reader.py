@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,26 +89,15 @@ def read_campaign(folder: Path | str) -> Campaign:
     for number, sensor in used.items():
         chosen = np.flatnonzero(numbers == number)
         lines[number] = [table.rows[int(i)] for i in chosen]
-        sensors[number] = _collects_of(table, sensor, chosen, columns, header.centrifuge)
+        sensors[number] = _collects_of(table, sensor, chosen, columns, header.campaign.centrifuge)
     series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
-    declared = {*STANDARD_CONDITIONS, *header.conditions}
-    campaign = Campaign(
-        title=header.title,
-        source=header.source,
+    declared = {*STANDARD_CONDITIONS, *header.campaign.condition_units}
+    campaign = replace(
+        header.campaign,
         sensors=sensors,
-        condition_units=header.conditions,
-        simulated=header.simulated,
-        site=header.site,
-        centrifuge=header.centrifuge,
         warnings=suspicions(table, header, sensors, lines, [name for name in extra if name not in declared]),
         folder=root,
-        notes=header.notes,
         series_files=series,
-        series_block_s=header.series_block_s,
-        verdicts=header.verdicts,
-        identity=header.identity,
-        pose=header.pose,
-        largest_se=header.largest_se,
     )
     # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.
     return judged_by_its_records(campaign, {collect: _mean(read_series(campaign, collect)) for collect in series})

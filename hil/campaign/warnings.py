@@ -38,7 +38,9 @@ def suspicions(
         rows = rows_in_words([table.rows[int(i)] for i in backwards])
         found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
     for number, collects in sensors.items():
-        found += _of_sensor(f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.centrifuge)
+        found += _of_sensor(
+            f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.campaign.centrifuge
+        )
     found += _zero_errors(table, sensors)
     return tuple(found)
 

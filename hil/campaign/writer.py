@@ -55,10 +55,7 @@ def _header(campaign: Campaign) -> str:
     keys: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
     if campaign.identity:
         keys["identity"] = dict(campaign.identity)
-    if campaign.simulated:
-        keys["simulated"] = True
-    if campaign.centrifuge:
-        keys["centrifuge"] = True
+    keys |= {name: True for name in ("simulated", "centrifuge", "rebuilt") if getattr(campaign, name)}
     if campaign.site:
         keys["site"] = dict(campaign.site)
     keys["sensors"] = {

@@ -87,6 +87,7 @@ def read_published_table(table: Path) -> Campaign:
         sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
         warnings=tuple(warnings),
         notes=_NOTE,
+        rebuilt=True,
     )
 
 

@@ -77,6 +77,11 @@ def test_what_agrees_is_left_alone() -> None:
     for changes in (
         {},
         {"time_since_setpoint_s": np.full(9, 3600.0)},
+        {
+            "case_degC": AIR - 15.0,
+            "dTdt_degC_per_min": np.full(9, 0.5),
+            "temperature_degC": AIR + np.tile([-0.5, 0.5, 1.5], 3),
+        },
         {"time_since_power_on_s": START_S - 3500.0 * RUN},
     ):
         assert judged_by_its_records(campaign(**changes)).warnings == ()
@@ -112,7 +117,9 @@ def test_a_record_that_the_others_contradict_fails_its_run(
 ) -> None:
     """One cell of one sensor, in the second collect of run 2."""
     judged = judged_by_its_records(campaign(**with_one(name, 4, change)))
-    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
+    failed = {key: each.verdict for key, each in judged.contradicted.items()}
+    assert failed.pop((2, 2)) is Verdict.FAIL
+    assert set(failed) <= ({(2, 1)} if "thermometer of sensor 2" in " ".join(judged.warnings) else set())
     assert words in " ".join(judged.warnings)
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
 
@@ -129,7 +136,7 @@ def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> 
     rates[:, 1], rates[7] = rates[:, 0], 1.0
     judged = judged_by_its_records(campaign(rates=rates))
     assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
-    assert list(judged.verdicts) == [1, 2, 3]
+    assert sorted({run for run, _ in judged.contradicted}) == [1, 2, 3]
 
 
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
@@ -137,8 +144,8 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     errors = np.full((9, 2), 0.7)
     errors[4, 1] = 0.01
     judged = judged_by_its_records(campaign(errors=errors))
-    assert list(judged.verdicts) == [2]
-    assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.verdicts[2].reason
+    assert list(judged.contradicted) == [(2, 2)]
+    assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.contradicted[2, 2].reason
 
 
 @pytest.mark.parametrize("edited", [False, True])
@@ -155,7 +162,7 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, edite
     if edited:
         table.write_text(table.read_text().replace(",14.25,8.25,", ",114,8.25,"))
     judged = read_campaign(tmp_path / "campaign")
-    assert list(judged.verdicts) == ([2] if edited else [])
+    assert list(judged.contradicted) == ([(2, 2)] if edited else [])
     assert ("collect 10: sensor 2: RA is 114" in " ".join(judged.warnings)) is edited
 
 
