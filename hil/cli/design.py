@@ -135,15 +135,20 @@ def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Tab
             size = f"{sensor['noise_deg_per_hr']:.3g} deg/hr"
         table.add_row(source["title"], size, *cells)
     table.add_row("all together, one run", "", *(told(sensor["total"][name]) for name in names), style="bold")
-    if document["repeats"] > 1:
-        means = sensor["mean_of_repeats"]
-        table.add_row(f"mean of {document['repeats']} runs", "", *(_one(means[name]) for name in names))
-    table.add_row("of it from run to run", "", *(_one(sensor["run_to_run"][name]) for name in names))
-    seen = sensor["observed_run_to_run"]
-    if seen:
-        table.add_row("observed from run to run", "", *(_one(seen.get(name, {}).get("sd")) for name in names))
-    if sensor["as_solved"]:
-        table.add_row("one run, as hil solve states it", "", *(_one(sensor["as_solved"].get(name)) for name in names))
+    seen = {name: of["sd"] for name, of in sensor["observed_run_to_run"].items()}
+    solved = sensor["mean_as_solved"]
+    rows = {
+        "the part that is new in each run": sensor["run_to_run"],
+        "repeats scatter by": seen,
+        "one run, as hil solve states it": sensor["as_solved"],
+        f"mean of {len(solved.get('runs', ()))} runs, as hil solve states it": solved,
+        f"mean of {document['repeats']} runs, all together": sensor["mean_of_repeats"]
+        if document["repeats"] > 1
+        else {},
+    }
+    for title, values in rows.items():
+        if values:
+            table.add_row(title, "", *(_one(values.get(name)) for name in names))
     return table
 
 
@@ -282,7 +287,7 @@ def scatter(source: Source, as_json: JsonFlag = False) -> None:
     warn(tuple(found.campaign.warnings))
     console = results()
     console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
-    table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of it, from run to run")
+    table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of that, offset\nof the whole run")
     for each in document["noise"]:
         stated = "–" if each["stated_deg_per_hr"] is None else f"{each['stated_deg_per_hr']:.2f}"
         numbers = (f"{each[of]:.2f}" for of in ("observed_deg_per_hr", "run_offset_deg_per_hr"))
