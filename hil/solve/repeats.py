@@ -176,17 +176,18 @@ class SensorRepeats:
     def sentences(self) -> list[str]:
         """Say what repeats show beyond standard errors; that nothing was repeated, where nothing was."""
         if not np.any(self.spread.degrees):
-            return ["nothing was repeated: what changes from run to run is in no uncertainty"]
+            return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
         rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit} (its standard errors explain {math.sqrt(max(sd**2 - more**2, 0.0)):.2g})"
+            f"{name} by {sd:.3g} {unit} ({math.sqrt(max(sd**2 - more**2, 0.0)):.2g} by standard errors)"
             for name, unit, sd, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
         degrees = int(self.spread.degrees.max())
         if not told:
             return [f"repeats scatter as their standard errors say ({degrees} degrees of freedom)"]
-        return [f"from run to run ({degrees} degrees of freedom): {'; '.join(told)}; it is in every uncertainty here"]
+        more = f"repeats scatter more than their standard errors say ({degrees} degrees of freedom)"
+        return [f"{more}: {'; '.join(told)}; each ± includes it"]
 
 
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:

@@ -139,22 +139,24 @@ def _known(value: float) -> float | None:
 
 def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
-    errors = each.choice.errors
+    errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
-        bound = f"{each.largest_change:.2g} {each.unit}"
-        return f"no temperature dependence found; over the range a straight line changes less than {bound}"
+        return f"no temperature dependence found: a straight line changes less than {each.largest_change:.2g} {unit}"
     if each.finding == "undescribed":
-        cubic = f"; cubic {errors['cubic']:.3g} beside {errors['constant']:.3g}" if "cubic" in errors else ""
+        cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
-            "differs between temperatures beyond its noise, but no form predicts one that was left out better than a "
-            f"constant by more than chance (p = {each.choice.chance_of_constant:.2g}{cubic})"
+            "changes with temperature, but no curve is shown to predict a temperature that was left out: a constant "
+            f"misses it by {errors['constant']:.3g} {unit}{cubic} (p = {each.choice.chance_of_constant:.2g})"
         )
-    words = f"{each.form}: held-out error {errors['constant']:.3g} with a constant, {errors[each.form]:.3g} with it"
+    words = (
+        f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "
+        f"{errors['constant']:.3g}"
+    )
     if each.improvement.chosen_anew:
-        confirms = "confirms it" if each.is_confirmed else "does not confirm it"
-        words += f"; choosing the form anew without that temperature {confirms} ({each.improvement.modelled:.3g})"
+        anew = f"; where the form, too, is chosen without that temperature, by {each.improvement.modelled:.3g}"
+        words += anew + (": confirmed" if each.is_confirmed else ": not confirmed")
     if each.chance_form is not None and each.chance_form < DESCRIBES:
-        words += "; it leaves a misfit beyond the noise, which its standard errors include"
+        words += "; the curve does not go through all values within their noise: its standard errors include that"
     return words
 
 
@@ -163,18 +165,18 @@ def verdict_in_words(fit: SensorFit) -> str:
     found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves (share removed {found.share:.0%}; drawing the temperatures again "
-        f"{found.low:.0%} to {found.high:.0%}); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
+        f"{found.modelled:.3g} deg/hr with the curves ({found.share:.0%} less; {found.low:.0%} to {found.high:.0%} "
+        f"with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         reason = (
             "no parameter depends on temperature"
             if all(each.finding == "constant" for each in fit.parameters.values())
-            else "no form predicts better than a constant"
+            else "no curve is shown to predict better than a constant"
         )
         return (
-            f"modelling against temperature does not improve this unit: {reason}; held-out error {found.constant:.3g} "
-            f"deg/hr, one collect scatters by {scatter:.3g} deg/hr"
+            f"modelling against temperature does not improve this unit: {reason}; rates at a temperature that was left "
+            f"out are wrong by {found.constant:.3g} deg/hr, one collect scatters by {scatter:.3g} deg/hr"
         )
     if found.is_certain:
         return f"modelling against temperature improves this unit: {numbers}"
@@ -185,7 +187,7 @@ def _confirmed(fit: SensorFit) -> str:
     """Say which of the chosen forms the temperatures that were left out confirm, one by one."""
     modelled = [each for each in fit.parameters.values() if each.finding == "modelled"]
     if not fit.improvement.chosen_anew:
-        return "; too few temperatures to choose the forms anew, so that choosing them flatters the curves"
+        return "; too few temperatures to confirm the forms by choosing them again without one"
     held = ", ".join(each.name for each in modelled if each.is_confirmed) or "none"
     doubtful = ", ".join(each.name for each in modelled if not each.is_confirmed)
     return f"; confirmed one by one: {held}" + (f"; not confirmed: {doubtful}" if doubtful else "")

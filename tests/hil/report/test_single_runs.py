@@ -52,7 +52,7 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
             found = shown.of_run(of)[label[row[0][0]]]
             assert cell == [f"{found.value:.2f}", f"±{found.sd:.2f} s.d."]
     assert "as there is one at each, its standard deviation (s.d.)" in page
-    assert "nothing was repeated: what changes from run to run is in no uncertainty" in page
+    assert "nothing was repeated: what changes from run to run is not known, and in no ±" in page
     assert "n − 1" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     bars = re.findall(r'aria-label="([^"]*)"', page)
     assert bars
