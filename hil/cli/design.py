@@ -137,11 +137,12 @@ def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Tab
     table.add_row("all together, one run", "", *(told(sensor["total"][name]) for name in names), style="bold")
     seen = {name: of["sd"] for name, of in sensor["observed_run_to_run"].items()}
     solved = sensor["mean_as_solved"]
+    runs = len(solved.get("runs", ()))
     rows = {
         "the part that is new in each run": sensor["run_to_run"],
         "repeats scatter by": seen,
         "one run, as hil solve states it": sensor["as_solved"],
-        f"mean of {len(solved.get('runs', ()))} runs, as hil solve states it": solved,
+        f"mean of {runs} runs, as hil solve states it": solved if runs > 1 else {},
         f"mean of {document['repeats']} runs, all together": sensor["mean_of_repeats"]
         if document["repeats"] > 1
         else {},

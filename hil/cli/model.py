@@ -93,7 +93,9 @@ def _reconciled(document: Mapping[str, Any]) -> Iterator[str]:
             why = rival_in_words(rival)
             yield f"  could also be {rival['id']}, probability {rival['probability']:.2f}{f': {why}' if why else ''}"
     gap = document["gap"]
-    if gap["before"] is not None:
+    if gap["before"] is not None and not gap["noise_floor"] > 0.0:
+        yield "\ngap: none: these runs have as many parameters as rates, and nothing is left to be noise"
+    elif gap["before"] is not None:
         after = "" if gap["after"] is None else f", after {gap['after']:.2f}"
         floor = "" if gap["noise_floor"] is None else f", noise floor {gap['noise_floor']:.2f}"
         yield f"\ngap: before {gap['before']:.2f}{after}{floor} {gap['unit']} ({gap['held_out']})"

@@ -39,6 +39,7 @@ def _sensor(fit: SensorFit) -> dict[str, Any]:
         "model": fit.layout.form.name,
         "range_degC": list(fit.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
+        "temperature_of": "temperature_degC",
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
         "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {

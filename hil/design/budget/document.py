@@ -62,9 +62,8 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         raise InputError(f"sensor {number}: there is no run {asked.run}; there are {', '.join(map(str, totals))}")
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
     budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
-    repeated = observed if observed is not None and np.any(observed.spread.degrees) else None
     one = _as_solved(budget, observed)
-    mean = None if repeated is None else next((each for each in repeated.means if chosen.run in each.runs), None)
+    mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     return {
         "run": chosen.run,
         "temperature_degC": chosen.at[0],
