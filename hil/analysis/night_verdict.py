@@ -1,7 +1,5 @@
 """Whether a night is good: the worst of how it was measured, how it was solved, and whether it is whole."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

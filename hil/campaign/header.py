@@ -1,7 +1,5 @@
 """campaign.yaml: what was measured, where, with which channels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path

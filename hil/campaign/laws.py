@@ -7,8 +7,6 @@
 A law is generous: what a bench that is not level, a slow chamber or a spreadsheet's rounding make is within it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ accelerometers, and by the laws of `hil.campaign.laws` whatever is one number. W
 its collects, and the runs of the sensors that rest on them FAIL, wherever they are shown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product

@@ -5,8 +5,6 @@
 The folder appears whole or not at all (hil.files.folder).
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Mapping

@@ -12,8 +12,6 @@ many degrees of freedom as the runs of one temperature have, scatter alone hardl
 campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is said.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -218,13 +216,13 @@ class _Departures:
         found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool), None)
         conditions = self._collects.conditions
         named = numbered("collect", conditions.collect[rows].tolist())
-        whole_run = np.flatnonzero(conditions.run == run)
-        for i, j in (sorted((i, j)) for i in rows for j in whole_run if not self._fits(j, self._rates[j])):
+        beside = [j for j in np.flatnonzero(conditions.run == run).tolist() if not self._fits(j, self._rates[j])]
+        for i, j in (sorted((i, j)) for i in rows.tolist() for j in beside):
             if i != j and self._fits(i, self._rates[j]) and self._fits(j, self._rates[i]):
                 pair = numbered("collect", conditions.collect[[i, j]].tolist())
                 positions = " and ".join(conditions.position[[i, j]].tolist())
                 reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
-                found = replace(found, rows=np.array([i, j]), exchanged=(int(i), int(j)))
+                found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
                 return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
         if all(self._fits(i, -self._rates[i]) for i in rows):
             found.wrong[rows] = True
@@ -239,7 +237,7 @@ class _Departures:
             f"{conditions.position[rows[worst[0]]]}, "
             f"{abs(off[worst]) / self._scale[rows][worst]:.0f} times their scatter"
         )
-        whole = len(rows) >= _WHOLE_RUN * len(whole_run)
+        whole = len(rows) >= _WHOLE_RUN * np.count_nonzero(conditions.run == run)
         alike = np.all(np.ptp(off, axis=0) <= FAR * np.nanmax(self._scale[rows], axis=0))
         if len(rows) > 1 and whole and alike:
             said = f"{reason}; the whole run is off by the same: its bias was another"

@@ -10,8 +10,6 @@ of how the run was measured and what its records contradict (`Campaign.verdicts`
 runs say of its collects, and of whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -10,8 +10,6 @@ The quick form of what `hil reconcile` asks of every row: what other runs show a
 probable with one collect left out, with the search's own prior of a wrong row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any

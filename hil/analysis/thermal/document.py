@@ -1,14 +1,12 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
-from __future__ import annotations
-
-import math
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
 from hil.solve.repeats import CONFIDENCE
+from hil.solve.runs import finite
 from hil.solve.wrong_rows import rows_of
 
 SCHEMA = "hil.thermal/1"
@@ -99,7 +97,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
             {"form": step.form.name, "error": step.error, "best_richer": step.best_richer, "chance": step.chance}
             for step in choice.steps
         ],
-        "repeatability": _known(each.repeatability),
+        "repeatability": finite(each.repeatability),
         "changes": each.changes,
         "chance_constant": each.chance_constant,
         "chance_form": each.chance_form,
@@ -132,10 +130,6 @@ def _improvement(found: Improvement) -> dict[str, Any]:
         "form_chosen_anew": found.chosen_anew,
         "confidence_that_it_helps": found.confidence,
     }
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def parameter_in_words(each: ParameterFit) -> str:

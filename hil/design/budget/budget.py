@@ -10,8 +10,6 @@ the source's errors, makes the rates that a sensor with known parameters would h
 were wrong, and looks how far off the parameters are. They must agree within the draws' own error, and both are printed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,9 +6,6 @@
 Each sensor has the budget of one run, the one whose total is worst unless another is asked for, and the totals of all.
 """
 
-from __future__ import annotations
-
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +17,7 @@ from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget
 from hil.design.budget.scenes import MEASURED, RunScene
 from hil.errors import InputError
 from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.runs import finite
 
 SCHEMA = "hil.budget/1"
 
@@ -81,7 +79,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "as_solved": _named(budget, one) if observed is not None else {},
         "mean_as_solved": {}
         if mean is None
-        else {"runs": list(mean.runs), **{n: _finite(v.sd) for n, v in mean.values.items()}},
+        else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
@@ -150,17 +148,13 @@ def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[s
     error = budget.simulation_error(simulated)
     return {
         name: {
-            "analytic": _finite(analytic[i]),
-            "monte_carlo": _finite(simulated[i]),
-            "monte_carlo_error": _finite(error[i]),
+            "analytic": finite(analytic[i]),
+            "monte_carlo": finite(simulated[i]),
+            "monte_carlo_error": finite(error[i]),
         }
         for i, name in enumerate(budget.names)
     }
 
 
 def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
-    return {name: _finite(value) for name, value in zip(budget.names, values, strict=True)}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return {name: finite(value) for name, value in zip(budget.names, values, strict=True)}

@@ -7,8 +7,6 @@ The parameters that errors of attitude act on (GS, MU) are the model's where the
 solved for after a night, and else typical of such a sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperat
 campaign_document(campaign, model)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -3,8 +3,6 @@
 print(visibility_text(sweep_document(sweep, bench)))
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

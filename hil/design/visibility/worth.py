@@ -4,8 +4,6 @@ for one in improvements({2: conditions}):
     print(one.change, one.newly_visible, one.separated, one.protected, one.size_ratio)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
