@@ -183,7 +183,8 @@ class SensorRepeats:
             return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
         rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit}" + f" ({math.sqrt(sd**2 - more**2):.2g} by standard errors)" * (more < sd)
+            f"{name} by {sd:.3g} {unit}"
+            + (f" ({math.sqrt(sd**2 - more**2):.2g} by standard errors)" if more < sd else "")
             for name, unit, sd, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
