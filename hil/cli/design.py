@@ -15,6 +15,7 @@ from hil.cli.data import Source, read_source
 from hil.cli.output import JsonFlag, listing, printed, results, warn
 from hil.errors import InputError
 
+_WHOSE = {"setpoint_degC": "as set", "temperature_degC": "the unit's own", "chamber_degC": "the chamber's"}
 _MANY = 12  # positions that are still written out
 _MOST_TWICE = 8  # parameters for which both columns fit beside each other; of more, --json has the second
 
@@ -87,7 +88,8 @@ def _print_budget(document: Mapping[str, Any]) -> None:
     console = results()
     console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
     for number, sensor in document["sensors"].items():
-        at = "" if sensor["temperature_degC"] is None else f" at {sensor['temperature_degC']:.4g} °C"
+        degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
+        at = "" if degC is None else f" at {degC:.4g} °C ({whose})"
         console.print(
             f"\nsensor {number}, run {sensor['run']}{at}, collects {_sequence(sensor)}; sensitivities "
             f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
