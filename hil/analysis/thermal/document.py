@@ -140,7 +140,7 @@ def parameter_in_words(each: ParameterFit) -> str:
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
-            "changes with temperature, but no curve is shown to predict a temperature that was left out: a constant "
+            "differs between temperatures beyond its noise, but no curve is shown to predict one left out: a constant "
             f"misses it by {errors['constant']:.3g} {unit}{cubic} (p = {each.choice.chance_of_constant:.2g})"
         )
     words = (
