@@ -66,19 +66,25 @@ def self_calibration_verdict(steps: Iterable[Step], results: Mapping[str, StepRe
     looks like an acceleration sensitivity (RD-GC-86-1's equations take the three as simultaneous).
     """
     steps = [step for step in steps if step.kind in (StepKind.RESTABILISE, StepKind.COLLECT)]
-    judgements = [_of_step(step, results.get(step.key)) for step in steps]
+    alike: dict[Judgement, list[str]] = {}
+    for step in steps:
+        alike.setdefault(_of_step(results.get(step.key)), []).append(_name(step))
+    judgements = [Judgement(each.verdict, f"{', '.join(names)}: {each.reason}") for each, names in alike.items()]
     collects = [step for step in steps if step.kind is StepKind.COLLECT]
     judgements += _apart(collects, results)
     return combine(judgements, passed="restabilised, and every collect was stationary and complete")
 
 
-def _of_step(step: Step, result: StepResult | None) -> Judgement:
-    """Return the verdict that the step recorded, with the place it belongs to."""
-    name = "restabilisation" if step.kind is StepKind.RESTABILISE else f"collect at position {step.position}"
+def _name(step: Step) -> str:
+    return "restabilisation" if step.kind is StepKind.RESTABILISE else f"collect at position {step.position}"
+
+
+def _of_step(result: StepResult | None) -> Judgement:
+    """Return the verdict that the step recorded."""
     if result is None:
-        return Judgement(Verdict.INCONCLUSIVE, f"{name} is missing")
+        return Judgement(Verdict.INCONCLUSIVE, "missing")
     verdict = Verdict(result.data.get("verdict", Verdict.INCONCLUSIVE))
-    return Judgement(verdict, f"{name}: {result.data.get('reason') or 'no verdict recorded'}")
+    return Judgement(verdict, result.data.get("reason") or "no verdict recorded")
 
 
 def _apart(collects: list[Step], results: Mapping[str, StepResult]) -> Iterable[Judgement]:

@@ -1,10 +1,9 @@
 """Whether a night is good: the worst of how it was measured, how it was solved, and whether it is whole."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 
+from hil.campaign import Campaign
 from hil.errors import Damaged, InputError
 from hil.records.export import campaign_of_night
 from hil.solve import RunSolution, solve_campaign
@@ -12,17 +11,17 @@ from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted
 
 
-def night_solutions(folder: Path) -> list[RunSolution]:
-    """Return what `hil solve` does of a night; nothing where too little is there.
+def night_solutions(folder: Path) -> tuple[Campaign | None, list[RunSolution]]:
+    """Return a night's campaign and what `hil solve` makes of it; nothing where too little is there.
 
     Raises `Damaged` where its records are not what was written.
     """
     try:
-        return list(solve_campaign(campaign_of_night(folder)))
+        return (campaign := campaign_of_night(folder)), solve_campaign(campaign)
     except Damaged:
         raise
     except InputError:  # or one that a later version recorded
-        return []
+        return None, []
 
 
 def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:

@@ -1,7 +1,5 @@
 """campaign.yaml: what was measured, where, with which channels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -18,7 +16,7 @@ from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr"}
+    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt"}
 )
 
 
@@ -48,6 +46,7 @@ def read_header(path: Path) -> Header:
         centrifuge=_flag(path, keys, "centrifuge"),
         folder=path.parent,
         notes=str(keys.get("notes") or ""),
+        rebuilt=_flag(path, keys, "rebuilt"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
         identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},

@@ -7,8 +7,6 @@
 A law is generous: what a bench that is not level, a slow chamber or a spreadsheet's rounding make is within it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -20,6 +18,7 @@ _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a 
 _FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
 _HEADING_DEG_PER_HR = 1.0  # five degrees of heading
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
+_STEADY_DEGC_PER_MIN, _TO_COME_MIN = 0.05, 30.0  # a slope beyond this is of a soak that goes on, for about so long
 _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermometers' errors
 _WARMER_DEGC = 40.0
 _NEIGHBOURS_DEGC = 10.0  # two sensors of one unit; a chamber's air and what it was set to
@@ -42,7 +41,7 @@ _SAMPLE_RATE, _ERROR = 1.25, 10.0
 class Law:
     """One record of n collects, what it shows, (n,), and the least and the most that the others allow: (n,), or of all.
 
-    NaN where nothing can be said; `by` names the others.
+    NaN where nothing can be said; `by` names the others, `mutual` where they may be what is wrong just as well.
     """
 
     record: str
@@ -50,6 +49,7 @@ class Law:
     low: FloatArray | float
     high: FloatArray | float
     by: str
+    mutual: bool = False
 
     @property
     def excess(self) -> FloatArray:
@@ -86,20 +86,22 @@ def laws(
     def column(name: str, where: BoolArray | None = None) -> FloatArray:
         return np.where(True if where is None else where, columns.get(name, none), np.nan)
 
-    def around(name: str, centre: FloatArray, below: float, above: float, by: str) -> Law:
+    def around(name: str, centre: FloatArray, below: FloatArray | float, above: FloatArray | float, by: str) -> Law:
         return Law(name, column(name), centre - below, centre + above, by)
 
     soak = soaked(c)
     air, by = column("chamber_degC", soak), "the air around the unit, after a soak"
+    slope = np.nan_to_num(np.abs(column("dTdt_degC_per_min")))
+    to_come = _TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0)
     for name in ("temperature_degC", "case_degC"):
-        yield around(name, air, _COLDER_DEGC, _WARMER_DEGC, by)
+        yield around(name, air, _COLDER_DEGC + to_come, _WARMER_DEGC + to_come, by)
     shown, set_to = column("temperature_degC", soak), column("setpoint_degC", soak)
     yield around("case_degC", shown, _CASE_DEGC, _CASE_DEGC, "the thermometer of the sensor, after a soak")
     yield around("chamber_degC", set_to, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, "its setpoint, after a soak")
     if beside is not None:
         other = np.where(soak, beside.conditions.columns.get("temperature_degC", none), np.nan)
         by = f"the thermometer of sensor {beside.conditions.sensor.number}, in the same unit"
-        yield around("temperature_degC", other, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, by)
+        yield replace(around("temperature_degC", other, _NEIGHBOURS_DEGC, _NEIGHBOURS_DEGC, by), mutual=True)
     yield from _by_position(c)
     yield from _earth_rate(c, site.get("latitude_deg"))
     yield from _from_one_to_the_next(c, column)

@@ -1,18 +1,16 @@
 """What the records of a campaign contradict of each other: no run rests on a row that another record gives the lie to.
 
     campaign = judged_by_its_records(campaign)
-    campaign.verdicts[5]     # FAIL: collects 13 and 14: position 3 was asked for, but the unit lies as in position 2
+    campaign.contradicted[5, 2]   # of run 5, sensor 2: FAIL: collect 13: position 3 was asked for, but …
 
 Each check asks what one record should be, given the others, and how far it may be off: the pose by the unit's own
 accelerometers, and by the laws of `hil.campaign.laws` whatever is one number. What is further off is said in words with
-its collects, and the runs that rest on them FAIL, wherever they are shown.
+its collects, and the runs of the sensors that rest on them FAIL, wherever they are shown.
 """
-
-from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -37,17 +35,19 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
     `series` holds what `laws.average` says, (2, c + 2), by the number of each collect that has its samples.
     """
     found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_laws(campaign, series or {})]
-    verdicts = dict(campaign.verdicts)
+    contradicted: dict[tuple[int, int], Judgement] = {}
     said = []
     for sensors, rows, words in found:
         numbers = np.concatenate([each.conditions.collect[rows] for each in sensors]).tolist()
         sentence = f"{numbered('collect', numbers)}: {words}"
         said.append(sentence)
-        for run in np.unique(sensors[0].conditions.run[rows]).tolist():
-            known = [verdicts[run]] if run in verdicts else []
-            if not any(words in each.reason for each in known):  # whoever recorded it may have said so already
-                verdicts[run] = combine([Judgement(Verdict.FAIL, sentence), *known])
-    return replace(campaign, verdicts=verdicts, warnings=(*campaign.warnings, *said))
+        for run, number in product(
+            np.unique(sensors[0].conditions.run[rows]).tolist(), (each.conditions.sensor.number for each in sensors)
+        ):
+            recorded, known = campaign.verdicts.get(run), contradicted.get((run, number))
+            if recorded is None or words not in recorded.reason:  # whoever recorded it may have said so already
+                contradicted[run, number] = combine([Judgement(Verdict.FAIL, sentence), *([known] if known else [])])
+    return replace(campaign, contradicted=contradicted, warnings=(*campaign.warnings, *said))
 
 
 def accelerations_g(collects: Collects) -> FloatArray:
@@ -115,7 +115,7 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
                 numbers = [each.conditions.sensor.number for each in (one, other)]
                 words = f"{name} of sensor {numbers[0]} and {another} of sensor {numbers[1]} show the very same rates"
                 yield list({id(each): each for each in (one, other)}.values()), np.isfinite(rates), words
-    for number, collects in campaign.sensors.items():
+    for number, collects in () if campaign.rebuilt else campaign.sensors.items():
         rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
         if np.isnan(errors).all():
             continue
@@ -131,14 +131,23 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:
-    """Hold every record against those that it follows from, and each thermometer against how the air went."""
+    """Hold every record against those that it follows from, and each thermometer against how the air went.
+
+    What two sensors contradict of each other is no fault of the one where other laws tell that it is the other's.
+    """
     for group in _together(campaign, campaign.sensors.values()):
-        for collects, beside in zip(group, [*group[1:], group[0]], strict=True):
+        pairs = [
+            (each, beside if beside is not each else None)
+            for each, beside in zip(group, [*group[1:], group[0]], strict=True)
+        ]
+        of = [list(laws(each, campaign.site, beside, series)) for each, beside in pairs]
+        alone = [np.any([law.broken for law in own if not law.mutual], axis=0) for own in of]
+        for collects, own, other in zip(group, of, [*alone[1:], alone[0]], strict=True):
             name = f"sensor {collects.conditions.sensor.number}"
             yield from _lost(collects, name)
-            for law in laws(collects, campaign.site, beside if beside is not collects else None, series):
-                if law.broken.any():
-                    yield [collects], law.broken, f"{name}: {law.words}"
+            for law in own:
+                if (broken := law.broken & ~other if law.mutual else law.broken).any():
+                    yield [collects], broken, f"{name}: {law.words}"
 
 
 def _lost(collects: Collects, name: str) -> Iterator[_Found]:

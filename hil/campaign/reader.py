@@ -7,8 +7,6 @@
 Bad input is refused whole, with one sentence that names file, row and column: nothing partial is imported.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Tolerated: a byte order mark, CR LF, blank lines, empty columns at the right edge. Everything else is refused.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Sequence

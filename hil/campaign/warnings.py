@@ -1,7 +1,5 @@
 """What is suspicious in a campaign but legal: imported, said, and repeated by every report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@
 The folder appears whole or not at all (hil.files.folder).
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Mapping
@@ -59,6 +57,7 @@ def _header(campaign: Campaign) -> str:
         "identity": dict(campaign.identity),
         "simulated": campaign.simulated,
         "centrifuge": campaign.centrifuge,
+        "rebuilt": campaign.rebuilt,
         "site": dict(campaign.site),
         "sensors": {number: _layout(rows.conditions.sensor) for number, rows in campaign.sensors.items()},
         "conditions": dict(campaign.condition_units),

@@ -226,16 +226,16 @@ def _print_thermal(sensor: dict[str, Any]) -> None:
     low, high = sensor["range_degC"]
     console.print(
         f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
-        f"{low:.1f} to {high:.1f} °C"
+        f"{low:.1f} to {high:.1f} °C, the unit's own; errors are those at a temperature that was left out"
     )
-    headings = ("", "unit", "form", "held-out error", "form chosen anew", "with a constant", "one run scatters")
+    headings = ("", "unit", "form", "its error", "form chosen anew", "a constant's", "one run scatters by")
     table = listing(*headings, *(["from below - from above"] if sensor["both_directions_degC"] else []))
     for name, each in sensor["parameters"].items():
         scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"
         found = each["improvement"]
         anew = _error(found["held_out_modelled"]) if found["form_chosen_anew"] else "–"
         errors = (_error(each["leave_one_out_error"]), anew, _error(each["leave_one_out_error_constant"]))
-        form = each["form"] + (" ?" if each["finding"] == "undescribed" else "")
+        form = "none found" if each["finding"] == "undescribed" else each["form"]
         change = each["hysteresis"]
         last = [] if change is None else [f"{change['from_below_less_from_above']:+.2f} ±{change['se']:.2f}"]
         table.add_row(name, each["unit"], form, *errors, scatter, *last)

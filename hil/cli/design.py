@@ -15,6 +15,7 @@ from hil.cli.data import Source, read_source
 from hil.cli.output import JsonFlag, listing, printed, results, warn
 from hil.errors import InputError
 
+_WHOSE = {"setpoint_degC": "as set", "temperature_degC": "the unit's own", "chamber_degC": "the chamber's"}
 _MANY = 12  # positions that are still written out
 _MOST_TWICE = 8  # parameters for which both columns fit beside each other; of more, --json has the second
 
@@ -87,7 +88,8 @@ def _print_budget(document: Mapping[str, Any]) -> None:
     console = results()
     console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
     for number, sensor in document["sensors"].items():
-        at = "" if sensor["temperature_degC"] is None else f" at {sensor['temperature_degC']:.4g} °C"
+        degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
+        at = "" if degC is None else f" at {degC:.4g} °C ({whose})"
         console.print(
             f"\nsensor {number}, run {sensor['run']}{at}, collects {_sequence(sensor)}; sensitivities "
             f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
@@ -135,15 +137,21 @@ def _budget_table(document: Mapping[str, Any], sensor: Mapping[str, Any]) -> Tab
             size = f"{sensor['noise_deg_per_hr']:.3g} deg/hr"
         table.add_row(source["title"], size, *cells)
     table.add_row("all together, one run", "", *(told(sensor["total"][name]) for name in names), style="bold")
-    if document["repeats"] > 1:
-        means = sensor["mean_of_repeats"]
-        table.add_row(f"mean of {document['repeats']} runs", "", *(_one(means[name]) for name in names))
-    table.add_row("of it from run to run", "", *(_one(sensor["run_to_run"][name]) for name in names))
-    seen = sensor["observed_run_to_run"]
-    if seen:
-        table.add_row("observed from run to run", "", *(_one(seen.get(name, {}).get("sd")) for name in names))
-    if sensor["as_solved"]:
-        table.add_row("one run, as hil solve states it", "", *(_one(sensor["as_solved"].get(name)) for name in names))
+    seen = {name: of["sd"] for name, of in sensor["observed_run_to_run"].items()}
+    solved = sensor["mean_as_solved"]
+    runs = len(solved.get("runs", ()))
+    rows = {
+        "the part that is new in each run": sensor["run_to_run"],
+        "repeats scatter by": seen,
+        "one run, as hil solve states it": sensor["as_solved"],
+        f"mean of {runs} runs, as hil solve states it": solved if runs > 1 else {},
+        f"mean of {document['repeats']} runs, all together": sensor["mean_of_repeats"]
+        if document["repeats"] > 1
+        else {},
+    }
+    for title, values in rows.items():
+        if values:
+            table.add_row(title, "", *(_one(values.get(name)) for name in names))
     return table
 
 
@@ -282,7 +290,7 @@ def scatter(source: Source, as_json: JsonFlag = False) -> None:
     warn(tuple(found.campaign.warnings))
     console = results()
     console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
-    table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of it, from run to run")
+    table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of that, offset\nof the whole run")
     for each in document["noise"]:
         stated = "–" if each["stated_deg_per_hr"] is None else f"{each['stated_deg_per_hr']:.2f}"
         numbers = (f"{each[of]:.2f}" for of in ("observed_deg_per_hr", "run_offset_deg_per_hr"))

@@ -12,8 +12,11 @@ from hil.analysis.night_verdict import night_solutions
 from hil.errors import Damaged
 from hil.records import JournalReader
 from hil.solve import RunSolution
+from hil.solve.document import solution_document
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
+
+_SHOWN = ("sensor", "model", "verdict", "reason", "assumed", "parameters")
 
 
 class ResultsSoFar:
@@ -53,22 +56,13 @@ class ResultsSoFar:
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
         self.damage, self.solutions = "", []
         try:
-            self.solutions = night_solutions(self._folder)
+            campaign, self.solutions = night_solutions(self._folder)
         except Damaged as damage:
             self.damage = f"ERROR: {damage}"
             return {}
         rows: dict[int, list[dict[str, Any]]] = {}
-        for each in self.solutions:
-            rows.setdefault(each.run or 0, []).append(
-                {
-                    "sensor": each.sensor,
-                    "model": each.model,
-                    "verdict": str(each.verdict),
-                    "reason": each.reason,
-                    "assumed": list(each.assumed),
-                    "parameters": {name: vars(estimate) for name, estimate in each.parameters.items()},
-                }
-            )
+        for each in () if campaign is None else solution_document(campaign, self.solutions)["solutions"]:
+            rows.setdefault(each["run"] or 0, []).append({key: each[key] for key in _SHOWN})
         return rows
 
 

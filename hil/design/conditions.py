@@ -6,8 +6,6 @@ Temperatures follow the plan's setpoints through the usual two lags and self-hea
 restabilises is there to be seen. Supply and spin are not planned, so they are no columns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import lfilter
 

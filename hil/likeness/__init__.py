@@ -4,8 +4,6 @@ document = likeness(Path("night"), load_model("model.yaml"), draws=20, seed=1, k
 document["p_value"]
 """
 
-from __future__ import annotations
-
 from hil.likeness.draws import likeness
 
 __all__ = ["likeness"]

@@ -4,8 +4,6 @@ A night has all of it on record. Of a campaign folder the plan is inferred from 
 position from gravity and earth rate along the sensor's axes, and the stream is made up.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import pairwise
 from typing import Any

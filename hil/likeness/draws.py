@@ -4,8 +4,6 @@ A draw is a file of numbers in the folder `keep`, made under a seed of its own b
 there already and was made alike is not made again, so that whoever was interrupted goes on.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

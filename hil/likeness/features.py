@@ -4,8 +4,6 @@ Everything about averages is what the model's form, fitted to that very night, l
 is taken from the simulated nights too.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

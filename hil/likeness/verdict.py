@@ -7,8 +7,6 @@ too, each would be as likely to be the most unlike: its rank is exact whatever t
 unlike draw the p-value is in proportion: of independent p-values the ratio of the smallest to the next is uniform.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -8,8 +8,6 @@ The columns of bias, GS, MU and G stand here and nowhere else: the solver and th
 functions. Each is what the one equation gives for a unit of its parameter, signs and all (`hil.model.equation`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -8,8 +8,6 @@ The same file is what `hil reconcile` compares with, what it writes with a term 
 built-in (`matrix-6`, `collins-4` …) is the same object without values: they are fitted to the data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

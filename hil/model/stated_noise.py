@@ -5,8 +5,6 @@ One thing has one name: `angle_random_walk` is the catalogue's `arw`, `bias_inst
 scatter, and files that have them keep them; whatever else scatters stands in `scatter` by its id.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

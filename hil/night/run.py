@@ -286,7 +286,7 @@ def judge(journal: SqliteJournal, state: str) -> None:
     from hil.analysis.night_verdict import night_solutions, night_verdict  # only an end needs what solves
 
     try:
-        judged = night_verdict(state, night_solutions(journal.folder))
+        judged = night_verdict(state, night_solutions(journal.folder)[1])
     except InputError:
         return  # whoever reads it is told why
     seals = {"trace": seal(journal.folder / TRACE_NAME), "log": sealed_log(journal.folder)}

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Conditions
 from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
@@ -27,7 +27,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
-from hil.solve.temperatures import unsettled
+from hil.solve.temperatures import runs_by_temperature, unsettled
 from hil.solve.wrong_rows import in_words, otherwise
 from procedures.words import unit_in_words
 
@@ -65,11 +65,17 @@ class Scattering:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        rows = self.campaign.sensors.items()
-        soaks = [f"sensor {n}: {words}" for n, of in rows for words in dict.fromkeys(unsettled(of.conditions).values())]
-        asked = "what moves the mean is not asked here: hil reconcile may explain rows that are left out"
-        left_out = [*in_words(self.rows), asked] if self.rows else []
-        return [*soaks, *told, *scatter.in_words(self.noise), *left_out, *otherwise(self.campaign, self.rows)]
+        soaks = []
+        for number, collects in self.campaign.sensors.items():
+            soaks += [f"sensor {number}: {words}" for words in dict.fromkeys(unsettled(collects.conditions).values())]
+            if not _repeated(collects.conditions):
+                alone = "nothing was repeated: what is observed is what a smooth model leaves of single runs"
+                soaks.append(f"sensor {number}: {alone}")
+        asked = (
+            "what moves the mean is not asked here: hil reconcile may explain some of this, and rows that are left out"
+        )
+        rows = [*in_words(self.rows), *otherwise(self.campaign, self.rows)]
+        return [*soaks, *told, *scatter.in_words(self.noise), *rows, asked]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -108,8 +114,13 @@ def what_scatters(campaign: Campaign) -> Scattering:
     }
     weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
-    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
+    told = len(titles) > 1 and any(_repeated(rows.conditions) for rows in campaign.sensors.values())
+    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if told else {}
     return _read(campaign, posterior, reading, fit, ranked, titles)
+
+
+def _repeated(conditions: Conditions) -> bool:
+    return any(len(runs) > 1 for _, runs in runs_by_temperature(conditions))
 
 
 def _read(
@@ -121,7 +132,7 @@ def _read(
     titles: dict[str, str],
 ) -> Scattering:
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
-    kind = reading.found.kind
+    kind = reading.found.kind if ranked else ""
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
     rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
     noise = scatter.ordinary(fit, conditions, found)

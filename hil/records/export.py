@@ -32,6 +32,7 @@ from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.status import missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
+from procedures.words import numbered
 
 _MEANINGS = {
     "supply_V": "supply voltage at the unit's terminals, volt",
@@ -274,14 +275,19 @@ def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterat
     missing = missing_in_words(journal.plan, journal.completed(), journal.attempts())
     if missing:
         yield f"The night is not complete; missing: {'; '.join(missing)}."
-    for row in rows:
-        verdict = row.collect.data.get("verdict", "PASS")
-        if verdict != "PASS":
-            yield f"Collect {row.number} was judged {verdict}: {row.collect.data.get('reason', '')}."
     done, runs = journal.completed(), journal.plan.self_calibrations
-    for number, judged in _verdicts(journal).items():
-        if judged.verdict is not Verdict.PASS and any(step.key in done for step in runs[number]):
-            yield f"Self-calibration {number} was judged {judged.verdict}: {judged.reason}."
+    judged = [("Collect", r.number, r.collect.data.get("verdict"), r.collect.data.get("reason", "")) for r in rows]
+    judged += [
+        ("Self-calibration", number, str(each.verdict), each.reason)
+        for number, each in _verdicts(journal).items()
+        if any(step.key in done for step in runs[number])
+    ]
+    alike: dict[tuple[str, str], list[int]] = {}
+    for noun, number, verdict, reason in judged:
+        if (verdict or Verdict.PASS) != Verdict.PASS:
+            alike.setdefault((noun, f"judged {verdict}: {reason}."), []).append(number)
+    for (noun, words), numbers in alike.items():
+        yield f"{numbered(noun, numbers)} {'was' if len(numbers) == 1 else 'were'} {words}"
     yield "Acceleration and earth rate are computed from site and orientation table; 1 g is the local gravity."
     for number, section in bench.sensors.items():
         if section.assumed:

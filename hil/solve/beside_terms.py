@@ -5,8 +5,6 @@
 So the improved model that reconcile writes gives parameters that are no longer bent by the effect it names.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hil.campaign import Campaign, Collects

@@ -10,8 +10,6 @@ along which the one has its A and the other its B axis is BA of the one and BB o
 looked at. Earth rate and gravity are taken as the same for both: an error there is common too, but in every run alike.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

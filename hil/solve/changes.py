@@ -9,8 +9,6 @@ They act on conditions, so they work on a planned sweep and on a campaign that w
 is for an index axis along the sensor's second axis, as on the report's bench. A change that does not fit returns None.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

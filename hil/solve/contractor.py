@@ -6,8 +6,6 @@ the collects may be repeated, come in any order and have measured f. What the tw
 the contractor's model, -MUB G1 and +MUA G1 where the sensor has MU.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

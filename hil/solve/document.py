@@ -1,7 +1,5 @@
 """The solutions of a campaign as the JSON document hil.solution/1: each run, the means, and what repeats show."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

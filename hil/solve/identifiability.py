@@ -10,8 +10,6 @@ conditions, so it can be asked before a night is spent. Whoever asks what column
 others, or which are independent asks here, so that all mean the same by it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

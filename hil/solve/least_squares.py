@@ -13,8 +13,6 @@ The normal equations with one step of refinement serve the well-conditioned (all
 condition number below 10⁴); everything else goes through the singular value decomposition of the design.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

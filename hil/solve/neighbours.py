@@ -12,8 +12,6 @@ many degrees of freedom as the runs of one temperature have, scatter alone hardl
 campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is said.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -167,30 +165,39 @@ class _Departures:
         return np.asarray(np.isfinite(self._expected + self._scale).all(axis=1))
 
     def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
-        """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst."""
+        """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst.
+
+        Asked of each rate, and of each beside the rest of its run, whose own offset is no matter there.
+        """
         places = [place[~left_out[place]] for place in self._places()]
         places = [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
         if not places:
             return
         rows = np.concatenate(places)
         groups = np.repeat(np.arange(len(places)), [len(place) for place in places])
-        levels = np.unique(self._level[rows], return_inverse=True)[1]
+        level, label = (of[[place[0] for place in places]] for of in (self._level, self._label))
         share = np.concatenate([np.full(len(p), len(p) / (len(p) - 1.0)) for p in places])[:, None]
         off = self._rates[rows] - np.array([self._rates[place].mean(axis=0) for place in places])[groups]
+        own = self._collects.conditions.run[rows][:, None] == self._collects.conditions.run[rows]
+        others = own.sum(axis=1)[:, None] - 1.0
+        beside = np.where(others > 1.0, off - (own @ off - off) / np.maximum(others, 1.0), 0.0)
         # Runs are independent and the positions of one are not: degrees of freedom are those of a single position.
-        degrees = (len(rows) - len(places)) / len(np.unique(self._label[rows])) - 1.0
-        # A temperature may scatter more than the others.
-        variances = [np.full(off.shape, np.finfo(np.float64).tiny), self._collects.rates_se_deg_per_hr[rows] ** 2]
-        for kind in (np.zeros_like(levels), levels):
-            of_kind = np.eye(len(places))[kind]
-            squares, freedom = (of_kind @ (of_kind.T @ each) for each in (off**2, 1.0 / share))
-            variances.append((squares - share * off**2) / np.maximum(freedom - 1.0, 1.0))
-        times = np.abs(off) * np.sqrt(share / np.nanmax(variances, axis=0))
-        chance = np.nan_to_num(2.0 * stdtr(degrees, -times) * off.size, nan=1.0)
-        for at in np.argsort(chance, axis=None, kind="stable").tolist():
-            i, channel = np.unravel_index(at, chance.shape)
-            if chance[i, channel] >= FALSE_ALARM:
-                return
+        degrees = (len(rows) - len(places)) / len(np.unique(label)) - 1.0
+        found = []
+        # A temperature may scatter more than the others, and beside the rest of its run a position.
+        for far, words, pools in (
+            (off, "", (np.zeros_like(level), level)),
+            (beside, ", beside the rest of its run", (label, label * (level.max() + 1) + level)),
+        ):
+            variances = [np.full(far.shape, np.finfo(np.float64).tiny), self._collects.rates_se_deg_per_hr[rows] ** 2]
+            for pool in pools:
+                of_kind = np.unique(pool[groups], return_inverse=True)[1][:, None] == np.arange(len(np.unique(pool)))
+                squares, freedom = (of_kind @ (of_kind.T @ each) for each in (far**2, 1.0 / share))
+                variances.append((squares - share * far**2) / np.maximum(freedom - 1.0, 1.0))
+            times = np.abs(far) * np.sqrt(share / np.nanmax(variances, axis=0))
+            chance = np.nan_to_num(2.0 * stdtr(degrees, -times) * 2.0 * far.size, nan=1.0)
+            found += [(chance[tuple(at)], at, far * share, times, words) for at in np.argwhere(chance < FALSE_ALARM)]
+        for likely, (i, channel), shown, times, words in sorted(found, key=lambda each: each[0]):
             collect = self._collects.conditions.rows(rows[[i]])
             yield (
                 int(collect.run[0]),
@@ -198,9 +205,9 @@ class _Departures:
                 Judgement(
                     Verdict.MARGINAL,
                     f"collect {collect.collect[0]}: {list(collect.sensor.channels)[channel]} is "
-                    f"{float((off * share)[i, channel]):+.1f} deg/hr from what the other runs show at position "
-                    f"{collect.position[0]}, {times[i, channel]:.1f} times their scatter: chance alone shows as much "
-                    f"anywhere in one of {1.0 / chance[i, channel]:.0g} such campaigns",
+                    f"{float(shown[i, channel]):+.1f} deg/hr from what the other runs show at position "
+                    f"{collect.position[0]}{words}, {times[i, channel]:.1f} times their scatter: chance alone shows as "
+                    f"much anywhere in one of {1.0 / likely:.0g} such campaigns",
                 ),
             )
 
@@ -209,14 +216,14 @@ class _Departures:
         found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool), None)
         conditions = self._collects.conditions
         named = numbered("collect", conditions.collect[rows].tolist())
-        for i in rows:
-            for j in rows[rows > i]:
-                if self._fits(i, self._rates[j]) and self._fits(j, self._rates[i]):
-                    pair = numbered("collect", conditions.collect[[i, j]].tolist())
-                    positions = " and ".join(conditions.position[[i, j]].tolist())
-                    reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
-                    found = replace(found, rows=np.array([i, j]), exchanged=(int(i), int(j)))
-                    return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
+        beside = [j for j in np.flatnonzero(conditions.run == run).tolist() if not self._fits(j, self._rates[j])]
+        for i, j in (sorted((i, j)) for i in rows.tolist() for j in beside):
+            if i != j and self._fits(i, self._rates[j]) and self._fits(j, self._rates[i]):
+                pair = numbered("collect", conditions.collect[[i, j]].tolist())
+                positions = " and ".join(conditions.position[[i, j]].tolist())
+                reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
+                found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
+                return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
         if all(self._fits(i, -self._rates[i]) for i in rows):
             found.wrong[rows] = True
             return Judgement(
@@ -230,7 +237,7 @@ class _Departures:
             f"{conditions.position[rows[worst[0]]]}, "
             f"{abs(off[worst]) / self._scale[rows][worst]:.0f} times their scatter"
         )
-        whole = len(rows) >= _WHOLE_RUN * np.count_nonzero(conditions.run == conditions.run[rows[0]])
+        whole = len(rows) >= _WHOLE_RUN * np.count_nonzero(conditions.run == run)
         alike = np.all(np.ptp(off, axis=0) <= FAR * np.nanmax(self._scale[rows], axis=0))
         if len(rows) > 1 and whole and alike:
             said = f"{reason}; the whole run is off by the same: its bias was another"

@@ -4,8 +4,6 @@ Each row of the design sees one combination of the parameters. Where the rows do
 directions left over change no rate at all: no amount of averaging finds them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

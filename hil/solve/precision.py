@@ -5,8 +5,6 @@ agree. The usual size is the catalogue's: the middle of what is typical for a ro
 technology a campaign does not tell, that of the technology where it is largest. A bench may ask for more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -8,9 +8,10 @@ A run's standard error knows what goes on within its collects. Whatever changes 
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
 is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least), and b² what the variance
 of repeats at one temperature, pooled over the temperatures, has beyond that. It is b that a mean of n runs divides by
-√n. Intervals are Student's, on as many degrees of freedom as runs were repeated, and up to twice as many by the share
-that stated standard errors explain: so 93 to 97 % of them hold the truth, whatever b is (more, where a few repeats are
-all there is and standard errors explain them). Every command that states an uncertainty asks here.
+√n. Intervals are Student's, on as many degrees of freedom as runs were repeated, and on more where standard errors,
+which are known better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen repeats
+and more, whatever b is; of fewer up to all do, where standard errors explain them. Every command that states an
+uncertainty asks here.
 """
 
 from __future__ import annotations
@@ -75,8 +76,11 @@ class Spread:
 
     @property
     def freedom(self) -> FloatArray:
-        """Degrees of freedom behind a standard deviation, (p,): infinite where only standard errors tell."""
-        return np.where(self.degrees > 0, self.degrees * (1.0 + self.explained), np.inf)
+        """Degrees of freedom behind a standard deviation, (p,): infinite where only standard errors tell.
+
+        What they explain is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
+        """
+        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * self.explained**2), np.inf)
 
 
 @dataclass(frozen=True)
@@ -176,17 +180,19 @@ class SensorRepeats:
     def sentences(self) -> list[str]:
         """Say what repeats show beyond standard errors; that nothing was repeated, where nothing was."""
         if not np.any(self.spread.degrees):
-            return ["nothing was repeated: what changes from run to run is in no uncertainty"]
+            return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
         rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit} (its standard errors explain {math.sqrt(max(sd**2 - more**2, 0.0)):.2g})"
+            f"{name} by {sd:.3g} {unit}"
+            + (f" ({math.sqrt(sd**2 - more**2):.2g} by standard errors)" if more < sd else "")
             for name, unit, sd, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
         degrees = int(self.spread.degrees.max())
         if not told:
             return [f"repeats scatter as their standard errors say ({degrees} degrees of freedom)"]
-        return [f"from run to run ({degrees} degrees of freedom): {'; '.join(told)}; it is in every uncertainty here"]
+        more = f"repeats scatter more than their standard errors say ({degrees} degrees of freedom)"
+        return [f"{more}: {'; '.join(told)}; each ± includes it"]
 
 
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:

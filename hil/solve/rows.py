@@ -5,8 +5,6 @@ columns cannot be separated (a rotor sensor whose B direction is excited: GSA an
 block. Blocks share no base parameter, so that each has its own noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,11 +6,9 @@
 A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
 missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
 exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %). The verdict is the worst of that,
-of how the run was measured (`Campaign.verdicts`), of what the other runs say of its collects, and of whether the
-standard errors are small enough to say anything (`hil.solve.precision`).
+of how the run was measured and what its records contradict (`Campaign.verdicts`, `contradicted`), of what the other
+runs say of its collects, and of whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -104,16 +102,16 @@ def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> Run
 
     Where there is nothing to compare it with, that stands among what was assumed.
     """
-    run = solution.run
-    if run in beside.not_compared:
+    if not beside.not_compared.isdisjoint(solution.runs):
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
         )
         solution = replace(solution, assumed=(*solution.assumed, alone))
-    found = [each[run] for each in (campaign.verdicts, beside.judged) if run is not None and run in each]
+    here = {run: of for (run, sensor), of in campaign.contradicted.items() if sensor == solution.sensor}
     soak = unsettled(campaign.sensors[solution.sensor].conditions)
-    found += [Judgement(Verdict.MARGINAL, soak[each]) for each in solution.runs[:1] if each in soak]
+    told = (campaign.verdicts, here, beside.judged, {run: Judgement(Verdict.MARGINAL, of) for run, of in soak.items()})
+    found = [of[run] for run in solution.runs for of in told if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
     found.append(measured_well_enough(errors, campaign.sensors[solution.sensor].conditions.sensor, campaign.largest_se))
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)

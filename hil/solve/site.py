@@ -4,8 +4,6 @@ The earth rate that is subtracted rests on both. In the collects of one heading 
 acceleration sensitivity, and leaves no residual.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

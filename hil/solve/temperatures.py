@@ -6,8 +6,6 @@
 Repeats, noise, a calibration per temperature, parameters against temperature, the report and reconcile ask here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

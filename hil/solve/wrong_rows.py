@@ -10,8 +10,6 @@ The quick form of what `hil reconcile` asks of every row: what other runs show a
 probable with one collect left out, with the search's own prior of a wrong row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
@@ -92,7 +90,11 @@ def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
 
 def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say of each entry of key `rows` what is done and why."""
-    return [f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}" for each in rows]
+    more = "; hil reconcile weighs it against everything else, and may leave it out"
+    return [
+        f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}{more * (each['done'] == USED)}"
+        for each in rows
+    ]
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -101,10 +103,10 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
         {(int(r["sensor"]), int(n)) for r in of if r["done"] != USED for n in r["collects"]}
         for of in (rows, rows_of(campaign))
     )
-    here = "hil solve, report, budget and thermal, which judge by neighbours and residuals alone,"
+    here = "by hil solve, report, budget, thermal and visibility, which judge by neighbours and residuals alone"
     return [
-        f"sensor {sensor}: {numbered('collect', sorted(n for s, n in odd if s == sensor))}: {here} {what}"
-        for odd, what in ((search - quick, "use them"), (quick - search, "do not use them as they are"))
+        f"sensor {sensor}: {numbered('collect', sorted(n for s, n in odd if s == sensor))}: {what} {here}"
+        for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended"))
         for sensor in sorted({s for s, _ in odd})
     ]
 

@@ -1,7 +1,5 @@
 """The simulated devices of a bench: one chamber whose air the simulated unit lies in, and both controllers' bytes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@
 are still to come, and those that are still going on by the clock; what happened in a moment has happened.
 """
 
-from __future__ import annotations
-
 import errno
 import math
 import os

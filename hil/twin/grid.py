@@ -1,7 +1,5 @@
 """What moves slowly in the simulated unit, on a grid of 5 s: temperatures, coefficients, supply, spin, noise levels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

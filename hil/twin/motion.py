@@ -4,8 +4,6 @@ The unit is one rigid body: both sensors turn by the same rotation. While it tur
 orders of magnitude above what is measured, so that a single sample of it in a collect shows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

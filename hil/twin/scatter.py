@@ -4,8 +4,6 @@ Every kind of noise has its own stream of the seed. White noise is drawn once pe
 point, both in time order; run-to-run scatter is drawn by the number of the self-calibration, not by when it is asked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

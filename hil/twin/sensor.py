@@ -1,7 +1,5 @@
 """One simulated sensor: its coefficients at a temperature, its geometry, its run-to-run scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

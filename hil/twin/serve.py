@@ -8,8 +8,6 @@ where it names a path, the terminal appears there; where it names `socket://host
 chamber, one unit, one air between them, as in process.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

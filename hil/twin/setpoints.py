@@ -1,7 +1,5 @@
 """The chamber's air together with what the chamber was told, for effects that depend on the last change of setpoint."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 
 import numpy as np

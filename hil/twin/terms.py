@@ -5,8 +5,6 @@ past (hysteresis, a setpoint's step, the positions before), so they are evaluate
 each, with a history of one row for every stay and every group before. Each grid point stands for the mean over its 5 s.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

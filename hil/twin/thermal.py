@@ -15,8 +15,6 @@ The state is advanced on a fixed grid and extrapolated along its slope in betwee
 yet: whoever asks, however often, finds the same temperatures.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Protocol
 

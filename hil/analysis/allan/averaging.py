@@ -1,7 +1,5 @@
 """What an Allan deviation means for a collect: how long to average, and when longer stops helping."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ stretch, and everything that was recorded counts. Equivalent degrees of freedom 
 kind of noise; `NoiseKind` says which is taken at each tau.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum

@@ -1,7 +1,5 @@
 """The result of `hil allan` as one document (schema hil.allan/1) and as text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

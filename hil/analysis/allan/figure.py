@@ -1,7 +1,5 @@
 """The Allan deviation as a plot, SVG or PNG by the name of the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

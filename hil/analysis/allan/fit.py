@@ -29,7 +29,7 @@ SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
 
 _KINDS = (NoiseKind.QUANTISATION, NoiseKind.WHITE, NoiseKind.FLICKER, NoiseKind.RANDOM_WALK)
 _FLICKER = 2.0 * np.log(2.0) / np.pi
-_SHARED = 1.7  # neighbouring octaves share data: simulated records say by how much (tests/hil/analysis/allan)
+_SHARED = {2: 1.7, 0: 1.7, -1: 2.0, -2: 2.6}  # by kind: neighbouring octaves share data (benchmarks/intervals.py)
 _ROUNDS = 60
 _MOST_ROUNDS_OF_KINDS = 4
 _LEAST_CHANCE = 0.01
@@ -107,7 +107,7 @@ class _Fitted:
         variance = measured.variance[chosen]
         kind = np.zeros(len(columns), dtype=np.int64)
         for _ in range(_MOST_ROUNDS_OF_KINDS):
-            edf = measured.edf(kind)[chosen] / _SHARED
+            edf = (measured.edf(kind) / np.array([_SHARED[each] for each in kind.tolist()]))[chosen]
             squares = _maximum(columns[chosen], variance, edf)
             dominant = _dominant(columns, squares)
             if np.array_equal(dominant, kind):

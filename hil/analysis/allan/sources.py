@@ -6,8 +6,6 @@
 Rates become deg/hr. Tables that this project wrote say their unit and their times; others are told.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

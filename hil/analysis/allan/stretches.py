@@ -1,7 +1,5 @@
 """A series of rates cut into stretches without a gap."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@
 Nothing is ever corrected: a reading is a candidate for whoever has the page.
 """
 
-from __future__ import annotations
-
 from hil.analysis.published.audit import Audit, Finding, audit_table
 
 __all__ = ["Audit", "Finding", "audit_table"]

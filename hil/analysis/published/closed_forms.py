@@ -13,8 +13,6 @@ Misprints in RD-GC-86-1; the corrected form is followed here:
 - the text gives only the G1 term of the contractor's error; `contractor_error` has the G3 terms too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ bias is +MUB*G1 on axis A and -MUA*G1 on axis B, in every run and so in the mean
 the same runs form a triangle. Table A-1: eqs. (A-27)-(A-33) give one bias seven ways.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 

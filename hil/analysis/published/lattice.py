@@ -4,8 +4,6 @@ Runs that were written down to 0.01 have a mean that is a multiple of 0.01/n: th
 have only certain sigmas (with n - 1) beside a given mean. Both are checks on single digits that no identity needs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ Table 1 has one line per temperature and parameter (`parameter`, `mean_printed`,
 Of the others only `unit` is looked at: an audit trusts the digits, not what somebody has already concluded from them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

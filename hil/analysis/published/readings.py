@@ -1,7 +1,5 @@
 """Other readings of a printed number: what the page might say instead. Candidates only; nothing is ever corrected."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -11,8 +11,6 @@ contractor's error has the G3 terms that the report's text leaves out: BA is off
 GSA by -MUB G3/G1, which at a tilt of 16 milliradians is 0.4 deg/hr/g for the MUB of 19.7 °F.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

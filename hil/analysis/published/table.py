@@ -8,8 +8,6 @@ these are the rates that Collects 1 and 2 have in common and the rate of Collect
 (GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells become warnings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,6 +85,7 @@ def read_published_table(table: Path) -> Campaign:
         sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
         warnings=tuple(warnings),
         notes=_NOTE,
+        rebuilt=True,
     )
 
 

@@ -5,8 +5,6 @@ result.sensors[2].parameters["BA"].form      # constant, polynomial (with its or
 result.model()                               # a hil.model/1 with curves that refuse to be extrapolated
 """
 
-from __future__ import annotations
-
 from hil.analysis.thermal.fit import ThermalFit, fit_thermal
 
 __all__ = ["ThermalFit", "fit_thermal"]

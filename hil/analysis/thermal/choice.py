@@ -8,8 +8,6 @@ how it is shared among the temperatures. The first step, away from the constant,
 sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,14 +1,12 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
-from __future__ import annotations
-
-import math
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
 from hil.solve.repeats import CONFIDENCE
+from hil.solve.runs import finite
 from hil.solve.wrong_rows import rows_of
 
 SCHEMA = "hil.thermal/1"
@@ -39,6 +37,7 @@ def _sensor(fit: SensorFit) -> dict[str, Any]:
         "model": fit.layout.form.name,
         "range_degC": list(fit.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
+        "temperature_of": "temperature_degC",
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
         "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {
@@ -98,7 +97,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
             {"form": step.form.name, "error": step.error, "best_richer": step.best_richer, "chance": step.chance}
             for step in choice.steps
         ],
-        "repeatability": _known(each.repeatability),
+        "repeatability": finite(each.repeatability),
         "changes": each.changes,
         "chance_constant": each.chance_constant,
         "chance_form": each.chance_form,
@@ -133,28 +132,26 @@ def _improvement(found: Improvement) -> dict[str, Any]:
     }
 
 
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
-    errors = each.choice.errors
+    errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
-        bound = f"{each.largest_change:.2g} {each.unit}"
-        return f"no temperature dependence found; over the range a straight line changes less than {bound}"
+        return f"no temperature dependence found: a straight line changes less than {each.largest_change:.2g} {unit}"
     if each.finding == "undescribed":
-        cubic = f"; cubic {errors['cubic']:.3g} beside {errors['constant']:.3g}" if "cubic" in errors else ""
+        cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
-            "differs between temperatures beyond its noise, but no form predicts one that was left out better than a "
-            f"constant by more than chance (p = {each.choice.chance_of_constant:.2g}{cubic})"
+            "differs between temperatures beyond its noise, but no curve is shown to predict one left out: a constant "
+            f"misses it by {errors['constant']:.3g} {unit}{cubic} (p = {each.choice.chance_of_constant:.2g})"
         )
-    words = f"{each.form}: held-out error {errors['constant']:.3g} with a constant, {errors[each.form]:.3g} with it"
+    words = (
+        f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "
+        f"{errors['constant']:.3g}"
+    )
     if each.improvement.chosen_anew:
-        confirms = "confirms it" if each.is_confirmed else "does not confirm it"
-        words += f"; choosing the form anew without that temperature {confirms} ({each.improvement.modelled:.3g})"
+        anew = f"; where the form, too, is chosen without that temperature, by {each.improvement.modelled:.3g}"
+        words += anew + (": confirmed" if each.is_confirmed else ": not confirmed")
     if each.chance_form is not None and each.chance_form < DESCRIBES:
-        words += "; it leaves a misfit beyond the noise, which its standard errors include"
+        words += "; the curve does not go through all values within their noise: its standard errors include that"
     return words
 
 
@@ -163,18 +160,18 @@ def verdict_in_words(fit: SensorFit) -> str:
     found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves (share removed {found.share:.0%}; drawing the temperatures again "
-        f"{found.low:.0%} to {found.high:.0%}); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
+        f"{found.modelled:.3g} deg/hr with the curves ({found.share:.0%} less; {found.low:.0%} to {found.high:.0%} "
+        f"with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         reason = (
             "no parameter depends on temperature"
             if all(each.finding == "constant" for each in fit.parameters.values())
-            else "no form predicts better than a constant"
+            else "no curve is shown to predict better than a constant"
         )
         return (
-            f"modelling against temperature does not improve this unit: {reason}; held-out error {found.constant:.3g} "
-            f"deg/hr, one collect scatters by {scatter:.3g} deg/hr"
+            f"modelling against temperature does not improve this unit: {reason}; rates at a temperature that was left "
+            f"out are wrong by {found.constant:.3g} deg/hr, one collect scatters by {scatter:.3g} deg/hr"
         )
     if found.is_certain:
         return f"modelling against temperature improves this unit: {numbers}"
@@ -185,7 +182,7 @@ def _confirmed(fit: SensorFit) -> str:
     """Say which of the chosen forms the temperatures that were left out confirm, one by one."""
     modelled = [each for each in fit.parameters.values() if each.finding == "modelled"]
     if not fit.improvement.chosen_anew:
-        return "; too few temperatures to choose the forms anew, so that choosing them flatters the curves"
+        return "; too few temperatures to confirm the forms by choosing them again without one"
     held = ", ".join(each.name for each in modelled if each.is_confirmed) or "none"
     doubtful = ", ".join(each.name for each in modelled if not each.is_confirmed)
     return f"; confirmed one by one: {held}" + (f"; not confirmed: {doubtful}" if doubtful else "")

@@ -7,8 +7,6 @@ Sources: PX4 developer guide, "Thermal Calibration and Compensation", and PX4 To
 ArduPilot libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

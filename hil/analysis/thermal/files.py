@@ -1,7 +1,5 @@
 """What `hil thermal --out` writes: the document, a model file, plots, and for triads autopilot parameter files."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -4,8 +4,6 @@ First the parameters are free at every temperature; from that each gets its form
 once more along the chosen forms, at the temperature that each really had.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ It is batched, so that a thousand simulated campaigns cost as much as one loop. 
 beyond what it was shown, as it would in use; the interpolating forms hold their end value.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol

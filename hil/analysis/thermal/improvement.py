@@ -7,8 +7,6 @@ the answer hangs on a few of them. It is no interval for the share that another 
 temperature.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

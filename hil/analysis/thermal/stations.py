@@ -1,7 +1,5 @@
 """The temperatures of a campaign, and from which side each self-calibration came to its own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-// The self-calibrations so far: one line for each sensor, with its parameters and their errors.
+// The self-calibrations so far: one line for each sensor, with its parameters ± one standard deviation, as hil solve has them.
 
 import { degrees, sentence, withError } from "./words.js";
 
@@ -24,7 +24,8 @@ export function results(rows, working) {
   list.append(cell("li", "", "± is one run's standard error, from the noise within its collects; what repeats show beside it is in the report."));
   const assumed = new Set(rows.flatMap((row) => row.solutions.flatMap((each) => each.assumed)));
   for (const each of assumed) list.append(cell("li", "", `Assumed: ${sentence(each)}`));
-  return [table(rows, working), list];
+  const about = cell("p", "small", "Value ± one standard deviation, what repeats so far show included: the ± of hil solve.");
+  return [table(rows, working), about, list];
 }
 
 function reason(row, what, { verdict, reason }) {
@@ -93,7 +94,7 @@ function firstCells(row, span) {
 
 function parameter(estimate) {
   if (!estimate || estimate.value === null) return cell("td", "", estimate ? "not seen" : "");
-  const [value, error] = withError(estimate.value, estimate.se);
+  const [value, error] = withError(estimate.value, estimate.sd);
   const made = cell("td", "", `${value} `);
   made.append(cell("span", "se", error), cell("span", "unit narrow", ` ${estimate.unit}`));
   return made;

@@ -10,8 +10,6 @@ the source's errors, makes the rates that a sensor with known parameters would h
 were wrong, and looks how far off the parameters are. They must agree within the draws' own error, and both are printed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -59,10 +57,10 @@ class Budget:
         """Return the contribution of one source, by its id."""
         return next(each for each in self.shares if each.source.id == source)
 
-    def total(self, repeats: int = 1, beyond: FloatArray | float = 0.0) -> FloatArray:
-        """Return the standard deviation (p,) of the mean of `repeats` runs that scatter by `beyond` (p,) more."""
+    def total(self, repeats: int = 1) -> FloatArray:
+        """Return the standard deviation (p,) of the mean of `repeats` runs."""
         parts = [each.analytic**2 / (repeats if each.source.varies == "run" else 1) for each in self.shares]
-        return np.asarray(np.sqrt(np.sum(parts, axis=0) + beyond**2 / repeats))
+        return np.asarray(np.sqrt(np.sum(parts, axis=0)))
 
     def simulation_error(self, simulated: FloatArray) -> FloatArray:
         """Return one standard deviation of simulated contributions by the finite number of draws."""

@@ -6,9 +6,6 @@
 Each sensor has the budget of one run, the one whose total is worst unless another is asked for, and the totals of all.
 """
 
-from __future__ import annotations
-
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,8 +16,8 @@ from hil.campaign import FloatArray
 from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
 from hil.design.budget.scenes import MEASURED, RunScene
 from hil.errors import InputError
-from hil.solve.repeats import SensorRepeats
-from hil.solve.temperatures import told_by
+from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.runs import finite
 
 SCHEMA = "hil.budget/1"
 
@@ -63,10 +60,12 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         raise InputError(f"sensor {number}: there is no run {asked.run}; there are {', '.join(map(str, totals))}")
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
     budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
+    one = _as_solved(budget, observed)
+    mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     return {
         "run": chosen.run,
-        "temperature_degC": chosen.temperature_degC,
-        "temperature_of": told_by(chosen.scene.conditions),
+        "temperature_degC": chosen.at[0],
+        "temperature_of": chosen.at[1],
         "positions": chosen.scene.conditions.position.tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,
@@ -74,17 +73,20 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, budget.total(asked.repeats, _beyond(budget, observed))),
+        "mean_of_repeats": _named(budget, _mean(budget, asked.repeats, one, mean)),
         "run_to_run": _named(budget, _from_run_to_run(budget)),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
-        "as_solved": _as_solved(budget, observed),
+        "as_solved": _named(budget, one) if observed is not None else {},
+        "mean_as_solved": {}
+        if mean is None
+        else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,
         "runs": [
             {
                 "run": each.run,
-                "temperature_degC": each.temperature_degC,
+                "temperature_degC": each.at[0],
                 "total": _named(budget, totals[each.run]),
             }
             for each in runs
@@ -98,25 +100,29 @@ def _total(each: RunScene) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(parts, axis=0)))
 
 
-def _as_solved(budget: Budget, observed: SensorRepeats | None) -> dict[str, float | None]:
-    """What `hil solve` states of one run: its noise, and what repeats and residuals show beside it."""
+def _as_solved(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
+    """What `hil solve` states of one run, (p,): its noise, and what repeats and residuals show; NaN where nothing."""
     noise = next((each for each in budget.shares if each.source.id == "noise"), None)
     if observed is None or noise is None:
-        return {}
+        return np.full(len(budget.names), np.nan)
     measured = noise.source.origin == MEASURED
-    own = {name: se if measured else np.nan for name, se in zip(budget.names, noise.analytic.tolist(), strict=True)}
+    own = dict(zip(budget.names, noise.analytic.tolist(), strict=True)) if measured else {}
     sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
-    return {name: _finite(value) for name, value in zip(observed.names, sd.tolist(), strict=True) if name in own}
+    told = dict(zip(observed.names, sd.tolist(), strict=True))
+    return np.array([told.get(name, np.nan) for name in budget.names])
 
 
-def _beyond(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
-    """What repeats scatter by, (p,), beyond what the budget's own sources give from run to run."""
-    expected = _from_run_to_run(budget)
-    if observed is None:
-        return np.zeros_like(expected)
-    seen = dict(zip(observed.names, np.nan_to_num(observed.spread.observed).tolist(), strict=True))
-    own = np.array([seen.get(name, 0.0) for name in budget.names])
-    return np.asarray(np.sqrt(np.maximum(own**2 - expected**2, 0.0)))
+def _mean(budget: Budget, repeats: int, one: FloatArray, mean: MeanAt | None) -> FloatArray:
+    """Return the whole uncertainty of the mean of some repeats, (p,): what they show, and what they have in common.
+
+    `one` (p,) is what `hil solve` states of one run, `mean` what it states of the runs at that temperature, the same
+    number where as many repeats are asked for. It is never less than what the budget's own sources give.
+    """
+    shown = one / np.sqrt(repeats)
+    if mean is not None and len(mean.runs) == repeats:
+        shown = np.array([mean.values[n].sd if n in mean.values else np.nan for n in budget.names])
+    common = budget.total() ** 2 - _from_run_to_run(budget) ** 2
+    return np.asarray(np.fmax(budget.total(repeats), np.sqrt(shown**2 + common)))
 
 
 def _from_run_to_run(budget: Budget) -> FloatArray:
@@ -142,17 +148,13 @@ def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[s
     error = budget.simulation_error(simulated)
     return {
         name: {
-            "analytic": _finite(analytic[i]),
-            "monte_carlo": _finite(simulated[i]),
-            "monte_carlo_error": _finite(error[i]),
+            "analytic": finite(analytic[i]),
+            "monte_carlo": finite(simulated[i]),
+            "monte_carlo_error": finite(error[i]),
         }
         for i, name in enumerate(budget.names)
     }
 
 
 def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
-    return {name: _finite(value) for name, value in zip(budget.names, values, strict=True)}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return {name: finite(value) for name, value in zip(budget.names, values, strict=True)}

@@ -7,14 +7,12 @@ The parameters that errors of attitude act on (GS, MU) are the model's where the
 solved for after a night, and else typical of such a sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.budget.sources import Scene, Source, sources
@@ -27,6 +25,7 @@ from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.temperatures import level_degC, told_by
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation
@@ -46,7 +45,8 @@ _UNIFORM = 1.0 / np.sqrt(3.0)
 class RunScene:
     """A scene with its run, its sources, the model whose parameters are asked for, and what `base` is.
 
-    `left_out` names the sources that cannot be reckoned with, because it is not known how the sensor lay.
+    `at` is the run's temperature, °C, and whose it is (`hil.solve.temperatures`); `left_out` names the sources that
+    cannot be reckoned with, because it is not known how the sensor lay.
     """
 
     run: int
@@ -54,16 +54,8 @@ class RunScene:
     sources: tuple[Source, ...]
     form: LinearForm
     base_origin: str
+    at: tuple[float | None, str | None]
     left_out: tuple[str, ...] = ()
-
-    @property
-    def temperature_degC(self) -> float | None:
-        """The run's temperature: the setpoint, else the unit's own."""
-        columns = self.scene.conditions.columns
-        for name in ("setpoint_degC", "temperature_degC"):
-            if name in columns and np.any(np.isfinite(columns[name])):
-                return float(np.nanmean(columns[name]))
-        return None
 
 
 def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
@@ -90,8 +82,9 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
         found[number] = [
-            RunScene(run, _of(Scene(conditions, axes, base, sigma), conditions.run == run), given, form, origin)
+            RunScene(run, _of(Scene(conditions, axes, base, sigma), here), given, form, origin, _at(conditions, here))
             for run in np.unique(conditions.run).tolist()
+            for here in [conditions.run == run]
         ]
     return found
 
@@ -124,7 +117,14 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         scene = Scene(conditions, lying, base, assumed if stated is None else stated)
         left_out = tuple(each.title for each in given if each not in usable)
-        yield RunScene(run, scene, usable, form, origin, left_out)
+        yield RunScene(run, scene, usable, form, origin, _at(whole.conditions, whole.conditions.run == run), left_out)
+
+
+def _at(conditions: Conditions, here: BoolArray) -> tuple[float | None, str | None]:
+    """Return the mean temperature of some of a sensor's collects, (n,), None where unknown, and whose it is."""
+    level = level_degC(conditions)
+    known = np.zeros(0) if level is None else level[here & np.isfinite(level)]
+    return float(known.mean()) if len(known) else None, told_by(conditions)
 
 
 def _of(scene: Scene, chosen: np.ndarray) -> Scene:

@@ -13,8 +13,6 @@ Sensitivities that come out for RD-GC-86-1's collects: an error of the earth rat
 that is not known adds GSA·G3 to MUB; a drift in the order 1-2-3 enters MU three times as strongly as the bias.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ design_document(proposal, goal, sweep, bench)
 write_sweep(proposal, sweep, bench, Path("my.yaml"), "hil design rd-gc-86-1 --goal 'MU 0.5 deg/hr' --out my.yaml")
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -10,8 +10,6 @@ noise and let a drift grow, repeats average what varies from run to run and noth
 the shortest night wins, then the most certain one. The soak is the base sweep's; it takes most of the time.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -11,8 +11,6 @@ and MU; a palindrome keeps it out of everything and comes to each position from 
 spin axis down leaves the first residuals, and separates MU from what goes with the square of the acceleration.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,10 +4,9 @@ visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperat
 campaign_document(campaign, model)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,7 +46,7 @@ def visibility_document(
             if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
                 best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
-    changes = improvements(next(iter(sensors.values())), first, model) if with_changes else ()
+    changes = improvements(sensors, model, noise) if with_changes else ()
     return {
         "schema": "hil.visibility/1",
         "title": title,
@@ -69,7 +68,14 @@ def visibility_document(
             for number, sights in maps.items()
         },
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
-        "changes": [vars(one) for one in changes],
+        "changes": [
+            {
+                **vars(one),
+                "protected": list(dict.fromkeys(pair for of in one.protected.values() for pair in of)),
+                "protected_in": {str(number): pairs for number, pairs in one.protected.items()},
+            }
+            for one in changes
+        ],
     }
 
 
@@ -117,13 +123,19 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     campaign = treated(campaign)
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     shown = repeats(campaign, solve_campaign(campaign))
-    noise = {number: _seen(each) for number, each in shown.items() if np.any(each.spread.degrees)}
     typical = NoiseLevel().collect_deg_per_hr
     sigmas = {
         number: np.where(
             np.isfinite(rows.rates_deg_per_hr), np.nan_to_num(rows.rates_se_deg_per_hr, nan=typical), np.nan
         )
         for number, rows in campaign.sensors.items()
+    }
+    noise = {
+        number: replace(
+            _seen(each) if np.any(each.spread.degrees) else NoiseLevel(),
+            collect_deg_per_hr=float(np.sqrt(np.nanmean(sigmas[number] ** 2))),
+        )
+        for number, each in shown.items()
     }
     found = visibility_document(conditions, campaign.title, model, noise, sigmas)
     return {**found, "simulated": campaign.simulated}

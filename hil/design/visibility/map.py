@@ -9,8 +9,6 @@ search over the whole catalogue finds with the stated probability, its false-ala
 typical ones. What an effect does not show, it leaks into the base's parameters: that is told too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

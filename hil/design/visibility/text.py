@@ -3,8 +3,6 @@
 print(visibility_text(sweep_document(sweep, bench)))
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -19,7 +17,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     seen = [effect for effect in document["effects"] if effect["visible"]]
     probability = document["effects"][0]["smallest_visible"]["probability"] if document["effects"] else 0.9
     rate = document["false_alarm_rate"]
-    lines += [f"Seen. Size that is found with {probability:.0%} probability, at {rate:.0%} false alarms in all:"]
+    lines += [f"Seen, from this size on (in {probability:.0%} of nights; {rate:.0%} of nights without any show one):"]
     lines += [_seen(effect) for effect in sorted(seen, key=_against_typical)]
     lines += ["", *_alike(seen), *_unseen(document), *_unasked(document), *_changes(document)]
     return "\n".join(lines)
@@ -50,7 +48,7 @@ def _alike(seen: list[Mapping[str, Any]]) -> Iterator[str]:
 def _unseen(document: Mapping[str, Any]) -> Iterator[str]:
     unseen = [effect for effect in document["effects"] if not effect["visible"] and not effect["in_model"]]
     if unseen:
-        yield "Not seen, for the model's own parameters absorb it (what it moves by more than a standard error):"
+        yield "Not seen: the model's own parameters take it up (in brackets those that it moves by a standard error):"
         for effect in unseen:
             yield f"  {effect['id']}{_leaks(document, effect['id'])}"
         yield ""
@@ -91,7 +89,12 @@ def _benefits(change: Mapping[str, Any]) -> list[str]:
         rest = f" and {len(pairs) - 4} more pairs" if len(pairs) > 4 else ""
         benefits.append(f"tells apart: {', '.join(pairs[:4])}{rest}")
     if change["protected"]:
-        benefits.append("keeps out: " + ", ".join(f"{effect} of {name}" for effect, name in change["protected"][:6]))
+        told = []
+        for number, pairs in change["protected_in"].items():
+            effects = dict.fromkeys(effect for effect, _ in pairs)
+            by_effect = [f"{e} of {', '.join(name for own, name in pairs if own == e)}" for e in effects]
+            told.append(f"sensor {number}: {'; '.join(by_effect)}")
+        benefits.append(f"keeps out ({'; '.join(told)})")
     if change["size_ratio"] < 0.95:
         benefits.append(f"shows effects at {change['size_ratio']:.0%} of the size")
     return benefits

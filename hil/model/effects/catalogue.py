@@ -4,8 +4,6 @@ effect_by_id("MU_real")
 askable(conditions, base)          # what this data can be asked about, and why not the rest
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mistakes in the data: signs and frames of the earth rate, labels that were exchanged."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 

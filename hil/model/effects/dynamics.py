@@ -1,7 +1,5 @@
 """Effects of motion: settling after an index move, and the rotor's speed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

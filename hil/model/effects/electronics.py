@@ -1,7 +1,5 @@
 """Effects of the electronics and its surroundings: quadrature, supply voltage, magnetic field."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

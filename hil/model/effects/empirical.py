@@ -3,8 +3,6 @@
 term = empirical("MUA", "supply_V")        # id "empirical:MUA*supply_V", called MUA × supply_V, empirical
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

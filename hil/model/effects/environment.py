@@ -1,7 +1,5 @@
 """Effects of the surroundings that scatter averages: condensation, and a base that moves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -9,8 +9,6 @@ run>12                        one after a run
 position=3&temperature_degC<0.0   products of these
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

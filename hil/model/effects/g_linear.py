@@ -1,7 +1,5 @@
 """Effects linear in acceleration: GS, MU, their temperature dependence, anisotropy, and a triad's full matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects of second order in acceleration: anisoelastic compliance of rotor, bearing or proof mass."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

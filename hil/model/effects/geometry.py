@@ -1,7 +1,5 @@
 """Directions from a collect's f and w: up, north and east along the sensor's axes, and turns about its index axis."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

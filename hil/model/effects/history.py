@@ -1,7 +1,5 @@
 """What a row's past does to it: joined rows, averaged decays, the play operator, setpoint steps, order in a run."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """What shows inside a collect: an effect that tests the series of its samples, and what such a test says."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Effects of time and chance on averages: drift, ageing, jumps; and those that only scatter them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType

@@ -4,8 +4,6 @@ effects_document()                        # schema hil.effects/1
 python -m hil.model.effects.pages docs/effects  # write the pages again; a test compares them with the catalogue
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Effects of the pickoff: phase of the spin reference, scale factor, misaligned input axes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ and widen their errors by the correlation that is left. A p-value is NaN where t
     findings[0].p_value, findings[0].estimates["S_deg_per_hr"]
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence

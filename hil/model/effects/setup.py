@@ -1,7 +1,5 @@
 """Effects of the set-up: tilt, accelerometers, index positions, earth-rate knowledge."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Thermal effects: bias against temperature, its rate, gradients, lag, hysteresis, soak, warm-up, gas."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """Effects of vibration: rectification of what the accelerometers or a vibration channel measured."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from hil.campaign import Conditions, FloatArray

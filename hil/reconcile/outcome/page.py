@@ -126,6 +126,8 @@ def summary(result: Reconciliation) -> list[str]:
 def _gap(result: Reconciliation) -> list[str]:
     """Say by how much the gap shrank; where it lies in the scatter, that each rate became more probable, first."""
     gap, score = result.gap, result.gap.log_score
+    if np.isfinite(gap.before) and not gap.noise_floor > 0.0:
+        return ["These runs have as many parameters as rates: nothing is left to be noise, and no gap can be stated."]
     if not np.isfinite(gap.before) or not result.effects:
         return []
     proved = np.isfinite(gap.improved_p_value)

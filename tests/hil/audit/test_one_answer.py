@@ -76,6 +76,20 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "solve": lambda document: _solved_means(document, "sd"),
         "thermal": lambda document: _thermal_means(document, "se"),
     },
+    "how sure the mean of a run and its repeats is": {
+        "budget": lambda document: {
+            (int(n), tuple(of["mean_as_solved"]["runs"]), name): sd
+            for n, of in document["sensors"].items()
+            for name, sd in of["mean_as_solved"].items()
+            if name != "runs"
+        },
+        "solve": lambda document: {
+            (int(n), tuple(mean["runs"]), name): of["sd"]
+            for n, shown in document["repeats"].items()
+            for mean in shown["means"]
+            for name, of in mean["parameters"].items()
+        },
+    },
     "what changes from run to run": {
         "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
@@ -96,11 +110,20 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
     },
+    "whether its repeats tell what scatters": {
+        "solve": lambda document: {"told": any(of["run_to_run"] for of in document["repeats"].values())},
+        "scatter": lambda document: {"told": bool(document["causes"])},
+    },
     "is it simulated": dict.fromkeys(COMMANDS, lambda document: {"simulated": document["simulated"]}),
 }
 
 
-IN_COMMON = ("the mean at a temperature", "how sure that mean is", "how sure one run is")
+IN_COMMON = (
+    "the mean at a temperature",
+    "how sure that mean is",
+    "how sure one run is",
+    "how sure the mean of a run and its repeats is",
+)
 
 
 @pytest.fixture

@@ -77,6 +77,11 @@ def test_what_agrees_is_left_alone() -> None:
     for changes in (
         {},
         {"time_since_setpoint_s": np.full(9, 3600.0)},
+        {
+            "case_degC": AIR - 15.0,
+            "dTdt_degC_per_min": np.full(9, 0.5),
+            "temperature_degC": AIR + np.tile([-0.5, 0.5, 1.5], 3),
+        },
         {"time_since_power_on_s": START_S - 3500.0 * RUN},
     ):
         assert judged_by_its_records(campaign(**changes)).warnings == ()
@@ -112,7 +117,9 @@ def test_a_record_that_the_others_contradict_fails_its_run(
 ) -> None:
     """One cell of one sensor, in the second collect of run 2."""
     judged = judged_by_its_records(campaign(**with_one(name, 4, change)))
-    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
+    failed = {key: each.verdict for key, each in judged.contradicted.items()}
+    assert failed.pop((2, 2)) is Verdict.FAIL
+    assert not failed  # sensor 1 is not accused of what is wrong with its neighbour
     assert words in " ".join(judged.warnings)
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
 
@@ -139,7 +146,8 @@ def test_one_collect_alone_has_no_other_earth_rate(
     conditions = made.sensors[2].conditions
     changed = np.where(np.arange(9)[:, None] == row, w * factor, w)
     rows = replace(made.sensors[2], conditions=replace(conditions, w_deg_per_hr=changed))
-    assert list(judged_by_its_records(replace(made, sensors={2: rows})).verdicts) == failed
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert list(judged.contradicted) == [(run, 2) for run in failed]
 
 
 def test_f_that_is_not_that_of_its_position_fails() -> None:
@@ -149,8 +157,8 @@ def test_f_that_is_not_that_of_its_position_fails() -> None:
     f_g = np.where(np.arange(9)[:, None] == 4, -conditions.f_g, conditions.f_g)
     rows = replace(made.sensors[2], conditions=replace(conditions, f_g=f_g))
     judged = judged_by_its_records(replace(made, sensors={2: rows}))
-    assert {run: each.verdict for run, each in judged.verdicts.items()} == {2: Verdict.FAIL}
-    assert "the distance of f, g, from the usual, is 2, where at most 0.1 belongs" in judged.verdicts[2].reason
+    assert {key: each.verdict for key, each in judged.contradicted.items()} == {(2, 2): Verdict.FAIL}
+    assert "the distance of f, g, from the usual, is 2, where at most 0.1 belongs" in judged.contradicted[2, 2].reason
 
 
 @pytest.mark.parametrize(("digits", "said"), [(9, True), (1, False)])
@@ -165,7 +173,7 @@ def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> 
     rates[:, 1], rates[7] = rates[:, 0], 1.0
     judged = judged_by_its_records(campaign(rates=rates))
     assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
-    assert list(judged.verdicts) == [1, 2, 3]
+    assert sorted({run for run, _ in judged.contradicted}) == [1, 2, 3]
 
 
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
@@ -173,8 +181,8 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     errors = np.full((9, 2), 0.7)
     errors[4, 1] = 0.01
     judged = judged_by_its_records(campaign(errors=errors))
-    assert list(judged.verdicts) == [2]
-    assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.verdicts[2].reason
+    assert list(judged.contradicted) == [(2, 2)]
+    assert "the standard error of RB is 0.01, where at least 0.07 belongs" in judged.contradicted[2, 2].reason
 
 
 @pytest.mark.parametrize(
@@ -199,7 +207,7 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, count
     table = tmp_path / "campaign" / "collects.csv"
     table.write_text(table.read_text().replace(",14.25,8.25,", f",{14.25 + off},8.25,"))
     judged = read_campaign(tmp_path / "campaign")
-    assert list(judged.verdicts) == ([2] if said else [])
+    assert list(judged.contradicted) == ([(2, 2)] if said else [])
     assert ("in series" in " ".join(judged.warnings)) is bool(said)
     assert f"collect 10: sensor 2: {said}" in " ".join(judged.warnings) or not said
 

@@ -71,5 +71,5 @@ def test_the_budget_after_a_night_is_of_what_was_measured(hil: Any, night: Path)
         assert sensor["observed_run_to_run"]["BA"]["degrees_of_freedom"] == 2
         assert sensor["agrees"] is True
     people = hil("budget", night, "--draws", "2000").stdout
-    assert "observed from run to run" in people
+    assert "repeats scatter by" in people
     assert "SIMULATED" in people

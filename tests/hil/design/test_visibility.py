@@ -135,11 +135,13 @@ def test_order_1_3_2_keeps_a_drift_out_of_mu(published: dict[int, Conditions]) -
 def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions]) -> None:
     """For the contractor's form Collect 4 leads; more of the same is the least."""
     model = built_in_model("collins-4")
-    found = improvements(published[2], visibility(published[2], model), model)
+    found = improvements({2: published[2]}, model)
     names = [one.change for one in found]
     assert names[0].startswith("add collect 4")
     assert ("MU_real", "k2") in found[0].separated
     assert names[-1] == "the same sweep twice"
+    order = next(one for one in improvements(published) if "1-3-2" in one.change)
+    assert order.protected == {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in ((2, "MU"), (1, "GS"))}
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)

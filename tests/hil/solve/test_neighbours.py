@@ -69,7 +69,7 @@ def test_sound_campaigns_are_left_alone(per_temperature: int) -> None:
         for runs in (1, 2, 3, 9):
             made = campaign(runs, per_temperature, seed)
             assert not compared_with_neighbours(made.sensors[2]).judged
-            assert judged_by_its_records(made).verdicts == {}
+            assert judged_by_its_records(made).contradicted == {}
             assert {each.verdict for each in solve_campaign(made)} == {Verdict.PASS}
 
 
@@ -118,17 +118,19 @@ def test_a_wrong_pose_fails_its_run_alone_with_its_row() -> None:
     for axis, value in zip("ABS", _F[1], strict=True):
         shown[f"accelerometer_{axis}_g"][14] = value
     judged = with_column(made, **shown)
-    assert {run: each.verdict for run, each in judged.verdicts.items()} == {5: Verdict.FAIL}
-    assert "collect 15: position 3 was asked for, but the unit lies as in position 2" in judged.verdicts[5].reason
+    assert {key: each.verdict for key, each in judged.contradicted.items()} == {(5, 2): Verdict.FAIL}
+    assert (
+        "collect 15: position 3 was asked for, but the unit lies as in position 2" in judged.contradicted[5, 2].reason
+    )
     assert any("collect 15" in warning for warning in judged.warnings)
-    assert judged_by_its_records(judged).verdicts == judged.verdicts  # read back, it is said once
+    assert judged_by_its_records(judged).contradicted == judged.contradicted  # read back, it is said once
 
 
 def test_a_latitude_that_w_does_not_have_fails() -> None:
     """Ten degrees: the vertical component of w is 2 deg/hr off."""
     judged = judged_by_its_records(replace(campaign(), site={"latitude_deg": 44.6}))
-    assert len(judged.verdicts) == 9
-    assert "w along the vertical is 8.541, where 10.461 to 10.661 belongs" in judged.verdicts[1].reason
+    assert len(judged.contradicted) == 9
+    assert "w along the vertical is 8.541, where 10.461 to 10.661 belongs" in judged.contradicted[1, 2].reason
 
 
 @pytest.mark.parametrize(
@@ -143,7 +145,7 @@ def test_a_thermometer_that_cannot_be_fails(change, words: str) -> None:
     """Stuck, or so far off that a unit that draws power cannot be at it."""
     made = campaign()
     judged = with_column(made, temperature_degC=change(made.sensors[2].conditions.columns["temperature_degC"]))
-    assert judged.verdicts
+    assert judged.contradicted
     assert words in " ".join(judged.warnings)
 
 
@@ -202,7 +204,7 @@ def test_one_runs_wrong_thermometer_accuses_that_run(runs: int, wrong: slice, ac
     made = campaign(runs, per_temperature=1)
     degrees = made.sensors[2].conditions.columns["temperature_degC"].copy()
     degrees[wrong] = 0.0
-    assert sorted(with_column(made, temperature_degC=degrees).verdicts) == accused
+    assert sorted(with_column(made, temperature_degC=degrees).contradicted) == [(run, 2) for run in accused]
 
 
 @pytest.mark.parametrize(

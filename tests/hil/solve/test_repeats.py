@@ -44,13 +44,13 @@ def held(seed: int, run_to_run: dict[str, float]) -> tuple[list[bool], list[bool
 
 
 @pytest.mark.parametrize(
-    ("seeds", "low", "high"), [(3, 0.9, 0.99), pytest.param(200, 0.93, 0.975, marks=pytest.mark.slow)]
+    ("seeds", "low", "high"), [(3, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("run_to_run", [RUN_TO_RUN, {}], ids=["run to run", "white"])
 def test_intervals_of_means_and_of_single_runs_hold_the_units_model(
     run_to_run: dict[str, float], seeds: int, low: float, high: float
 ) -> None:
-    """Stated 95 %, over whole nights: no deviation is below its standard error, so more where nothing scatters."""
+    """Stated 95 %, over whole nights, whether anything changes from run to run or not."""
     found = [held(seed, run_to_run) for seed in range(seeds)]
     for kind in (0, 1):
         share = np.mean([of[kind] for of in found])
@@ -107,4 +107,4 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     quiet = Spread.of(values, np.full((6, 1), 5.0), group)
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
-    assert quiet.freedom[0] == 2 * spread.degrees[0]  # what stated errors explain is known better
+    assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better

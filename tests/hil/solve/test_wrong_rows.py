@@ -12,6 +12,7 @@ from hil.solve import solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, rows_of, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.audit.folders import FOLDERS
+from tests.hil.solve.test_neighbours import campaign
 
 
 def made(name: str) -> Campaign:
@@ -73,3 +74,23 @@ def test_a_run_with_another_bias_is_used_and_named() -> None:
     rates = rows.rates_deg_per_hr + 60.0 * (rows.conditions.run == 5)[:, None]
     (row,) = wrong_rows(replace(rows, rates_deg_per_hr=rates)).rows
     assert (row.run, row.done) == (5, USED)
+
+
+def test_a_collect_that_hides_behind_the_offsets_of_whole_runs_is_doubted() -> None:
+    """Biases that change by 6 deg/hr: one rate off by 20 is no more than that, but not beside the rest of its run."""
+    one = campaign(24, 3, seed=3, scatter=6.0).sensors[2]
+    off = one.rates_deg_per_hr.copy()
+    off[33, 0] += 20.0
+    (row,) = wrong_rows(replace(one, rates_deg_per_hr=off)).rows
+    assert (row.run, row.collects, row.done) == (12, (34,), USED)
+    assert "beside the rest of its run" in row.why
+    assert wrong_rows(one).rows == ()
+
+
+def test_labels_are_exchanged_where_only_one_of_the_two_stands_out() -> None:
+    """The other is off by less than ten times the scatter, and fits where the first one stands."""
+    one = campaign(24, 3, seed=3, scatter=9.0).sensors[2]
+    rates = one.rates_deg_per_hr.copy()
+    rates[[30, 31]] = rates[[31, 30]]
+    found = wrong_rows(replace(one, rates_deg_per_hr=rates))
+    assert [(row.collects, row.done) for row in found.rows] == [((31, 32), MENDED)]

@@ -68,7 +68,7 @@ def test_a_cubic_does_not_describe_mub_of_table_1(table_1: ThermalFit) -> None:
     assert mub.form == "constant"
     assert mub.finding == "undescribed"
     assert mub.chance_constant < 1e-6  # it does depend on temperature, far beyond its noise
-    assert "no form predicts" in thermal_document(table_1)["sensors"][0]["parameters"]["MUB"]["verdict"]
+    assert "no curve is shown to predict" in thermal_document(table_1)["sensors"][0]["parameters"]["MUB"]["verdict"]
 
 
 @pytest.mark.parametrize(

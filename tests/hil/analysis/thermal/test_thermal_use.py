@@ -154,8 +154,8 @@ def test_on_table_1_only_bb_is_confirmed_by_temperatures_that_did_not_choose_its
         assert found.is_confirmed == confirmed
         assert (found.improvement.modelled < 0.8 * found.improvement.constant) == confirmed
     words = parameter_in_words(sensor.parameters["MUA"])
-    assert "5.21 with it" in words
-    assert "does not confirm it (17.1)" in words
+    assert "by 5.21 deg/hr/g, a constant by 19.3" in words
+    assert "by 17.1: not confirmed" in words
 
 
 def test_what_nothing_repeats_is_said_to_be_dependence_or_scatter() -> None:
@@ -174,7 +174,7 @@ def test_few_temperatures_are_said_to_choose_and_to_judge_at_once() -> None:
     assert sensor["parameters"]["BB"]["finding"] == "modelled"
     assert sensor["parameters"]["BB"]["confirmed"] is False
     assert sensor["parameters"]["BB"]["improvement"]["form_chosen_anew"] is False
-    assert "too few temperatures to choose the forms anew" in sensor["verdict"]["words"]
+    assert "too few temperatures to confirm the forms" in sensor["verdict"]["words"]
 
 
 @pytest.mark.parametrize(("command", "there"), [("thermal", "reconciliation.json"), ("reconcile", "thermal.json")])
@@ -205,7 +205,7 @@ def test_a_step_is_no_line_and_one_outlying_temperature_is_no_polynomial() -> No
         "BB": lambda t: 20.0 + 35.0 * (np.abs(t - 23.4) < 4.0),
     }
     found = fit_thermal(rotor_night(np.random.default_rng(8), step)).sensors[2].parameters
-    assert "leaves a misfit beyond the noise" in parameter_in_words(found["BA"])
+    assert "does not go through all values within their noise" in parameter_in_words(found["BA"])
     assert found["BB"].finding == "undescribed"
     assert found["BB"].form == "constant"
 
