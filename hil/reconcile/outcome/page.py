@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hil.files.figure import LOOKS, blank
-from hil.files.page import in_style, inline_svg, rendered
+from hil.files.page import in_style, rendered
 from hil.model import Model, save_model
 from hil.model.curve import Curve
 from hil.model.effects.catalogue import entries
+from hil.reconcile.outcome.pictures import driver_of, panels_of, pictures
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
-_MOST_PANELS = 4
 _LEAST = 1e-4  # p-values are said down to it
 
 
@@ -46,7 +45,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
 def page(result: Reconciliation) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
     rows = list(result.picture.get("rows", []))
-    panels, driver = _panels(rows), _driver(result, rows)
+    panels, driver = panels_of(rows), driver_of(result, rows)
     on_mean = any(effect.acts_on == "mean" and not effect.inside_collects for effect in result.effects)
     minutes = result.picture.get("minutes_per_collect")
     following = dict(result.next_experiment or {})
@@ -62,9 +61,9 @@ def page(result: Reconciliation) -> str:
         "act": what_to_do(result),
         "summary": summary(result),
         "driver": driver,
-        "before": list(_pictures(panels, driver, "held_before", "before", known)),
-        "curves": list(_pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
-        "after": list(_pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
+        "before": list(pictures(panels, driver, "held_before", "before", known)),
+        "curves": list(pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
+        "after": list(pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
         "most_places": _MOST_PLACES,
         "place_in_words": place_in_words,
         "effects": [_effect(effect) for effect in result.effects],
@@ -234,84 +233,6 @@ def place_in_words(where: Mapping[str, Any]) -> str:
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)
-
-
-def _driver(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Choose what the pictures run over: what the disagreement follows, as far as that is one of the three."""
-    for follows, _ in result.follows:
-        if follows == "pose":
-            return "position"
-        if follows.startswith("temperature"):
-            break
-        if follows != "run":
-            return "run"
-    known = {row["temperature_degC"] for row in rows if row["temperature_degC"] is not None}
-    return "temperature, °C" if len({round(t) for t in known if np.isfinite(t)}) > 1 else "run"
-
-
-def _panels(rows: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
-    """Return the rows of the channels that disagree most, the worst first."""
-    channels: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        channels.setdefault((row["sensor"], row["channel"]), []).append(row)
-    squares = {key: np.mean([(r["held_before"] / r["noise_after"]) ** 2 for r in own]) for key, own in channels.items()}
-    return [channels[key] for key in sorted(channels, key=lambda key: -squares[key])[:_MOST_PANELS]]
-
-
-def _pictures(
-    panels: Sequence[Sequence[Mapping[str, Any]]],
-    driver: str,
-    key: str,
-    when: str,
-    known: Mapping[tuple[int, str], float | None],
-    *,
-    curve: bool = False,
-) -> Iterator[str]:
-    """Yield a picture of each channel: measured less simulated over the driver, on one scale before and after.
-
-    The band is the noise, deg/hr, as `known` of a channel, else as it is after. With a `curve`, what was added as
-    lines, and the points beside them as they would be without it.
-    """
-    for own in panels:
-        labels = sorted({r["position"] for r in own})
-        figure, axes = blank(4.4, 2.7)
-        figure.subplots_adjust(top=0.88)
-        size = known.get((own[0]["sensor"], own[0]["channel"])) or float(
-            np.sqrt(np.mean([r["noise_after"] ** 2 for r in own]))
-        )
-        axes.axhspan(-size, size, color="0.85", linewidth=0.0, zorder=0, label="noise")
-        for label, look in zip(
-            labels, [*LOOKS.values(), *({"color": "0.4", "marker": "."},) * len(labels)], strict=False
-        ):
-            at = [r for r in own if r["position"] == label]
-            x = np.array([_along(r, driver, labels) for r in at])
-            added = np.array([curve * r["effect"] for r in at])
-            marks = {**look, "linestyle": "none"}
-            axes.plot(x, np.array([r[key] for r in at]) + added, markersize=4, label=f"position {label}", **marks)
-            if curve:
-                order = np.argsort(x, kind="stable")
-                axes.plot(x[order], added[order], color=look["color"], linewidth=1.4)
-        if not curve:
-            limit = 1.1 * max(abs(r[k]) for r in own for k in ("held_before", "held_after"))
-            axes.set_ylim(-limit, limit)
-        if driver == "position":
-            axes.set_xticks(range(len(labels)), labels)
-        axes.set_xlabel(driver)
-        axes.set_ylabel("deg/hr")
-        title = f"sensor {own[0]['sensor']}, {own[0]['channel']}, {when}"
-        axes.set_title(title, loc="left", fontsize=10)
-        if len(labels) <= len(LOOKS):
-            axes.legend(frameon=False, fontsize=7, ncols=2)
-        values = [r[key] for r in own]
-        ends = f"from {min(values):.1f} to {max(values):.1f} deg/hr, noise {size:.1f}"
-        yield inline_svg(figure, f"{title}: measured less simulated over {driver}, {ends}")
-
-
-def _along(row: Mapping[str, Any], driver: str, labels: Sequence[str]) -> float:
-    if driver == "position":
-        return float(labels.index(row["position"]))
-    value = row["run"] if driver == "run" else row["temperature_degC"]
-    return float("nan" if value is None else value)
 
 
 def _number(value: float | None) -> str:

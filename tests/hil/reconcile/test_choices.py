@@ -89,7 +89,7 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
     reading = supplied[1]
     assert [named.name for named in reading.names] == ["supply"]
     flat = np.ones((2, 4))
-    proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]))
+    proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]), [])
     left, reverted = _kept(reading, (proof, proof))
     assert bool(left.names) is kept
     assert bool(reverted) is not kept

@@ -26,7 +26,7 @@ def test_an_increment_says_what_the_parameter_then_is() -> None:
     (told,) = with_totals([found], after)
     assert [each.get("total") for each in told.parameters] == [pytest.approx(22.0), None, None]
     lines = list(_values(told.parameters))
-    assert "22 ± 2 (-184 by this effect) at -29.6 degC" in lines[0]
+    assert "22.0 ± 2.0 (-184.0 by this effect) at -29.6 °C" in lines[0]
 
 
 def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
@@ -40,7 +40,7 @@ def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
     ]
     assert list(_values(parameters)) == [
         "  BB × start_s^3 (sensor 2), deg/hr from one end of these collects to the other: 12.5 ± 1.3",
-        "  scale (sensor 2), ratio: 0.0439 ± 0.001",
+        "  scale (sensor 2), ratio: 0.0439 ± 0.0010",
         "  BA × t (sensor 2), deg/hr from one end of these collects to the other: 3",
     ]
 
