@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -16,15 +17,16 @@ from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
+from hil.reconcile.search.set_in_block import CLOSE
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
 
 
-def turning() -> Campaign:
+def turning(seed: int = 3, runs_each: int = 2) -> Campaign:
     """Every value of the unit differs from setpoint to setpoint as no law does, and runs repeat it to the noise."""
-    rng = np.random.default_rng(3)
-    rows = lay_out(rng, EIGHT, 2)
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, EIGHT, runs_each)
     place = np.unique(rows.setpoint, return_inverse=True)[1]
     bias, gs, mu = (rng.normal(0.0, 12.0, (3, 8, 2))[k][place] for k in range(3))
     rates = bias + gs * rows.f[:, :1] + mu * rows.f[:, 2:] + rows.w[:, :2]
@@ -51,6 +53,19 @@ def test_a_fold_chooses_by_the_rows_that_it_does_not_hold_out() -> None:
     """The first set is ahead only by what the held-out rows say for it: without them it is behind."""
     assert likeliest_without(np.array([0.0, -1.0]), np.array([-2.0, -9.0])) == 1
     assert likeliest_without(np.array([0.0, -1.0]), np.array([-9.0, -2.0])) == 0
+
+
+def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
+    """A climb that ends where one noise is likeliest would count what it missed twice, once for each channel."""
+    campaign = turning(0, 1)
+    search = searches(pose(campaign, load_model("matrix-6"), (*BASE_EFFECTS, *EFFECTS)), EFFECTS, VARIANCE_EFFECTS)[2]
+    for chosen, b in itertools.product(itertools.combinations(sorted(search.leading()), 2), (0, 1)):
+        weighed = search.in_block(chosen, b)
+        climbed = weighed.terms_log - np.sum(weighed.slack, axis=0)
+        near = [(e, weighed.best[e] + k) for e, own in enumerate(weighed.options) for k in (-2, -1, 1, 2)]
+        inside = np.array([(e, o) for e, o in near if 0 <= o < len(weighed.options[e])])
+        others = weighed._at(weighed._instead(inside)) + weighed.points.log_prior
+        assert others.max() < (climbed + weighed.points.log_prior).max() + 2.0 * CLOSE
 
 
 def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
