@@ -104,7 +104,8 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
     names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
-    names = sorted(names, key=lambda named: -named.probability)
+    # Of what is as sure, that which moves averages comes first.
+    names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     return Reading(
         found,
         as_filed,
