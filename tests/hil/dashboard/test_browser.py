@@ -326,6 +326,7 @@ def test_another_night_is_never_shown_in_place_of_the_one_that_was_chosen(
     assert page.locator("#cards a", has_text="second").count() == 0
 
 
+@pytest.mark.slow
 def test_a_page_that_fails_says_so_and_does_not_blame_the_connection(nights: Nights, browser: Any) -> None:
     """What is then on the page may be old, and only loading it again helps."""
     context = browser.new_context()

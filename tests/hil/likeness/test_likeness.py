@@ -44,6 +44,7 @@ def ask(folder: Path, keep: Path, model: Model | str = TRUTH, **how: Any) -> dic
     return likeness(folder, chosen, **{"draws": 3, "keep": keep, "workers": 1, **how})
 
 
+@pytest.mark.slow
 def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever was interrupted goes on, to the same result; another model, or seed, is simulated anew."""
     first = ask(night, tmp_path)

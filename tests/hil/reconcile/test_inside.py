@@ -49,7 +49,8 @@ def test_what_is_hidden_inside_collects_is_named(name: str, tmp_path: Path) -> N
     assert result.document()["effects"][0]["inside_collects"] is True
 
 
-@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("rho", [0.0, 0.5])
 def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     """White samples and correlated ones."""
     campaign = campaign_with("", tmp_path, rho=rho)

@@ -137,6 +137,7 @@ def test_a_kill_between_blocks_and_commit_leaves_an_orphan_and_no_result(long_ni
         assert journal.damage() == []
 
 
+@pytest.mark.slow
 def test_after_a_kill_verify_finds_nothing_but_what_is_missing(long_night: Path) -> None:
     """An attempt that was cut off and an orphan block are no damage."""
     child = start(long_night)
@@ -148,6 +149,7 @@ def test_after_a_kill_verify_finds_nothing_but_what_is_missing(long_night: Path)
     assert all(problem.startswith("missing: ") for problem in result["problems"])
 
 
+@pytest.mark.slow
 def test_the_lock_dies_with_its_owner(long_night: Path) -> None:
     """While the child lives nobody else may write; at its death the lock is free and the takeover is on record."""
     child = start(long_night)

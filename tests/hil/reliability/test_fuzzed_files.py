@@ -222,7 +222,7 @@ _CELLS = (
 )
 
 
-@pytest.mark.parametrize("command", ["solve", "import"])
+@pytest.mark.parametrize("command", [pytest.param("solve", marks=pytest.mark.slow), "import"])
 @_FUZZED
 @given(data=st.data())
 def test_a_changed_campaign_is_understood_or_refused(tmp_path: Path, command: str, data: st.DataObject) -> None:

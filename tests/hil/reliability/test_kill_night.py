@@ -36,6 +36,7 @@ def campaign(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(ended.stdout))
 
 
+@pytest.mark.slow
 def test_a_night_killed_now_and_then_is_carried_on_as_if_nothing_had_happened() -> None:
     """SIGKILL before every 300th system call that changes a file, from the beginning of the night to its end."""
     found = campaign("points", "--only-new", "--part", "1/300")
