@@ -66,8 +66,7 @@ def test_runs_that_are_off_in_no_simple_way_are_found_too() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["matrix-6", "matrix-6-thermal"])
-@pytest.mark.parametrize("runs_each", [2, 3])
+@pytest.mark.parametrize(("model", "runs_each"), [("matrix-6", 2), ("matrix-6-thermal", 3)])
 def test_bad_runs_show_on_a_night_of_eight_temperatures(model: str, runs_each: int) -> None:
     """Also beside a model that lacks temperature, and with a single neighbour at each temperature."""
     rows = layout(EIGHT, runs_each)
@@ -122,7 +121,7 @@ def glitch(rows: Rows, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [noise, no_noise_but_white, heavy, walk, reseating, power_cycle, jump, glitch])
+@pytest.mark.parametrize("kind", [heavy, walk, reseating, power_cycle, jump, glitch])
 def test_noise_and_what_has_a_name_are_no_bad_runs(kind: Callable[[Rows, np.random.Generator], np.ndarray]) -> None:
     """Three nights of each, of eight to twenty-four runs."""
     for seed in range(3):
