@@ -9,8 +9,6 @@ hours of soaking pass in seconds through the same code.
     2700.0
 """
 
-from __future__ import annotations
-
 import time
 from datetime import UTC, datetime, timedelta
 from typing import Protocol

@@ -1,7 +1,5 @@
 """What can go wrong, with a device or with what people give, in words for the person who stands in front of it."""
 
-from __future__ import annotations
-
 _SCREEN, _END = 1500, 300
 
 

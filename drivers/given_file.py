@@ -7,8 +7,6 @@ A pipe or a device may have no end, or never a beginning, and opening a serial p
 file is refused before it is opened. Nothing else in the program opens what somebody else may have written.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator

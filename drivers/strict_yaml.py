@@ -6,8 +6,6 @@ The loader is the safe one, which in addition refuses a key that is given twice.
 mistake is shown, and no key that only the program knows.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any

@@ -4,8 +4,6 @@ Every action leaves a `StepResult` or raises: `DeviceError` for a device that di
 be tried again), `InterlockTripped` and `StopRequested` from the polls inside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ Every poll goes on while a question stands: interlocks, the sign of life, a stop
 question stands in the journal, so that it can be answered from another shell or a dashboard as well as on the terminal.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import Protocol
 

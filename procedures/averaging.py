@@ -20,8 +20,6 @@ The noise is taken about a straight line, so that a drift, which is reported bes
 error, is not mistaken for noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@
 `take_collect` drives the bench through `Watch`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

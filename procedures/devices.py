@@ -1,7 +1,5 @@
 """The devices of a bench as the procedures hold them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.chambers import Chamber

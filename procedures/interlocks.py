@@ -5,8 +5,6 @@ sight is an event and holds the sweep (no step begins while something is suspect
 event and costs nothing; one that lasts its grace, and was seen at least twice, trips. One glitch does not end a night.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial

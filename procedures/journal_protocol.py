@@ -1,7 +1,5 @@
 """What the sequencer needs of a journal. The durable one is in `hil/records/journal.py`; a list will do in a test."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum

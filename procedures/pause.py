@@ -5,8 +5,6 @@ or an abort is heard. Afterwards the devices are identified and the unit is posi
 bench. The soak counts on where logged readings prove that the air stayed in its band and the unit kept its power.
 """
 
-from __future__ import annotations
-
 from procedures.interlocks import InterlockTripped, Look
 from procedures.settings import Restabilisation
 from procedures.watch import Watch

@@ -10,8 +10,6 @@ else decides what happens next.
     9055.0
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum

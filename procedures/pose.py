@@ -10,8 +10,6 @@ which nothing departs any more is named; where two are as good, both are. Arrays
 s sensors, g along the sensor's axes; NaN in m where there is no accelerometer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product

@@ -3,8 +3,6 @@
 An onlooker looks; it never decides. One that raises is dropped and the sweep goes on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime

@@ -3,8 +3,6 @@
 Each returns a finding in words, or nothing. None looks at more than one property, so that the reason names it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 

@@ -8,8 +8,6 @@
 controller that it was meant for: accepted, or refused with the reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum

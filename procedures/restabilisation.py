@@ -9,8 +9,6 @@ all at once, held over the whole window. Leaving the band restarts the window; l
 time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any

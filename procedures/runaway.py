@@ -1,7 +1,5 @@
 """An interlock on how fast a temperature moves: a runaway shows in its rate long before it reaches a limit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 from procedures.interlocks import Look

@@ -7,8 +7,6 @@ A chamber can take STANDBY, show STANDBY and go on heating. So after the command
 it harms nobody and would stay there, or goes where nothing but the safe state sends it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum

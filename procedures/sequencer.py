@@ -16,8 +16,6 @@ shows that the chamber does what it acknowledged (`safe_air`), and the outcome s
 Only a chamber that is not the one the bench file names is left alone. SIGKILL is the watchdog's to answer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace

@@ -13,8 +13,6 @@ The configuration files convert to these; units have been checked by then. Value
 `ValueError` with one sentence that names the setting.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """The controller's sign of life, for a watchdog in another process."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 

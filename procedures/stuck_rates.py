@@ -1,7 +1,5 @@
 """For how long each rate of a stream has shown the very same value: one that never changes is not being measured."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

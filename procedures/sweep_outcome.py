@@ -1,7 +1,5 @@
 """How a run of a sweep ends: its states, the outcome, and the reason in words."""
 
-from __future__ import annotations
-
 import errno
 from dataclasses import dataclass, field
 from enum import StrEnum

@@ -8,8 +8,6 @@
 A run that ends early has no verdict; it has an outcome (ERROR, TIMEOUT, ABORTED).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum

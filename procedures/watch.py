@@ -7,8 +7,6 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
         ...
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

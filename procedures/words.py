@@ -1,7 +1,5 @@
 """Steps, numbers and durations as a technician would say them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from procedures.plan import Step, StepKind

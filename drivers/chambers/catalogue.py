@@ -6,8 +6,6 @@
 The simulator of each is under the same name in `drivers.simulators.chambers`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The chamber as procedures see it: read it, give it a setpoint, bring it to its safe state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Protocol
 

@@ -4,8 +4,6 @@ A controller says what is and does what it is told, once. It judges nothing: lim
 plausibility and the safe state are the same for all of them and live in `drivers.chambers.supervised`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 

@@ -6,8 +6,6 @@ dead_man.renew()        # at every look: arms again when a quarter of the time h
 dead_man.rest()         # from the safe state on nobody renews it
 """
 
-from __future__ import annotations
-
 from drivers.chambers.controller import Controller, DeadManController
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError

@@ -1,7 +1,5 @@
 """A controller's own limits, the second safety layer: what they shall be, and what they are, beside the setpoint."""
 
-from __future__ import annotations
-
 from drivers.chambers.chamber import ChamberLimits
 from drivers.chambers.controller import Controller, ControllerState
 from drivers.chambers.setpoints import Settings, limits_around

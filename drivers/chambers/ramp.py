@@ -8,8 +8,6 @@ Many controllers keep their setpoint in memory that wears out, so a step is at l
 and nothing is written where nothing changes. If the program dies, the chamber holds the last step.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final

@@ -4,8 +4,6 @@ One glitch is asked again by the driver. A jump that stays is a sensor, a change
 keeps saying so until the reading comes back to where it was, or somebody has prepared the chamber anew.
 """
 
-from __future__ import annotations
-
 from drivers.chambers.setpoints import plausible_temperature
 from drivers.errors import SensorFault
 

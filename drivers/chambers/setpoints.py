@@ -12,8 +12,6 @@ beyond its present limits.
     ['setpoint', 'high', 'low']
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

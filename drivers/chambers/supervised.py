@@ -12,8 +12,6 @@ reading until the chamber is prepared anew with none standing; nothing that is s
 cannot be true are a `SensorFault`. The safe state is confirmed by reading it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Final

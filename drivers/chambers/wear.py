@@ -4,8 +4,6 @@ Watlow gives about a million writes, older parts a hundred thousand. A setpoint 
 night is 3600 writes; a plain sweep is a few dozen.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 from drivers.clock import Clock

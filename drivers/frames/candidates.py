@@ -1,7 +1,5 @@
 """All places of one frame type in a piece of a stream, judged at once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

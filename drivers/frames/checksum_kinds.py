@@ -1,7 +1,5 @@
 """Checksums as they are written in a description: the kind, its parameters, what it covers and where it stands."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Annotated, Any, Literal, Self
 

@@ -1,7 +1,5 @@
 """The checksum of a frame: verify it, in one frame or in thousands at once, and write it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from operator import itemgetter

@@ -6,8 +6,6 @@ into one gather per byte over all frames. Zero padding (STIM300) and unequal ref
 too, so that they fold into the tables.
 """
 
-from __future__ import annotations
-
 import zlib
 from binascii import crc_hqx
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The incremental decoder: bytes as they arrive become columns of good frames, and every byte is accounted for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

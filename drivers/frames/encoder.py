@@ -1,7 +1,5 @@
 """Frames from columns: the inverse of decoding, for simulated units and for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

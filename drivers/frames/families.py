@@ -1,7 +1,5 @@
 """Frame types made ready for work: which frame begins here, how long is it, is it good, and what form has it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum

@@ -9,8 +9,6 @@ A sample begins with a frame that does not come behind the one before it in the 
 that did not arrive is NaN, and counts as lost. The sample whose parts may still come is kept for the next feed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A frame type made ready for work: where its fields lie, and frames of that type as columns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any

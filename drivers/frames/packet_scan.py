@@ -1,7 +1,5 @@
 """Finding the good frames in a stream of packets: each packet is one frame, or none."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

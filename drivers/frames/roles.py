@@ -5,8 +5,6 @@ The rest of the project asks for rates in deg/hr, accelerations in g and tempera
 silently.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Protocol
 

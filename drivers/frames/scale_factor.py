@@ -1,7 +1,5 @@
 """Scale factors as data sheets print them: `2^-14`, `3600*2^-14`, `1/6.25`."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Any

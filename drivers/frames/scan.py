@@ -12,8 +12,6 @@ for confirmation, a frame that does not follow a good one directly is believed o
 its counter goes on from the last good frame of its type; where neither is there yet, the reader waits.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

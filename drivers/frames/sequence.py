@@ -1,7 +1,5 @@
 """Gap accounting: from the counters of good frames to lost frames, repeated frames and an unwrapped sequence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What some fields tell of the stream itself: which frame this is, when it was taken, whether the unit is well."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Numbers on the wire, one column at a time: n frames of equal length are a contiguous array of shape (n, length)."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

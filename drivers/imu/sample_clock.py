@@ -6,8 +6,6 @@ go slowly (`_DRIFT`) because the unit's oscillator is not the bench's. A unit th
 at the rate that it has, so that its samples are where they were taken, however wrong the description is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The IMU as procedures see it: a stream of decoded sample blocks, and an index that can be commanded."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol

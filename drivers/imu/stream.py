@@ -6,8 +6,6 @@ IndexingPositioner(imu, clock, {"1": 1, "2": 2, "3": 3}).move_to("2", timeout_s=
 block = imu.read_block()
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

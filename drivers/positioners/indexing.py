@@ -1,7 +1,5 @@
 """The unit's own index turns it, and its stream confirms where it stands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from drivers.clock import Clock

@@ -4,8 +4,6 @@ positioner = OperatorPositioner(ask, clock, instructions={"1": "connector up, do
 positioner.move_to("1", timeout_s=600.0)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Protocol
 

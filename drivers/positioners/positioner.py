@@ -1,7 +1,5 @@
 """Bringing the unit to a collect position: by its own indexing, or by an operator who is asked and confirms."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 

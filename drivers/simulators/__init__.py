@@ -3,8 +3,6 @@
 No driver and no procedure imports from here (an import contract checks it); `hil` puts them together.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 

@@ -1,7 +1,5 @@
 """What a simulated unit can be told to do wrong, and when."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

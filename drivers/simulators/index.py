@@ -1,7 +1,5 @@
 """The index of a simulated unit: one move at a time, and what the status says meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

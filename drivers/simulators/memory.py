@@ -5,8 +5,6 @@
 Under a virtual clock a read that must wait jumps to the moment at which the device sends, or to its deadline.
 """
 
-from __future__ import annotations
-
 from drivers.clock import Clock
 from drivers.errors import TransportError
 from drivers.simulators import SimulatedDevice

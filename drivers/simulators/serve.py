@@ -7,8 +7,6 @@ All devices of one server live in one loop, so that devices that share physics n
 misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING` bytes to fall behind.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import socket

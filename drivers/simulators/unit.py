@@ -5,8 +5,6 @@ temperatures are) is somebody else's: `UnitPhysics`. Here are the frame clock, c
 answers to commands, and the faults it can be told to have.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

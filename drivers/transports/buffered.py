@@ -1,7 +1,5 @@
 """Reading from what has arrived: the part that transports with a buffer of their own have in common."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from drivers.clock import Clock

@@ -6,8 +6,6 @@ request. A read is asked again a bounded number of times. A write is sent once: 
 whether it was carried out, so its sender must read back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass

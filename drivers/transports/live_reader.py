@@ -10,8 +10,6 @@ A port that fails is opened again, again and again, until the reader is closed. 
 reads, after the bytes that arrived before it, and on every call while it lasts.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from typing import Any

@@ -12,8 +12,6 @@ shape: after a request without an answer the line is listened to for `late_s` be
 reply up to `timeout_s + late_s` late is never taken for another. Modbus TCP has transaction numbers and needs no wait.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

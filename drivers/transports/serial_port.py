@@ -7,8 +7,6 @@ us alone. A port that failed (unplugged, connection lost) is opened again by the
 survives a cable that came loose.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import os

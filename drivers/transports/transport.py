@@ -4,8 +4,6 @@ Everything that talks to a device talks through a `Transport`, so a serial port,
 in memory are interchangeable.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 

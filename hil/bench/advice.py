@@ -3,8 +3,6 @@
 advice_for(error, bench, "chamber")
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 from drivers.errors import (

@@ -7,8 +7,6 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass

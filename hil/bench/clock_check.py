@@ -1,7 +1,5 @@
 """Whether the computer's clock can be believed: synchronised, as the kernel says, and later than it must be."""
 
-from __future__ import annotations
-
 import ctypes
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """A port that could not be opened, in a bench that is looked at all the same: whatever uses it gets the reason."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 from drivers.errors import DeviceError, TransportError

@@ -6,8 +6,6 @@ A wrong description gives no wrong numbers, but no numbers either; and a counter
 frames with a false account of what is missing. Both are said in words.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

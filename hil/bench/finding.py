@@ -1,7 +1,5 @@
 """What looking at a bench finds: one thing each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -3,8 +3,6 @@
 print(explain_frames(load_description("configs/imus/stim300.yaml")))
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, CrcParameters, FletcherKind, NoChecksum, SumKind

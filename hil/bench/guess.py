@@ -7,8 +7,6 @@ Which shipped descriptions read it; how often it repeats itself; which bytes com
 which checksum stands where; what counts. Nothing of it is certain, and the description says so.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections import Counter
 from functools import cache

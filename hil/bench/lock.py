@@ -8,8 +8,6 @@ port itself, whatever it is called: two names in /dev of one adapter are one por
 every other name of one machine. Devices simulated in process need no lock.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import socket

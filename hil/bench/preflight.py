@@ -4,8 +4,6 @@ Nothing is written to a device except questions. The chamber is read, never set;
 indexed. A device that fails is a finding, and the others are still looked at.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The `hil` application: its commands, gathered."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version

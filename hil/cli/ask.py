@@ -1,7 +1,5 @@
 """Asking the operator on the terminal, with a time-out."""
 
-from __future__ import annotations
-
 import os
 import select
 import sys

@@ -1,7 +1,5 @@
 """Commands about what the coefficients mean: audit, thermal, allan."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Commands that weigh a night before or after it: budget, design, scatter."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """How a command ends: one exit status per kind of ending, and one sentence instead of a traceback."""
 
-from __future__ import annotations
-
 import errno
 import functools
 import os

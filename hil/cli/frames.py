@@ -1,7 +1,5 @@
 """Commands about what a unit sends: decode a file of raw bytes, and explain a frame description."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """`hil notify`: a trial message to everybody whom a bench's nights would tell."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

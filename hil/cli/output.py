@@ -1,7 +1,5 @@
 """Results to standard output, everything else to standard error."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The panel that a technician looks at on a terminal: the same facts as on the live page, down to 40 columns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from rich.console import Group

@@ -1,7 +1,5 @@
 """`hil plot`: pictures for analysis, SVG or PNG."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The command that computes a recorded night again."""
 
-from __future__ import annotations
-
 from hil.cli.exit_status import Exit
 from hil.cli.output import Folder, JsonFlag, printed, results
 

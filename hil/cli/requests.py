@@ -1,7 +1,5 @@
 """Commands to a night that is running, from another shell: pause, continue, abort, confirm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

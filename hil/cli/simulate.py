@@ -1,7 +1,5 @@
 """Commands that stand in for devices: simulate."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`hil status`: a night from another shell, once or, with `--watch`, until it ends."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """The frame description that a bench file names."""
 
-from __future__ import annotations
-
 from drivers.frames.description import StreamDescription, load_description
 from hil.config.bench import ASK, Bench
 

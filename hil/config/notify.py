@@ -5,8 +5,6 @@ notify:
   about: [started, needs-you, fault, finished]
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from pathlib import Path

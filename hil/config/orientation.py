@@ -1,7 +1,5 @@
 """Orientations as a bench file writes them: signed bench axes, a rotation from another position, or a matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

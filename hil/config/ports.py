@@ -1,7 +1,5 @@
 """A port as a bench file writes it: a path, a network address, or a simulated device in this process."""
 
-from __future__ import annotations
-
 from typing import Annotated
 from urllib.parse import urlsplit
 

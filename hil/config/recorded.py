@@ -8,8 +8,6 @@ beginning; that includes the IMU's frame description, the simulated unit's model
 without a driver of its own, which the bench file only names.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path

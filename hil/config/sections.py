@@ -4,8 +4,6 @@
 in one place, the procedures; what a file does not give keeps its default.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, TypeVar, get_type_hints
 

@@ -1,7 +1,5 @@
 """The simulation section of a bench file: what the simulated unit and chamber are like."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field, NonNegativeInt

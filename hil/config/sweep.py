@@ -4,8 +4,6 @@ sweep = load_sweep("rd-gc-86-1")
 plan = make_plan(sweep.procedure())
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

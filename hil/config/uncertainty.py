@@ -1,7 +1,5 @@
 """How well a bench is known: the `uncertainties` section of a bench file, one standard deviation each."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

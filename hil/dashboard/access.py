@@ -5,8 +5,6 @@ elsewhere it takes the token. Asking takes the token always. It travels in a hea
 make a browser send, and never in an address, which ends in logs and histories.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import re
 import secrets

@@ -4,8 +4,6 @@ They come from the trace that the controller writes at one second; a night witho
 there was any) is drawn from the journal's signs of life, one a minute.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -8,8 +8,6 @@ Parts: `head` (what is going on now), `events`, `results`, `plan`, `temperatures
 opened read-only, for some milliseconds, and only where its files changed. Belongs to one thread.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from datetime import datetime

@@ -3,8 +3,6 @@
 The parameters are those of `hil solve`, by the same call.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -10,8 +10,6 @@
 There is nothing else, and no other method.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

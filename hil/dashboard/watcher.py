@@ -9,8 +9,6 @@ All pages get the same bytes, made once. A page that was just opened, or that wa
 gets everything again; so whoever is slow costs nobody anything, and what waits in memory is bounded.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -4,8 +4,6 @@ A file appears whole or not at all: it is written under a temporary name in the 
 the folder is synchronised, in this order. What a crash leaves behind has a name that begins with `.partial-`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterable

@@ -7,8 +7,6 @@ The lock itself is the kernel's (`flock`), which ends with the process, even by 
 holds it, for people, for `hil status` and for the watchdog; a text without a lock is what a dead owner leaves behind.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

@@ -1,7 +1,5 @@
 """How numbers are written in pages: with as many decimals as their uncertainty asks for; a dash where none is known."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

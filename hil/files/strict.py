@@ -4,8 +4,6 @@ find_config("benches", "simulated")     # the file that ships with hil
 find_config("benches", "./my-bench.yaml")  # a path given in full wins
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables of numbers that people give, as Arrow reads them: Parquet and CSV, of bounded size, each column named once."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO

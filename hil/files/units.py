@@ -13,8 +13,6 @@ A number without its unit is refused, and so is a unit of another kind: "45 kg" 
 boundary knows pint.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The journal is the truth; the log says the same as it happens, and in addition e
 who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from inspect import signature

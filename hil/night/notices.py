@@ -1,7 +1,5 @@
 """What is told of a night to somebody who is not there: that it began, how it ended, with the numbers."""
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 

@@ -10,8 +10,6 @@ records: what is recorded of a failure is the reference and the kind of error, n
 address. Sending is the work of one thread. Whatever becomes of it, the night goes on.
 """
 
-from __future__ import annotations
-
 import json
 import queue
 import threading

@@ -1,7 +1,5 @@
 """The plan as `hil plan --json` prints it (schema hil.plan/1)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from procedures.plan import Plan

@@ -1,7 +1,5 @@
 """What people say of a night for its records: a note, a reason to go on, the serial number of a unit that is silent."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

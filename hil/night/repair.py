@@ -8,8 +8,6 @@ which carries a digest of its own, a block by its hash in either. Steps whose ro
 the night's configuration. A self-calibration of which samples are lost counts no more; `hil resume` does it again.
 """
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import tempfile

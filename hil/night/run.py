@@ -15,8 +15,6 @@ Bad input leaves no folder. A folder, once it is there, holds a whole journal wi
 that is in it. The chamber is in its safe state at every way out.
 """
 
-from __future__ import annotations
-
 import contextlib
 import platform
 import shutil

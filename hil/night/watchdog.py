@@ -15,8 +15,6 @@ has taken over is left alone. What it did is in the journal. The power of the co
 is what a chamber's own dead-man timer is for (`dead_man` in the bench file).
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

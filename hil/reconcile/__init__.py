@@ -1,7 +1,5 @@
 """Find where simulation and measurement disagree, name the missing effect, add it, and prove that the gap shrank."""
 
-from __future__ import annotations
-
 from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.page import write_result
 from hil.reconcile.result import Disagreement, FoundEffect, Gap, Reconciliation, Rival

@@ -8,8 +8,6 @@ settling or a tone that no single collect proves shows there. All effects share 
     inside = named_within(findings, SERIES_EFFECTS, 0.01)  # effects for the result, each with its rivals
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -7,8 +7,6 @@
 What no effect describes counts as one name whatever it seems to follow: which of many curves fits best is no cause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The result of the discrepancy workflow (schema hil.reconciliation/1), as objects and as the JSON document."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -9,8 +9,6 @@ mistakes in the data, compete under the priors that `hil reconcile` has, and in 
 mean is not asked: `hil reconcile` asks that, and its answer is the fuller one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

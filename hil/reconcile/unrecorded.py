@@ -4,8 +4,6 @@ A name is only as sure as its rivals could be tried. A bias that rises through t
 temperature; where no temperature was recorded, both explain it equally.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -9,8 +9,6 @@ The rest only reads it: what the model becomes, whether it predicts what it has 
 and what should be measured next.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -8,8 +8,6 @@ between the two leaves behind, of an attempt that never ended: harmless, and `hi
 changed, and no name is used twice.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -8,8 +8,6 @@ A bucket is about a pixel of the screen, so that a spike of one second in fiftee
 any length costs the same memory.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ So the whole self-calibration is done again, soak and all; the others stand. Los
 samples prove the average, and `hil verify` names what is lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

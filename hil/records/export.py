@@ -8,8 +8,6 @@ have two numbers; both have the same start. Known acceleration and earth rate ar
 applied to its site; nothing in them is measured. A night that is not complete is exported as far as it got.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

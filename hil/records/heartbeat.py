@@ -4,8 +4,6 @@ It is written in place, without a sync and at most once a second of real time: i
 a watchdog judges it by whether it changes, on a clock of its own. Nothing else is derived from it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from contextlib import suppress

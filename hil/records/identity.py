@@ -1,7 +1,5 @@
 """Which unit a night was about, who carried it out, and what they said of it: from the journal's own words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from hil.records.reader import JournalReader

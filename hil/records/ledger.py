@@ -11,8 +11,6 @@ end is shorter than its head says. It may be longer: a crash came in between, or
 night's bench names a key, and who writes can read it, the head is signed (HMAC-SHA256): without it nobody forges both.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import hmac

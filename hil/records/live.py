@@ -7,8 +7,6 @@ Both are for onlookers. They are not durable, nothing is derived from them, and 
 journal is the truth, but it is written once a minute, which is too seldom to look at.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

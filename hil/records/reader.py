@@ -6,8 +6,6 @@
 Nothing here changes a night. Inside `snapshot` all reads see the same instant.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sqlite3

@@ -9,8 +9,6 @@ acted upon by another. The controller hears of it at its next poll and writes it
 journal says what came of it. Waiting for the answer is not needed: what was asked is done all the same.
 """
 
-from __future__ import annotations
-
 import contextlib
 import getpass
 import os

@@ -1,7 +1,5 @@
 """The rows of a journal as objects, and the digests that make a changed row visible."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

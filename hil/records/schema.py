@@ -4,8 +4,6 @@ A journal is never rewritten: rows are added, and an attempt is closed once. Two
 impossible (an attempt is one row; a step is DONE at most once); the ledger makes any change visible.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

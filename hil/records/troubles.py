@@ -5,8 +5,6 @@
 Both come from the events of the newest controller alone. Times are of the campaign, as everywhere in a journal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from hil.records.rows import Event, Night

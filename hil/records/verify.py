@@ -8,8 +8,6 @@ block against its hash and its contents, log and configuration beside it against
 every recorded average is computed again from the samples.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

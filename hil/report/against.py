@@ -8,8 +8,6 @@ command states (`hil.solve.repeats`), widened by Student's t where few runs tell
 uncertainties are passed by chance in 0.27 % of cases, as three sigma are.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

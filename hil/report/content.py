@@ -3,8 +3,6 @@
 Everything here is plain text and numbers; `page.py` turns it into HTML.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@
 Every series has its own colour (Okabe-Ito), marker and line style, and every axis its unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -8,8 +8,6 @@
 Times are hours since the night began, temperatures °C.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The night's chapter of the report: temperatures, soaks, the stream of each collect, what was rejected or happened."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Turn a report's content into one self-contained HTML file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The report as PDF, printed by the browser of this machine; nothing is fetched and nothing is installed for it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Where a report's numbers come from: who, when, with what, and the hashes by which the records can be recognised."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any

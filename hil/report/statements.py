@@ -1,7 +1,5 @@
 """What the report says in sentences: the verdict, what was assumed, and what the collects cannot tell."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@
 Units stand in the names of columns, or in a column `unit`. A cell is empty where a thing is not known.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -9,8 +9,6 @@ the description's key `verified` says what was seen. A reply that is a bare numb
 question without a reply the line is listened to for 3 s. Temperatures in °C; time-outs are those of the description.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

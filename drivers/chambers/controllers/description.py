@@ -12,8 +12,6 @@ value directly before `{any}` ends with its word. A
 setting with `confirm` is answered with that text; one without is not answered. Settings are read back in either case.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Literal, Self

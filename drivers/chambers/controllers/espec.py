@@ -17,8 +17,6 @@ The unit follows the panel. Values in 0.1 °C; reply awaited 2 s. Pauses are the
 0.5 s after a setting.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from contextlib import suppress

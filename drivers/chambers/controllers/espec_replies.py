@@ -9,8 +9,6 @@ Byte-exact from sources: the data of `TEMP?`, `TYPE?`, `MON?` and `CONSTANT SET?
 `CHB NOT READY` of the P-300). Inferred: that what the manual calls `PRGM WRITE ERR-n` looks alike on all controllers.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -18,8 +18,6 @@ ramp for a setpoint without a profile, and no timer that stops a chamber left al
 baud, 8 data bits, even parity, address 1. At least 0.5 s between exchanges; reply awaited 1.5 s. Limits: 16 bits.
 """
 
-from __future__ import annotations
-
 from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError

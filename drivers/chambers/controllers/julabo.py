@@ -18,8 +18,6 @@ Line: 4800 baud, even parity; hardware handshake is the factory's setting and mu
 10 ms after IN; reply awaited 1.5 s; values in 0.1 °C.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Literal
 

@@ -16,8 +16,6 @@ a chamber left alone. A reply does not say what it answers: after a request with
 Temperatures in 0.1 °C, gradients 0.01 to 5 °C/min up and to 3.5 down; reply awaited 1.5 s, pause 0.1 s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

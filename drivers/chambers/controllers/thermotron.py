@@ -17,8 +17,6 @@ a request without a reply the line is listened to for 3 s. Values with three dec
 s.
 """
 
-from __future__ import annotations
-
 import re
 
 from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Which

@@ -19,8 +19,6 @@ second safety layer, set it by hand. Line: 9600 baud, 8N1, CR; TCP port 1080 or 
 listened to for 3 s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from drivers.chambers.chamber import ChamberLimits

@@ -17,8 +17,6 @@ itself, but a static setpoint is ignored while one runs. Line: 8N1, 9600 (TestEq
 30 ms, reply awaited 1 s; a frame with a wrong checksum is answered with silence. Limits of values: a 16-bit register.
 """
 
-from __future__ import annotations
-
 from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice

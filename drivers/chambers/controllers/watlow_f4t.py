@@ -16,8 +16,6 @@ unit 1; SCPI port 5025, LF. Pause 30 ms; reply awaited 1 s (SCPI 2 s, and 0.5 s 
 rates in 0.1 °C/min.
 """
 
-from __future__ import annotations
-
 from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice

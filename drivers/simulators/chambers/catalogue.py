@@ -1,7 +1,5 @@
 """Every simulated chamber controller, under the name of the driver that speaks to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ them out (`_carry_out`) and knows how to refuse (`_refused`). It formats and jud
 driver.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable

@@ -8,8 +8,6 @@ It shows whether a description hangs together and how a bench would run with it.
 like this.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.chambers import ChamberLimits

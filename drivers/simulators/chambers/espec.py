@@ -15,8 +15,6 @@ requests that begin with `TIMER`. Inferred: the replies to `TIMER LIST?,0`, `TIM
 code 1, and that an alarm limit which would exclude the setpoint is refused.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any, Literal

@@ -10,8 +10,6 @@ setpoint limits do not guard the line: a setpoint beyond them is taken, as the m
 shuts it down.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.chambers import ChamberLimits

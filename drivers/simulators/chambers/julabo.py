@@ -9,8 +9,6 @@ Requests may be in lower case, as the manual prints some. `OUT` commands are not
 shows in `STATUS` until it is asked. An alarm stops the bath.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Simulated controllers that speak lines of text."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any
 

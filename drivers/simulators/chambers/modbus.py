@@ -5,8 +5,6 @@ for another unit is not answered, and neither is one with a wrong checksum, as t
 are minimalmodbus as a client and the published frames, byte for byte.
 """
 
-from __future__ import annotations
-
 import struct
 from abc import abstractmethod
 from typing import Any, Literal

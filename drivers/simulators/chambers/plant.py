@@ -15,8 +15,6 @@ which overshoots by v b / e: 1.1 °C for 3 °C/min and b = 60 s (b is less for a
 The slope never exceeds the ramp limit. The form is a simulator's convenience, not any maker's control law.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ Requests are those of its clients; every reply is inferred from what they parse.
 sends, is tolerated. A setpoint beyond its limits is error -6, a locked panel -12. An alarm stops it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -9,8 +9,6 @@ r"""A Thermotron with a chamber behind it.
 not answered), `code` as the 8800's page says it (0 for done). A new setpoint waits for RUNM. An alarm stops it.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any, Literal
 

@@ -11,8 +11,6 @@ bit tells of an error, `$00Q` clears the first one. What it cannot understand, a
 not answer (inferred). A gradient bounds how fast the air moves; 0 means none (inferred).
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -11,8 +11,6 @@ exception 3 (inferred). It conditions while its event output is on and no profil
 itself on a real F4 and does here, as in a chamber whose alarm relay is wired to its contactor.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from drivers.chambers import ChamberLimits

@@ -8,8 +8,6 @@ Loop 1, floats low word first. Half of a float is read as it lies; writing half 
 not answered, questions are (formats inferred).
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Any, Literal
 

@@ -1,3 +1,1 @@
 """Allan deviation of a rate: what its noise is made of, and how long it is worth averaging."""
-
-from __future__ import annotations

@@ -1,7 +1,5 @@
 """The findings of a search in the words and numbers of the result: verdict, effects, gap, mistakes, places, origin."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import UTC
 from typing import Any

@@ -1,7 +1,5 @@
 """The model with what was found: named terms with value, uncertainty, unit, and where they came from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Mistakes in the data in the words and numbers of the result: exchanged labels, wrong runs, wrong rows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The result for people: one self-contained page that tells what is missing in the order in which it was found out."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

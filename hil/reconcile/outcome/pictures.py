@@ -1,7 +1,5 @@
 """The pictures of a reconciliation: measured less simulated over what it follows, before and after."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

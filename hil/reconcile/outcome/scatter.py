@@ -1,7 +1,5 @@
 """What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -6,8 +6,6 @@ less what the rival together with a refitted base can imitate, in units of the n
 them apart; what counts is by how much the addition raises it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

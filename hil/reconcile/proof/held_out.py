@@ -6,8 +6,6 @@ The evidence of a set from the other rows alone is that from all, less the log d
 the set is chosen that the other rows make most probable, and H is predicted with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ positions 1 to 3. What an effect contributes itself is where a reader looks for 
 of it in whole, so that nobody can know that part, is it what the effect leaves beside the base.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -6,8 +6,6 @@ second tier is every base parameter times every driver that the campaign knows: 
 catalogue would get the catalogue's nearest name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ What the rows are to every model of the noise is said once, by inner products of
 follow temperature then costs matrices of the size of a sweep, however many rows there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -5,8 +5,6 @@ posterior.sets[0]                   # the most probable: terms by sensor, and it
 posterior.of_name("supply")         # how probable it is that the name is among the terms
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ eight-temperature campaign a bias that follows temperature is a disagreement wit
 again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -3,8 +3,6 @@
 Without it, something that is not in the catalogue would get the catalogue's nearest name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

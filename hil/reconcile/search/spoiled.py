@@ -3,8 +3,6 @@
 Of a year of nights those are asked about that differ most from their neighbours in the same position.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 

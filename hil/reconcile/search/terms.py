@@ -5,8 +5,6 @@ term of the second tier shares what is left for what nobody has described; rows,
 terms like any other, and compete with them.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Parameters that act on several blocks: what it is worth that they are one number, not one in each."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
