@@ -17,12 +17,11 @@ from hil.config import Bench, load_bench, load_sweep
 from hil.twin.serve import client_bench
 
 
-@pytest.fixture(params=["simserv", pytest.param("espec", marks=pytest.mark.slow)])
-def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
     """The simulated bench with a quick index, so that the test is short; simserv is the chamber with least pacing."""
     document = yaml.safe_load(load_bench("simulated").text)
-    if request.param != "espec":
-        document["chamber"] |= {"driver": request.param, "model": ""}
+    document["chamber"] |= {"driver": "simserv", "model": ""}
     document["simulation"]["index_time"] = "0.5 s"
     path = tmp_path / "quick-bench.yaml"
     path.write_text(yaml.safe_dump(document))

@@ -226,10 +226,11 @@ def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     """A fleet with nothing missing: no more small p-values than stated (Ville's bound is a bound), none discovered."""
     units = fleet(150, 0.0, 1, seed=900)
     screen = Screen.of(units, "matrix-6-thermal")
-    p_values = np.array([finding.p_value for finding in screen.units(units)])
+    findings = screen.units(units)
+    p_values = np.array([finding.p_value for finding in findings])
     assert np.mean(p_values < 0.2) < 0.26
     assert np.mean(p_values < 0.05) < 0.09
-    assert min(finding.q_value for finding in screen.units(units)) > 0.05
+    assert min(finding.q_value for finding in findings) > 0.05
     assert screen.shared(units).p_value > 0.05
 
 
