@@ -84,7 +84,9 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
-    console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
+    told = not status["reason"].startswith("ERROR")  # of a damaged journal nothing is, and it is not carried on
+    if told:
+        console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
     if now is not None and working:
         for label, text in rows(now):
             console.print(_cut(f"{label}: {text}"))
@@ -99,7 +101,7 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     if len(left) > _MOST_LEFT:
         console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
     if not working:
-        again = "" if status["state"] == "complete" else f"; hil resume {folder} carries on"
+        again = "" if status["state"] == "complete" or not told else f"; hil resume {folder} carries on"
         console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all{again}")
 
 

@@ -167,6 +167,18 @@ def test_a_chamber_that_is_not_safe_is_the_first_line_and_nothing_is_said_twice(
     assert said[-1].startswith(f"hil verify {journal.folder} shows it all")
 
 
+@pytest.mark.parametrize(("reason", "told"), [("ERROR: row 3, so nothing can be told", False), ("killed", True)])
+def test_a_damaged_journal_counts_no_steps_and_is_not_carried_on(
+    journal: SqliteJournal, reason: str, told: bool
+) -> None:
+    """`hil resume` refuses it: what is said to do is what works."""
+    console = _console(terminal=False)
+    say(journal.folder, look_at(journal.folder)[0] | {"state": "incomplete", "reason": reason}, None, console)
+    said = console.file.getvalue()
+    assert ("hil resume" in said) is told
+    assert (" steps, " in said) is told
+
+
 def test_damaged_samples_leave_no_night_complete(tmp_path: Path) -> None:
     """In words and in the document."""
     assert run(["run", "quick", "--bench", "simulated", "--out", str(tmp_path / "n"), "--quiet"]) == 0
