@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from hil.config import Bench, Sweep
     from hil.night import NightOutcome
 
+_OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
+"""What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
 SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
 BenchName = Annotated[
     str, typer.Option("--bench", help="A bench file, or the name of one that ships.", show_default=False)
@@ -288,19 +290,12 @@ def demo(
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
     from hil.cli.report import write_report
     from hil.config import load_bench, load_sweep
-    from hil.records.reader import is_night
 
     sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")
     if out.exists():
         check_folder(out)
     if out.exists() and any(out.iterdir()):
-        from hil.records import open_readonly
-
-        if not is_night(out):
-            raise InputError(f"{out}: exists and holds something else; give another folder with --out")
-        with open_readonly(out) as journal:
-            if not journal.night.simulated:
-                raise InputError(f"{out}: holds a night that was measured; give another folder with --out")
+        refuse_but_demo(out, sweep)
     look_first(sweep, bench, out, "")
     if out.exists():
         shutil.rmtree(out)
@@ -308,6 +303,27 @@ def demo(
     if ended == Exit.DONE:
         results().print(f"report: {write_report(out)[0].resolve()}")
     return ended
+
+
+def refuse_but_demo(folder: Path, sweep: Sweep) -> None:
+    """Raise `InputError` where a folder holds anything but a simulated night of that sweep, as a demo leaves it."""
+    from drivers.strict_yaml import parse_yaml
+    from hil.config.recorded import understood
+    from hil.records import open_readonly
+    from hil.records.reader import is_night
+
+    lost = ""
+    if not is_night(folder):
+        lost = "something else"
+    elif strays := sorted(each.name for each in folder.iterdir() if each.name.split(".")[0] not in _OF_A_DEMO):
+        lost = f"{strays[0]} beside a night"
+    else:
+        with open_readonly(folder) as journal:
+            night = journal.night
+        if not night.simulated or understood(night.configuration).get("sweep") != parse_yaml(sweep.text, sweep.source):
+            lost = f"the night {night.title!r} of another sweep, or measured"
+    if lost:
+        raise InputError(f"{folder}: exists and holds {lost}, which would be lost; give another folder with --out")
 
 
 COMMANDS = (demo, check, plan, run, resume, status, verify, repair)

@@ -10,6 +10,10 @@ import pytest
 import yaml
 
 from hil.cli.exit_status import run_to_exit
+from hil.cli.night import refuse_but_demo
+from hil.config import load_sweep
+from hil.config.sweep import parse_sweep
+from hil.errors import InputError
 from hil.files.strict import find_config
 from hil.records import SqliteJournal
 
@@ -100,6 +104,23 @@ def test_the_demo_does_not_replace_what_is_not_a_demo(hil: Any, tmp_path: Path) 
     assert keep.read_text() == "mine"
     refused(hil("demo", "--out", keep), str(keep), "is a file")
     assert keep.read_text() == "mine"
+
+
+def test_the_demo_replaces_no_night_of_another_sweep_and_nothing_beside_a_night(hil: Any, tmp_path: Path) -> None:
+    """Simulated or not: who ran it may want it, and an export that was put there as well."""
+    night = tmp_path / "night"
+    assert hil("run", "quick", "--bench", "simulated", "--out", night, "--yes").returncode == 0
+    before = sorted(each.name for each in night.iterdir())
+    refused(hil("demo", "--out", night), str(night), "would be lost")
+    assert sorted(each.name for each in night.iterdir()) == before
+    quick = load_sweep("quick")
+    refuse_but_demo(night, quick)
+    longer = parse_sweep(quick.text.replace("positions: [1, 2, 3]", "positions: [1, 2, 3, 4]"), quick.source)
+    with pytest.raises(InputError, match="of another sweep"):
+        refuse_but_demo(night, longer)
+    (night / "export").mkdir()
+    with pytest.raises(InputError, match="export beside a night, which would be lost"):
+        refuse_but_demo(night, quick)
 
 
 def test_a_disk_without_room_for_the_journal_is_one_sentence(
