@@ -79,12 +79,12 @@ class SetInBlock:
             heights = self._at(leaps)
             better = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
             self.best, self.terms_log = leaps[better].tolist(), heights[better]
-        for _ in range(ROUNDS):
+        while True:  # every round makes the rows likelier, and sizes are few
             near = every[np.abs(every[:, 1] - np.array(self.best)[every[:, 0]]) <= 2]
             found = self._at(self._instead(near))
             # What is best at the point that was likeliest may not be so at another, which is likelier with it.
             heights = (found + self.points.log_prior).max(axis=1)
-            if heights.max() <= (self.terms_log + self.points.log_prior).max() + CLOSE:
+            if not heights.max() > (self.terms_log + self.points.log_prior).max() + CLOSE:
                 break
             self.best, self.terms_log = self._instead(near[[np.argmax(heights)]])[0].tolist(), found[np.argmax(heights)]
         self.slack = [log_sum(found[near[:, 0] == e]) - self.terms_log for e in range(len(self.options))]
