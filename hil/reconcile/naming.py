@@ -281,10 +281,11 @@ def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     any_of_them = 0.0
     scatter = scatter_of(posterior)
     for f in posterior.sets:
-        drivers = {t.follows for _, t in _members(posterior, f)} | {scatter[f.kind].follows for _ in f.kind[:1]}
+        drivers = dict.fromkeys(t.follows for _, t in _members(posterior, f))  # what moves averages comes first
+        drivers |= dict.fromkeys(scatter[f.kind].follows for _ in f.kind[:1])
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0
         for driver in drivers:
             totals[driver] = totals.get(driver, 0.0) + weight
     shares = [(driver, min(total / any_of_them, 1.0)) for driver, total in totals.items()]
-    return sorted((s for s in shares if s[1] >= LEAST), key=lambda s: -s[1])
+    return sorted((s for s in shares if s[1] >= LEAST), key=lambda s: -round(s[1], 6))

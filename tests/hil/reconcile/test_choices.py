@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
-from hil.reconcile import reconcile
+from hil.reconcile import naming, reconcile
 from hil.reconcile.naming import Reading, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches
@@ -110,6 +111,17 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
     assert bool(reverted) is not kept
     assert (left.found == reading.found) is kept
     assert _kept(replace(reading, names=()), (proof, proof))[1] == ()
+
+
+def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever order a set of words has today."""
+    sets = [SimpleNamespace(kind="MU_rr", log_weight=-0.7), SimpleNamespace(kind="MU_rr", log_weight=-0.7)]
+    monkeypatch.setattr(naming, "_members", lambda *_: [(2, SimpleNamespace(follows="temperature"))])
+    monkeypatch.setattr(naming, "scatter_of", lambda _: {"MU_rr": SimpleNamespace(follows="run")})
+    found = naming._follows(SimpleNamespace(sets=sets))  # type: ignore[arg-type]
+    assert found == [("temperature", 1.0), ("run", 1.0)]
 
 
 def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Posterior, Reading]) -> None:
