@@ -68,8 +68,7 @@ def reconcile(
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
 
     problem = pose(campaign, chosen, effects)
-    posterior = _weighed(problem, scattering)
-    reading = read(posterior, of_averages)
+    posterior, reading = _weighed(problem, scattering, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
     return _result(
@@ -77,17 +76,18 @@ def reconcile(
     )
 
 
-def _weighed(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterior:
-    """Weigh what may be missing beside one set of values of the base, or beside values that follow temperature.
+def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: float) -> tuple[Posterior, Reading]:
+    """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as one set needs.
+    laws of temperature as the form's own need. Where these lack nothing, nobody asks for others.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
-    if not may_be_calibrated(problem):
-        return plain
+    reading = read(plain, alpha)
+    if not (reading.names or reading.mistakes) or not may_be_calibrated(problem):
+        return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
-    return max(plain, calibrated, key=lambda posterior: posterior.log_evidence)
+    return (plain, reading) if plain.log_evidence >= calibrated.log_evidence else (calibrated, read(calibrated, alpha))
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:
@@ -157,6 +157,7 @@ def _result(
         after = scatter.with_offsets(after, noise, conditions)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     if not any(search.terms for search in posterior.searches.values()):
         notes.append("nothing could be tested, so that none means nothing: take more runs")

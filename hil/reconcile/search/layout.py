@@ -72,8 +72,8 @@ def _search(
 
 
 def may_be_calibrated(problem: Problem) -> bool:
-    """Whether the base may have values at each temperature: neither its form nor its model says anything of it."""
-    says = any(sensor.given or sensor.form.reference_degC is not None for sensor in problem.sensors.values())
+    """Whether the base may have values at each temperature: no values that stand say anything of it."""
+    says = any(sensor.given for sensor in problem.sensors.values())
     several = any(len(np.unique(block.station)) > 2 for block in problem.blocks)
     return several and not says and not problem.model.terms
 
