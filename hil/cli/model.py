@@ -79,7 +79,7 @@ def _reconciled(result: Reconciliation) -> Iterator[str]:
     from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
     from hil.reconcile.result import rival_in_words
 
-    yield f"{result.campaign}, model {result.model_before}{'  SIMULATED' * result.simulated}"
+    yield f"{result.campaign}, model {result.input_model.full_title}{'  SIMULATED' * result.simulated}"
     yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
     yield from summary(result)
     for each in result.disagreements[:5]:

@@ -38,6 +38,7 @@ from hil.model.forms import (
     triad_12_form,
 )
 from hil.model.stated_noise import ScatterTerm, SensorNoise
+from procedures.words import listed
 
 SCHEMA = "hil.model/1"
 _ROTOR = Sensor(0, ("A", "B", "S"), {"A": "A", "B": "B"})
@@ -85,6 +86,13 @@ class Model(_Section):
     terms: tuple[Term, ...] = ()
     inside_collects: tuple[InsideCollects, ...] = ()
     noise: Mapping[int, SensorNoise] = Field(default_factory=dict)
+
+    @property
+    def full_title(self) -> str:
+        """The title with every effect that the model has beside its form: collins-4 with MU_real and MU_rr."""
+        scatter = [entry.effect for noise in self.noise.values() for entry in noise.scatter]
+        names = dict.fromkeys([*(t.effect for t in self.terms), *scatter, *(f.effect for f in self.inside_collects)])
+        return f"{self.title} with {listed(list(names))}" if names else self.title
 
     def has_values(self, sensor: Sensor) -> bool:
         """Whether the file gives this sensor's parameters; otherwise they are fitted to the data."""

@@ -159,8 +159,6 @@ def _result(
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
-    if not any(search.terms for search in posterior.searches.values()):
-        notes.append("nothing could be tested, so that none means nothing: take more runs")
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
@@ -192,6 +190,7 @@ def _result(
         follows=reading.follows,
         noise=noise,
         rows=rows,
+        tested=any(search.terms for search in posterior.searches.values()),
     )
 
 

@@ -97,7 +97,10 @@ def terms(
     `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
     With a base that is `calibrated` at each temperature, what such values can do is no term.
     """
-    bases = [orthonormal(np.hstack([block.base, block.at_each_temperature(block.values)]) if calibrated else block.base) for block in blocks]
+    bases = [
+        orthonormal(np.hstack([block.base, block.at_each_temperature(block.values)]) if calibrated else block.base)
+        for block in blocks
+    ]
     scales = [_root_mean_square(c.columns) for c in candidates]
     laid = [
         (c, scale, [_part(c, scale, block, base) for block, base in zip(blocks, bases, strict=True)])
