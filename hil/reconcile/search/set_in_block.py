@@ -35,7 +35,7 @@ class SetInBlock:
     terms_log: FloatArray
     best: list[int]
     slack: Sequence[FloatArray]
-    variance: Sequence[FloatArray]
+    variance: FloatArray
 
     @classmethod
     def of(cls, beside: Beside, points: Points, members: Sequence[tuple[int, Part, Options, FloatArray]]) -> SetInBlock:
@@ -48,7 +48,7 @@ class SetInBlock:
         places = [np.arange(first, end) for first, end in pairwise(ends)]
         options = [own for _, _, own, _ in members]
         at = [j for j, *_ in members]
-        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], [])
+        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], np.zeros(0))
         out._weigh()
         return out
 
@@ -59,9 +59,8 @@ class SetInBlock:
             return
         # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
         free = self._free()
-        scales = range(len(self.beside.scales))
-        self.variance = [self.beside.scale_left(free, k) for k in scales]
-        with_all = log_sum(np.array([self.beside.student(free, np.zeros(len(free)), k) for k in scales]))
+        self.variance = self.beside.scale_left(free)
+        with_all = log_sum(self.beside.student(free[None], np.zeros(1)))
         either = (self.beside.log_null(), with_all)
         starts = np.array([self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in either])
         heights = self._at(starts)
@@ -134,12 +133,10 @@ class SetInBlock:
         if np.any(mean):
             pull = np.einsum("tpq,oxq->otp", gram, mean)
             rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=-1), score - pull
-        terms = []
-        for k, variance in enumerate(self.variance):
-            root = deviation / np.sqrt(variance[at])[:, None]
-            left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
-            terms.append(beside.student(left.T, half_log_det.T, k).T)
-        return np.asarray(log_weights[:, None] + log_sum(np.array(terms)))
+        root = deviation / np.sqrt(self.variance[:, None, at, None])
+        left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
+        by_point = beside.student(np.swapaxes(left, 1, 2), np.swapaxes(half_log_det, 1, 2))
+        return np.asarray(log_weights[:, None] + log_sum(by_point).T)
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (v,), ordinary noise first."""
@@ -152,11 +149,8 @@ class SetInBlock:
         """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
         inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
         left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
-        scales = range(len(self.beside.scales))
-        best = max(
-            scales, key=lambda k: float(self.beside.student(np.full(len(self.beside.rss), left), np.zeros(1), k)[t])
-        )
-        return left, float(self.beside.scale_left(np.array(left), best))
+        best = int(np.argmax(self.beside.student(np.full((1, len(self.beside.rss)), left), np.zeros(1))[:, t]))
+        return left, float(self.beside.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
         """Return what the set says at its most probable point, in units of the noise there."""
