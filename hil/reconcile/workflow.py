@@ -29,7 +29,7 @@ from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.layout import may_be_calibrated, searches
+from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
@@ -80,11 +80,11 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as the form's own need. Where these lack nothing, nobody asks for others.
+    laws of temperature as the form's own need. Nobody asks where they explain nothing.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
     reading = read(plain, alpha)
-    if not (reading.names or reading.mistakes) or not may_be_calibrated(problem):
+    if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
         return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
     return (plain, reading) if plain.log_evidence >= calibrated.log_evidence else (calibrated, read(calibrated, alpha))
