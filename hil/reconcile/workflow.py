@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.campaign.plausibility import unclipped
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -63,11 +64,12 @@ def reconcile(
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
     campaign = with_stand_ins(campaign)
+    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
 
-    problem = pose(campaign, chosen, effects)
+    problem = pose(measured, chosen, effects)
     posterior, reading = _weighed(problem, scattering, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
@@ -137,7 +139,7 @@ def _result(
     verdict = findings.verdict_of(
         names, [*wrong, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
-    standing = findings.as_it_stands(model, campaign, reading)
+    standing = findings.as_it_stands(model, problem.campaign, reading)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
@@ -163,6 +165,7 @@ def _result(
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers)
+    outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     return Reconciliation(
         campaign=campaign.title,

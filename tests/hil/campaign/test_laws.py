@@ -14,7 +14,7 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.physics import CATALOGUE
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
-from hil.campaign.plausibility import judged_by_its_records
+from hil.campaign.plausibility import judged_by_its_records, unclipped
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from procedures.verdict import Verdict
@@ -174,6 +174,25 @@ def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> 
     judged = judged_by_its_records(campaign(rates=rates))
     assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
     assert sorted({run for run, _ in judged.contradicted}) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("digits", "side", "said"), [(6, -1.0, True), (6, 1.0, True), (-1, 1.0, False)])
+def test_averages_that_pile_up_on_the_last_value_are_clipped(digits: int, side: float, said: bool) -> None:
+    """Three of nine stand at the limit: their runs fail. Of rates in steps of ten as many agree anywhere."""
+    rates = np.outer(np.array([3.1, -7.4, 41.0, 12.9, -8.8, 42.3, 2.2, -6.1, 40.2]), [side, 1.0])
+    rates[:, 0] = side * np.minimum(side * rates[:, 0], 40.0) if said else rates[:, 0]
+    judged = judged_by_its_records(campaign(rates=np.round(rates, digits)))
+    words = [each for each in judged.warnings if "clipped" in each]
+    assert bool(words) == said
+    if said:
+        limit = f"{side * 40.0:g}"
+        assert words == [f"collects 6, 12, 18: sensor 2: RA goes no further than {limit} deg/hr: it is clipped"]
+        assert {key for key, found in judged.contradicted.items() if found.verdict is Verdict.FAIL} == {
+            (1, 2), (2, 2), (3, 2),
+        }  # fmt: skip
+        left = unclipped(judged.sensors[2]).rates_deg_per_hr
+        assert np.isnan(left[[2, 5, 8], 0]).all()
+        assert np.isnan(left).sum() == 3
 
 
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
