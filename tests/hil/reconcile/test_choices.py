@@ -69,6 +69,15 @@ def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
         assert others.max() < (climbed + weighed.points.log_prior).max() + 2.0 * CLOSE
 
 
+@pytest.mark.parametrize(("size", "kind"), [(11.0, "ambiguous"), (12.0, "named")])
+def test_a_name_is_sure_only_where_nothing_is_ruled_out_as_well(size: float, kind: str) -> None:
+    """One name at .95 and .98: noise may get a name on the averages in one of a hundred nights, not in one of ten."""
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, size, -size), thermal=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
+    assert [(e.id, e.kind) for e in result.effects] == [("supply", kind)]
+    assert result.effects[0].probability > 0.9
+
+
 def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
     """MU of its own at each setpoint is called scatter of MU here; the floor is what runs at one setpoint differ by."""
     rng = np.random.default_rng(3)
