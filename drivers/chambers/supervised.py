@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
-from drivers.chambers.controller import Controller, ControllerState, RampingController, Which
+from drivers.chambers.controller import Controller, ControllerState, Which
 from drivers.chambers.dead_man import DeadMan
 from drivers.chambers.native_limits import NativeLimits
 from drivers.chambers.reading_watch import ReadingWatch
@@ -191,8 +191,6 @@ class SupervisedChamber:
         """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
         if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
             raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
-        if not isinstance(self._controller, RampingController):
-            return False
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 

@@ -22,7 +22,7 @@ listened to for 3 s.
 from dataclasses import dataclass
 
 from drivers.chambers.chamber import ChamberLimits
-from drivers.chambers.controller import ControllerIdentity, ControllerState, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Which
 from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
@@ -53,7 +53,7 @@ class AsciiLayout:
             raise ValueError(f"start_bit, channel_bit and error_bit must be different bits from 0 to {self.bits - 1}")
 
 
-class VoetschAscii(OnOnePort):
+class VoetschAscii(Controller):
     """A `Controller` behind ASCII-2.
 
     `limits` bound the setpoint that is written back with a stop: somebody may have left one outside.
