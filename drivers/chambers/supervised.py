@@ -225,16 +225,17 @@ class SupervisedChamber:
 
     def _believable(self) -> ControllerState:
         """Look until the temperature can be true, a bounded number of times: one glitch must not end a night."""
-        for attempt in range(1, _ATTEMPTS + 1):
+        left = _ATTEMPTS
+        while True:
+            left -= 1
             state = self._state()
             driven_to = state.setpoint if state.mode == "CONSTANT" else None
             try:
                 self._watch.accept(self._clock.now(), state.temperature, driven_to_degC=driven_to)
                 return state
             except SensorFault:
-                if attempt == _ATTEMPTS:
+                if not left:
                     raise
-        raise ValueError("a reading needs at least one attempt")
 
     def _begin(self) -> None:
         """Begin an operation: from its deadline on nothing more is asked."""

@@ -16,7 +16,6 @@ from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import TransportError
-from drivers.transports.buffered import BufferedTransport
 from drivers.transports.transport import Transport
 
 _MOST_BYTES = 1 << 24  # three minutes of 2000 frames per second of 40 bytes
@@ -26,8 +25,8 @@ _GATHERED = 2048  # bytes of a read after which the next follows at once
 _REOPEN_S = 0.25  # between attempts to open a port that failed
 
 
-class LiveReader(BufferedTransport):
-    """A `drivers.transports.transport.Transport` that drains `port` in a thread of its own until it is closed.
+class LiveReader(Transport):
+    """A `Transport` that drains `port` in a thread of its own until it is closed.
 
     A port that can `wait(timeout_s)` for bytes, as a serial port can, costs nothing while none arrive.
     """

@@ -248,7 +248,7 @@ class _Ports:
             if self._unopened is None:
                 raise
             self._unopened(key, error)
-            return ClosedPort(url, error)
+            return ClosedPort(url, self._clock, error)
 
 
 def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
