@@ -7,13 +7,13 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -40,6 +40,8 @@ from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 from procedures.devices import BenchDevices
+
+_RAMP_LINE = SerialLine(115200)
 
 Unopened = Callable[[str, DeviceError], None]
 """Is told the key of the bench file whose port could not be opened, and why."""
@@ -214,7 +216,7 @@ class _Ports:
                 key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
             )
         else:
-            port = self._real(key, url, {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity})
+            port = self._real(key, url, line)
         self._opened.callback(port.close)
         return port
 
@@ -228,19 +230,18 @@ class _Ports:
         self._opened.callback(reader.close)
         return reader
 
-    def open_ramp(self, url: str, device: Callable[[], SimulatedDevice]) -> Transport:
-        """Open the chamber's second port, or what it simulates."""
-        if url.startswith(SIMULATED_SCHEME):
-            return MemoryTransport(device(), self._clock, url)
-        port = self._real("chamber.ramp_port", url, {})
-        self._opened.callback(port.close)
-        return port
-
-    def _real(self, key: str, url: str, line: Mapping[str, Any]) -> Transport:
+    def _real(self, key: str, url: str, line: SerialLine) -> Transport:
         try:
             release = port_lock(url)
             try:
-                return open_port(url, clock=self._clock, on_close=release, **line)
+                return open_port(
+                    url,
+                    clock=self._clock,
+                    baudrate=line.baud,
+                    bytesize=line.data_bits,
+                    parity=line.parity,
+                    on_close=release,
+                )
             except BaseException:
                 release()
                 raise
@@ -268,7 +269,9 @@ def _chamber(
 ) -> Chamber:
     section = bench.chamber
     port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
-    ramp_port = None if section.ramp_port is None else ports.open_ramp(section.ramp_port, lambda: simulated().ramp_port)
+    ramp_port = None
+    if section.ramp_port is not None:
+        ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
     options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,
