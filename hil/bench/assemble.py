@@ -30,7 +30,7 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
-from drivers.transports.serial_port import existing_ports
+from drivers.transports.serial_port import SerialTransport, existing_ports
 from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
@@ -222,9 +222,8 @@ class _Ports:
 
     def open_stream(self, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         """Open the IMU's port. A real one is drained by a thread from then on; a simulated one needs none."""
-        url = self._bench.imu.port
-        port = self.open("imu.port", url, line, device)
-        if url.startswith(SIMULATED_SCHEME) or isinstance(port, ClosedPort) or isinstance(self._clock, VirtualClock):
+        port = self.open("imu.port", self._bench.imu.port, line, device)
+        if not isinstance(port, SerialTransport) or isinstance(self._clock, VirtualClock):
             return port
         reader = LiveReader(port, self._clock)
         self._opened.callback(reader.close)
