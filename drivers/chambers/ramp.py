@@ -15,7 +15,6 @@ from typing import Final
 from drivers.chambers.chamber import ChamberIdentity, ChamberReading, SafeState
 from drivers.chambers.setpoints import clamped
 from drivers.chambers.supervised import SupervisedChamber
-from drivers.chambers.wear import wear_of
 from drivers.clock import Clock
 
 _LEAST_STEP_DEGC = 0.5
@@ -56,7 +55,7 @@ class RampedChamber:
     @property
     def wear_warning(self) -> str | None:
         """What the chamber itself says about the wear of its memory."""
-        return wear_of(self._chamber)
+        return self._chamber.wear_warning
 
     def identify(self) -> ChamberIdentity:
         """Ask who is there."""

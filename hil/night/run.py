@@ -27,7 +27,6 @@ from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
-from drivers.chambers.wear import wear_of
 from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
@@ -263,7 +262,7 @@ def _carry_out(
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
         with contextlib.suppress(sqlite3.Error, OSError):  # a full disk: the state is derived without it
-            wear = wear_of(live.devices.chamber)
+            wear = live.devices.chamber.wear_warning
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
             shown.close()  # what it shows is recorded with the verdict
