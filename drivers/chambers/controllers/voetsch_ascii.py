@@ -21,6 +21,8 @@ listened to for 3 s.
 
 from dataclasses import dataclass
 
+from pydantic import NonNegativeInt, PositiveInt
+
 from drivers.chambers.chamber import ChamberLimits
 from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Which
 from drivers.chambers.setpoints import clamped
@@ -37,13 +39,13 @@ class AsciiLayout:
     Raises `ValueError` where it contradicts itself.
     """
 
-    pairs: int = 5
+    pairs: PositiveInt = 5
     nominal_first: bool = True
-    written: int = 5  # nominal values in a write
-    bits: int = 16
-    start_bit: int = 1
-    channel_bit: int | None = 3  # that of the temperature, None where the start bit is enough
-    error_bit: int = 2
+    written: PositiveInt = 5  # nominal values in a write
+    bits: PositiveInt = 16
+    start_bit: NonNegativeInt = 1
+    channel_bit: NonNegativeInt | None = 3  # that of the temperature, None where the start bit is enough
+    error_bit: NonNegativeInt = 2
 
     def __post_init__(self) -> None:
         if not 1 <= self.written <= self.pairs:
