@@ -18,7 +18,6 @@ The slope never exceeds the ramp limit. The form is a simulator's convenience, n
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +27,6 @@ FloatArray = NDArray[np.float64]
 
 _OVERSHOOT_OF_A_STEP = 0.3
 _FASTEST_SETTLING_S = 5.0
-
-
-class _Segment(Protocol):
-    """A stretch of the history; `elapsed_s` counts from its beginning, scalar or array."""
-
-    def at(self, elapsed_s: FloatArray | float) -> FloatArray: ...
-
-    def slope_per_s(self, elapsed_s: float) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -101,6 +92,9 @@ class _Settled:
 
     def slope_per_s(self, elapsed_s: float) -> float:
         return self.initial_per_s * (1.0 - elapsed_s / self.settling_s) * math.exp(-elapsed_s / self.settling_s)
+
+
+_Segment = _Leak | _Ramp | _Settled  # a stretch of the history; `elapsed_s` counts from its beginning
 
 
 class ChamberPlant:
