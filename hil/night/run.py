@@ -254,7 +254,7 @@ def _carry_out(
             control=journal,
             attendant=attendant,
             first=lambda: ask_serial(journal, live, attendant),
-            vital=heartbeat,
+            vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
         with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
