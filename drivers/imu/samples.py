@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.counts import StreamCounts
-from drivers.frames.roles import AtRest
+from drivers.frames.roles import SensorRole
 
 FloatArray = NDArray[np.float64]
 
@@ -44,24 +44,7 @@ class ImuIdentity:
         return " ".join(part for part in (self.model, serial, self.firmware) if part)
 
 
-@dataclass(frozen=True)
-class SensorChannels:
-    """Which decoded fields belong to one sensor.
-
-    `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
-    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
-    campaign columns that belong to this sensor alone (`spin_period_us`) to field names. `at_rest` says what the rates
-    of a sound unit are.
-    """
-
-    rates: Mapping[str, str]
-    accelerations: Mapping[str, str] = field(default_factory=dict)
-    temperature: str | None = None
-    conditions: Mapping[str, str] = field(default_factory=dict)
-    at_rest: AtRest = field(default_factory=AtRest)
-
-
-def rate_fields(sensors: Mapping[int, SensorChannels]) -> Mapping[str, str]:
+def rate_fields(sensors: Mapping[int, SensorRole]) -> Mapping[str, str]:
     """Return the field of every rate, by sensor and channel as people see them: "2.RA"."""
     return {f"{number}.{channel}": name for number, each in sensors.items() for channel, name in each.rates.items()}
 
@@ -80,7 +63,7 @@ class Imu(Protocol):
     """A unit that streams. Sensors are numbered as in the bench file (the report's sensor 2 is 2)."""
 
     @property
-    def sensors(self) -> Mapping[int, SensorChannels]:
+    def sensors(self) -> Mapping[int, SensorRole]:
         """The decoded fields, by sensor."""
 
     @property

@@ -17,8 +17,9 @@ from drivers.frames.batch import Decoded, FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription
+from drivers.frames.roles import SensorRole
 from drivers.imu.sample_clock import SampleClock
-from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock, SensorChannels
+from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock
 from drivers.transports import Transport
 from drivers.transports.live_reader import LiveReader
 
@@ -85,12 +86,7 @@ class StreamImu:
         self.index_status: IndexStatus | None = None  # of the newest good frame, where frames tell it
         self.port = transport.name
         self.conditions: Mapping[str, str] = description.roles.conditions
-        self.sensors: Mapping[int, SensorChannels] = {
-            number: SensorChannels(
-                sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions, sensor.at_rest
-            )
-            for number, sensor in self._roles.sensors.items()
-        }
+        self.sensors: Mapping[int, SensorRole] = description.roles.sensors
 
     def read_block(self) -> SampleBlock:
         """Decode what has arrived since the last call; never waits, perhaps empty."""

@@ -32,10 +32,7 @@ from hil.model.forms import (
     PER_G,
     RATE,
     LinearForm,
-    collins_4_form,
-    constant_form,
-    matrix_6_form,
-    triad_12_form,
+    value_form,
 )
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from procedures.words import listed
@@ -171,21 +168,6 @@ class Model(_Section):
         for term, effect in self.terms_for(conditions.sensor):
             rates += _contribution(self.title, term, effect, rows, base)
         return rates[len(rows) - len(conditions) :]
-
-
-def value_form(name: str, sensor: Sensor) -> LinearForm:
-    """Return the form whose parameters a model file gives values to.
-
-    `matrix-6-thermal` has the six names of matrix-6 there: their dependence on temperature is in the curves.
-    """
-    match name:
-        case "constant":
-            return constant_form(sensor)
-        case "collins-4":
-            return collins_4_form(sensor)
-        case "triad-12":
-            return triad_12_form(sensor)
-    return matrix_6_form(sensor)
 
 
 def built_in_model(name: str) -> Model:

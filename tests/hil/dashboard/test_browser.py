@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.imu import SensorChannels
+from drivers.frames.roles import SensorRole
 from hil.dashboard.access import Access
 from hil.records import SqliteJournal, open_readonly
 from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
@@ -343,7 +343,7 @@ def test_a_page_that_fails_says_so_and_does_not_blame_the_connection(nights: Nig
     context.close()
 
 
-SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
+SENSORS = {number: SensorRole(rates={"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
 
 
 def during(step: Step, elapsed_s: float) -> Snapshot:
