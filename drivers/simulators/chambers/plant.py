@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +64,8 @@ class _Ramp:
 
     def duration_to(self, setpoint_degC: float) -> float:
         """Return when the setpoint is reached (the last time, where the air still moves the other way at first)."""
+        from scipy.optimize import brentq  # imported late: it is slow, and only a simulated chamber needs it
+
         distance = abs(setpoint_degC - self.begins_degC)
         if distance == 0.0:
             return 0.0

@@ -104,7 +104,8 @@ class SetInBlock:
 
     def _left(self) -> FloatArray:
         """Return what is left where all amplitudes are free, (t,)."""
-        return np.maximum(self.beside.rss - np.einsum("tk,tkl,tl->t", self.score, self.inverse, self.score), LEAST)
+        explained = np.einsum("tk,tkl,tl->t", self.score, self.inverse, self.score)
+        return np.asarray(np.maximum(self.beside.rss - explained, LEAST))
 
     def _best_sizes(self, t: int) -> list[int]:
         """Return the sizes that a free fit at one point of the noise makes most probable."""
