@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from drivers.chambers import ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
-from drivers.imu import Imu, SampleBlock
+from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray, rate_fields, rate_means
+from drivers.imu.stream import StreamImu
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
 from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, same_samples, slope_per_min
@@ -74,7 +75,7 @@ def _column(block: SampleBlock, name: str) -> FloatArray:
 
 
 def reduce_collect(
-    samples: SampleBlock, duration_s: float, imu: Imu, settings: CollectSettings
+    samples: SampleBlock, duration_s: float, imu: StreamImu, settings: CollectSettings
 ) -> tuple[dict[str, Any], Judgement]:
     """Return data and judgement of the samples of one collect that lasted `duration_s`.
 
@@ -306,7 +307,7 @@ def take_collect(
     return Collected(data, judgement, samples)
 
 
-def _settled(imu: Imu, watch: Watch, seconds: float) -> SampleBlock:
+def _settled(imu: StreamImu, watch: Watch, seconds: float) -> SampleBlock:
     """Wait, and return what came last: a second of it, or what the last poll brought of that."""
     block = SampleBlock(np.empty(0), {})
     for _, newest in watch.wait(watch.now_s + seconds):
@@ -326,7 +327,9 @@ def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
     return devices.poses.contradiction(position, means)
 
 
-def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
+def _sample(
+    imu: StreamImu, watch: Watch, until_s: float
+) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
     """Return the blocks, the chamber's readings, and the clock at the last drain."""
     blocks: list[SampleBlock] = []
     readings: list[ChamberReading] = []

@@ -1,8 +1,7 @@
-"""The IMU as procedures see it: a stream of decoded sample blocks, and an index that can be commanded."""
+"""What a unit gives: who it is, and its stream as blocks of decoded samples."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,39 +56,3 @@ def rate_means(block: SampleBlock, fields: Mapping[str, str]) -> Iterator[tuple[
             values = values[np.isfinite(values)]
             if len(values):
                 yield label, float(values.mean()), len(values)
-
-
-class Imu(Protocol):
-    """A unit that streams. Sensors are numbered as in the bench file (the report's sensor 2 is 2)."""
-
-    @property
-    def sensors(self) -> Mapping[int, SensorRole]:
-        """The decoded fields, by sensor."""
-
-    @property
-    def conditions(self) -> Mapping[str, str]:
-        """Fields that are neither rates nor accelerations: campaign column name to field name."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """The nominal rate of the stream."""
-
-    @property
-    def port(self) -> str:
-        """The port behind which it is."""
-
-    @property
-    def unsure(self) -> bool:
-        """Whether its stream was lost since it was identified, so that another unit may be there."""
-
-    def identify(self) -> ImuIdentity:
-        """Ask or wait for the unit's identity; raise `DeviceTimeout` where no good frame arrives."""
-
-    def read_block(self) -> SampleBlock:
-        """Decode what has arrived since the last call; never waits, perhaps empty."""
-
-    def discard(self) -> StreamCounts:
-        """Throw away what has arrived, so that stale bytes are no part of what follows."""
-
-    def close(self) -> None:
-        """Release the port."""

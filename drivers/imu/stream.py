@@ -49,8 +49,9 @@ class IndexStatus:
 
 
 class StreamImu:
-    """A `drivers.imu.Imu` over a transport.
+    """A unit that streams over a transport. Sensors are numbered as in the bench file (the report's sensor 2 is 2).
 
+    `conditions` maps campaign columns to fields that are neither rates nor accelerations.
     `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
     says about the unit: where its model or serial number is given, `identify` refuses another. Raises `ValueError` for
     a description without roles.
