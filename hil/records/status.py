@@ -39,6 +39,7 @@ STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
 _KEPT_FREE_BYTES = 20e6
+_NOT_TOLD = "whether the chamber is safe cannot be told from a damaged journal: look at it"
 _MISSING = {
     StepKind.IDENTIFY: "identification of the devices",
     StepKind.SETPOINT: "setpoint {0.temperature_degC:.1f} °C",
@@ -124,11 +125,12 @@ def _document(facts: _Facts) -> dict[str, Any]:
     working = state in {"running", "paused"}
     present = _present(facts) if working else None
     standing, over = _troubles(facts)
-    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
+    left, forsaken = _left(facts), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
         "schema": "hil.status/1",
         "state": state,
         "reason": reason,
+        "working": facts.owner is not None,
         "title": night.title,
         "steps_done": len(facts.done),
         "steps_total": len(plan.steps),
@@ -147,9 +149,10 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "prompt": _prompt(facts) if state == "running" else None,
         "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
         "chamber": left.word.value if left else None,
+        "chamber_in_words": forsaken or str(left or (_NOT_TOLD if facts.damage else "")),
         "problems": [
             *([forsaken] if forsaken else []),
-            *([f"{left}; go to the chamber"] if left and not left.safe else []),
+            *([str(left)] if left and not left.safe else []),
             *standing,
             *facts.damage,
             *map(str, facts.lost),
@@ -157,6 +160,12 @@ def _document(facts: _Facts) -> dict[str, Any]:
         ],
         "over": over,
     }
+
+
+def without_samples(status: dict[str, Any]) -> dict[str, Any]:
+    """Return the status of a night (hil.status/1) whose samples are found damaged: it is not complete."""
+    damaged = {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
+    return status | (damaged if status["state"] == "complete" else {})
 
 
 def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
@@ -172,10 +181,10 @@ def recorded_verdict(journal: JournalReader) -> dict[str, str] | None:
     return {key: end[key] for key in ("verdict", "reason")} if end else None
 
 
-def _left(journal: JournalReader) -> Left | None:
+def _left(facts: _Facts) -> Left | None:
     """How the newest controller, or its watchdog, left the chamber; None where that has not come yet."""
-    for event in (journal.standing(_UNSAFE, "safe-state"), journal.standing("safe-state", _UNSAFE)):
-        if event is not None:
+    for kind, other in () if facts.damage else ((_UNSAFE, "safe-state"), ("safe-state", _UNSAFE)):
+        if (event := facts.journal.standing(kind, other)) is not None:
             usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
             return Left(Word(event.evidence.get("chamber", usual)), event.message)
     return None

@@ -110,7 +110,7 @@ def test_a_watchdog_at_work_is_no_running_night(new_night: Path, clock: VirtualC
     assert status["state"] == "failed"
     assert status["reason"].startswith("chamber-lost: no answer; ")
     assert "is at work here" in status["reason"]
-    assert status["problems"] == ["THE CHAMBER IS NOT SAFE: the chamber does not answer; go to the chamber"]
+    assert status["problems"] == ["THE CHAMBER IS NOT SAFE: the chamber does not answer"]
     assert status["eta_utc"] is None
 
 
