@@ -32,7 +32,7 @@ _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were colle
 def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] | None = None) -> Campaign:
     """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other.
 
-    `series` holds what `laws.average` says, (2, c + 2), by the number of each collect that has its samples.
+    `series` holds what `laws.average` says, (4, c + 3), by the number of each collect that has its samples.
     """
     found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_laws(campaign, series or {})]
     contradicted: dict[tuple[int, int], Judgement] = {}

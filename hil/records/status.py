@@ -46,7 +46,7 @@ _MISSING = {
     StepKind.RESTABILISE: "restabilisation",
     StepKind.INDEX: "index to position {0.position}",
     StepKind.COLLECT: "collect at position {0.position}",
-    StepKind.SAFE_STATE: "safe state of the chamber at the end",
+    StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
 _WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
