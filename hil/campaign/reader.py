@@ -100,11 +100,11 @@ def read_campaign(folder: Path | str) -> Campaign:
 
 
 def _without_series(campaign: Campaign, written: float) -> Campaign:
-    """Say which averages no series proves, where others have one; MARGINAL where more of them were `written`."""
+    """Say which averages no series proves, where there were series; MARGINAL where more were `written` than are here."""
     here, rows = len(campaign.series_files), [each.conditions for each in campaign.sensors.values()]
     run_of = {n: run for c in rows for n, run in zip(c.collect.tolist(), c.run.tolist(), strict=True)}
     lost = [n for n in sorted(run_of) if n not in campaign.series_files]
-    if here >= written and not (lost and (here or campaign.series_block_s)):
+    if here >= written and not (lost and campaign.series_block_s):
         return campaign
     which = lost or sorted(run_of)
     how = f" ({written:g} were written, {here} are here)" if here < written else ""
