@@ -119,9 +119,7 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
         rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
         if np.isnan(errors).all():
             continue
-        step = 10.0 ** np.ceil(
-            np.log10(np.min(errors[errors > 0.0]) / _DIGITS)
-        )  # in such steps two may agree by chance
+        step = 10.0 ** np.ceil(np.log10(np.min(errors[errors > 0.0]) / _DIGITS))  # so coarse, two may agree by chance
         known = np.isfinite(rates).all(axis=1)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)

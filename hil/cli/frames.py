@@ -13,8 +13,7 @@ Description = Annotated[
     str, typer.Option("--frames", help="A frame description, or the name of one that ships.", show_default=False)
 ]
 Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated."),
+    list[str] | None, typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
 ]
 
 
@@ -76,9 +75,7 @@ def guess(
         console.print(
             f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
         )
-    length = (
-        "length" if document.get("length") else "repeats_every"
-    )  # where frames are found, they say how long they are
+    length = "length" if document.get("length") else "repeats_every"  # frames that are found say how long they are
     for key in ("lines", "sync", length, "checksum", "counter"):
         if document.get(key) is not None:
             among = f" bytes, in {document['frames']} frames in a row" if key == "length" else ""

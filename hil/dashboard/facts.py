@@ -160,11 +160,7 @@ def _now(live: Part) -> Part:
     """Return what the controller shows: countdown, temperatures, rates with their errors, and the stream."""
     names = ("step_elapsed_s", "step_remaining_s", "elapsed_s", "attempt", "note", "chamber_degC", "setpoint_degC")
     rates = {
-        label: {
-            "now": value,
-            "mean": live["rates_deg_per_hr"].get(label),
-            "se": live["rates_se_deg_per_hr"].get(label),
-        }
+        label: {"now": value, "mean": live["rates_deg_per_hr"].get(label), "se": live["rates_se_deg_per_hr"].get(label)}
         for label, value in {**live["rates_deg_per_hr"], **live["rates_now_deg_per_hr"]}.items()
     }
     counts = live["stream"]
