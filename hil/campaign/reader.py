@@ -100,7 +100,7 @@ def read_campaign(folder: Path | str) -> Campaign:
 
 
 def _without_series(campaign: Campaign, written: float) -> Campaign:
-    """Say which averages no series proves, where there were series; MARGINAL where more were `written` than are here."""
+    """Say which averages no series proves, where there were some; MARGINAL where more were `written` than are here."""
     here, rows = len(campaign.series_files), [each.conditions for each in campaign.sensors.values()]
     run_of = {n: run for c in rows for n, run in zip(c.collect.tolist(), c.run.tolist(), strict=True)}
     lost = [n for n in sorted(run_of) if n not in campaign.series_files]
