@@ -34,6 +34,7 @@ _FEW = 10  # rows that do not tell how others scatter
 _DIGITS, _ULPS, _SUMS = 12, 8.0, 1e-9
 _NEAR = 1e-4  # five digits would not show a difference
 _OF_A_RUN = {"supply_V": 1.2, "spin_period_us": 1.05}
+_RUNS, _ALIKE, _SIGN_SIGMAS = 6, 0.9, 20.0  # changes far beyond noise, along one line in so many runs, tell a sign
 _SAMPLE_RATE, _ERROR = 1.25, 10.0
 """By which factor a record of one collect may differ from the usual one of its run."""
 
@@ -106,6 +107,7 @@ def laws(
     yield from _by_position(c)
     yield from _earth_rate(c, site.get("latitude_deg"))
     yield from _from_one_to_the_next(c, column)
+    yield from _from_run_to_run(collects)
     yield _in_its_run("n_samples per second", c, column("n_samples") / c.duration_s, _SAMPLE_RATE)
     for name, factor in _OF_A_RUN.items():
         yield _in_its_run(name, c, column(name), factor)
@@ -238,6 +240,27 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     allowed = _STEP_DEGC + 0.5 * np.abs(by_slope)
     low[here], high[here] = np.where(near, shown[before] + by_slope + np.array([[-1.0], [1.0]]) * allowed, np.nan)
     yield Law("temperature_degC", shown, low, high, "dTdt_degC_per_min and the collect before it")
+
+
+def _from_run_to_run(collects: Collects) -> Iterator[Law]:
+    """How a channel's rates change from position to position: in no run just the other way than in the others."""
+    c = collects.conditions
+    (runs, run), (labels, label) = (np.unique(each, return_inverse=True) for each in (c.run, c.position))
+    rates = collects.rates_deg_per_hr - c.w_channels_deg_per_hr
+    for k, channel in enumerate(c.sensor.channels if len(labels) > 2 else ()):
+        changes = np.full((len(runs), len(labels)), np.nan)
+        changes[run, label] = rates[:, k]
+        changes -= changes.mean(axis=1, keepdims=True)
+        size = np.linalg.norm(changes, axis=1)
+        whole, errors = np.isfinite(size), collects.rates_se_deg_per_hr[:, k]
+        if whole.sum() < _RUNS or not np.isfinite(errors).any():
+            continue
+        alike = changes @ changes[whole][0] / (size * size[whole][0])
+        alike = -alike if np.median(alike[whole]) < 0.0 else alike
+        noise = _SIGN_SIGMAS * np.nanmax(errors)
+        sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
+        name, shown = f"the likeness of {channel}'s changes between positions", np.where(sure, alike, np.nan)[run]
+        yield Law(name, shown, 0.0, np.inf, "the other runs: its sign is turned")
 
 
 def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float) -> Law:
