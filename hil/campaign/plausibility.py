@@ -33,7 +33,7 @@ _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were colle
 def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] | None = None) -> Campaign:
     """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other.
 
-    `series` holds what `laws.average` says, (2, c + 2), by the number of each collect that has its samples.
+    `series` holds what `laws.average` says, (4, c + 3), by the number of each collect that has its samples.
     """
     found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_limits(campaign)]
     found += _laws(campaign, series or {})
@@ -121,9 +121,7 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
         rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
         if np.isnan(errors).all():
             continue
-        step = 10.0 ** np.ceil(
-            np.log10(np.min(errors[errors > 0.0]) / _DIGITS)
-        )  # in such steps two may agree by chance
+        step = 10.0 ** np.ceil(np.log10(np.min(errors[errors > 0.0]) / _DIGITS))  # so coarse, two may agree by chance
         known = np.isfinite(rates).all(axis=1)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)

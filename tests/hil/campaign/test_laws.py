@@ -150,6 +150,43 @@ def test_one_collect_alone_has_no_other_earth_rate(
     assert list(judged.contradicted) == [(run, 2) for run in failed]
 
 
+def test_a_run_without_an_earth_rate_is_contradicted_by_the_others() -> None:
+    """0 where it is unknown: in all rows, but not in one run of a site where the others have it."""
+    made, up = campaign(), 15.041067 * np.sin(np.deg2rad(34.6))
+    w = up * made.sensors[2].conditions.f_g
+    for factor, failed in ((1.0, []), (RUN[:, None] != 2, [(2, 2)]), (0.0, [])):
+        rows = replace(made.sensors[2], conditions=replace(made.sensors[2].conditions, w_deg_per_hr=w * factor))
+        judged = judged_by_its_records(replace(made, sensors={2: rows}, site={"latitude_deg": 34.6}))
+        assert list(judged.contradicted) == failed
+
+
+def test_a_run_is_taken_in_one_go() -> None:
+    """The second collects of two runs at one temperature exchanged: another run lies between what is called one."""
+    made = campaign()
+    run = RUN.copy()
+    run[[1, 4]] = run[[4, 1]]
+    rows = replace(made.sensors[2], conditions=replace(made.sensors[2].conditions, run=run))
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert sorted(judged.contradicted) == [(1, 2), (2, 2)]
+    assert "the number of parts of its run is 3, where at most 1 belongs" in judged.contradicted[1, 2].reason
+
+
+@pytest.mark.parametrize(("size", "said"), [(50.0, True), (5.0, False)])
+def test_a_sign_that_turns_for_good_is_contradicted_by_the_runs_before(size: float, said: bool) -> None:
+    """Every run of the last temperature agrees with the others there; where changes are of noise's size, nothing is."""
+    made, runs = campaign(), 8
+    part = np.tile(np.arange(3), runs)
+    one = made.sensors[2].rows(part)
+    rates = np.array([-1.0, 1.0, 0.1])[part, None] * [size, 20.0] + np.random.default_rng(4).normal(0.0, 0.7, (24, 2))
+    rates[18:, 0] *= -1.0
+    run, start_s = np.repeat(np.arange(runs), 3), 3600.0 * np.repeat(np.arange(runs), 3) + 120.0 * part
+    conditions = replace(one.conditions, run=run, start_s=start_s, collect=np.arange(24), columns={})
+    rows = Collects(conditions, rates, one.rates_se_deg_per_hr)
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert list(judged.contradicted) == ([(6, 2), (7, 2)] if said else [])
+    assert ("the likeness of RA's changes between positions is -0.99" in str(judged.warnings)) is said
+
+
 def test_f_that_is_not_that_of_its_position_fails() -> None:
     """With no accelerometers to contradict it."""
     made = campaign()
@@ -205,16 +242,26 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counted", "off", "said"),
+    ("counted", "old", "new", "said"),
     [
-        ("20", 0.0, ""),
-        ("19", 0.0, "n_samples is 1200, where 1139 "),
-        ("20", 3e-6, "RA is 14.250003, where 14.24999"),
-        ("", 0.6, ""),
-        ("", 1.0, "RA is 15.25, where 13."),
+        ("20", "", "", ""),
+        ("20", ",7320,60,", ",7320,1,", "duration_s is 1, where 28.5 to 89.5 belongs"),
+        (
+            "20",
+            ",14.25,8.25,0.7,",
+            ",14.25,8.25,0.0002,",
+            "the standard error of RA is 0.0002, where 0.03628 to 8.7072",
+        ),
+        ("20", ",14.25,8.25,0.7,", ",14.25,8.25,20,", "the standard error of RA is 20, where 0.03628 to 8.7072"),
+        ("19", "", "", "n_samples is 1200, where 1139 "),
+        ("20", ",14.25,", ",14.250003,", "RA is 14.250003, where 14.24999"),
+        ("", ",14.25,", ",14.85,", ""),
+        ("", ",14.25,", ",15.25,", "RA is 15.25, where 13."),
     ],
 )
-def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, counted: str, off: float, said: str) -> None:
+def test_an_average_that_its_own_samples_do_not_give_fails(
+    tmp_path: Path, counted: str, old: str, new: str, said: str
+) -> None:
     """Exactly where the series counts all its samples; else by what rows of unequal weight, or missing ones, can do."""
     write_campaign(campaign(), tmp_path / "campaign")
     series = tmp_path / "campaign" / "series"
@@ -224,7 +271,8 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, count
     lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f},{counted}" for t, (a, b) in enumerate(noise)]
     (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr,n_samples", *lines]))
     table = tmp_path / "campaign" / "collects.csv"
-    table.write_text(table.read_text().replace(",14.25,8.25,", f",{14.25 + off},8.25,"))
+    head, *rows = table.read_text().splitlines()
+    table.write_text("\n".join([head, *(row.replace(old, new) if row.startswith("10,") else row for row in rows)]))
     judged = read_campaign(tmp_path / "campaign")
     assert list(judged.contradicted) == ([(2, 2)] if said else [])
     assert ("in series" in " ".join(judged.warnings)) is bool(said)
