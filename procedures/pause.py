@@ -64,6 +64,12 @@ def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: b
     lost = held.lost if soaked else "it was not finished"
     soak = f"the soak starts over: {lost}" if lost else "the soak still counts: the air stayed in its band"
     by = watch.desk.continued_by
-    evidence = {"who": by, "paused_s": lasted_s, "soak_kept": not lost, "reason": lost}
-    watch.event("continue", f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}", **evidence)
+    watch.event(
+        "continue",
+        f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}",
+        who=by,
+        paused_s=lasted_s,
+        soak_kept=not lost,
+        reason=lost,
+    )
     return lost

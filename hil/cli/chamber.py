@@ -119,10 +119,10 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import log_line, logged
+    from hil.night.log import StreamLog, logged
     from hil.records.requests import user
 
-    return logged(live.chamber, lambda what, facts: sys.stderr.write(log_line(live.clock, user(), what, facts)))
+    return logged(live.chamber, StreamLog(sys.stderr, live.clock, user()))
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:
@@ -168,10 +168,19 @@ def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: Cham
 
 def _document(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading) -> dict[str, Any]:
     """Return schema hil.chamber/1; a limit that the controller does not have is null."""
-    head = {"schema": "hil.chamber/1", "bench": bench.name, "simulated": bench.simulated, "action": action.value}
-    shown = {name: getattr(reading, name) for name in ("temperature_degC", "setpoint_degC", "mode")}
-    limits = {name: _known(getattr(reading, name)) for name in ("low_limit_degC", "high_limit_degC")}
-    return {**head, "model": identity.model, **shown, **limits, "alarms": list(reading.alarms)}
+    return {
+        "schema": "hil.chamber/1",
+        "bench": bench.name,
+        "simulated": bench.simulated,
+        "action": action.value,
+        "model": identity.model,
+        "temperature_degC": reading.temperature_degC,
+        "setpoint_degC": reading.setpoint_degC,
+        "mode": reading.mode,
+        "low_limit_degC": _known(reading.low_limit_degC),
+        "high_limit_degC": _known(reading.high_limit_degC),
+        "alarms": list(reading.alarms),
+    }
 
 
 def _known(limit_degC: float) -> float | None:

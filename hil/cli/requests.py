@@ -59,8 +59,17 @@ def _ask(folder: Path, kind: RequestKind, why: str, wait_s: float, *, as_json: b
     number = request(folder, kind, who_asks(), why, prompt=prompt)
     row = wait_for_answer(folder, number, wait_s)
     if as_json:
-        told = {name: getattr(row, name) for name in ("number", "kind", "who", "why", "accepted", "answer")}
-        print_json({"schema": "hil.request/1", **told})
+        print_json(
+            {
+                "schema": "hil.request/1",
+                "number": number,
+                "kind": kind.value,
+                "who": row.who,
+                "why": row.why,
+                "accepted": row.accepted,
+                "answer": row.answer,
+            }
+        )
     elif row.accepted is None:
         results().print(
             f"{folder}: {kind.value} is asked for, and not answered after {wait_s:g} s. It will be acted upon when the "

@@ -181,8 +181,13 @@ def _pausing(journal: JournalReader) -> str | None:
 
 def _event(event: Event, at: datetime) -> Part:
     weight = "bad" if event.kind in _BAD else "plain" if event.kind in _PLAIN else "note"
-    said = {"number": event.number, "kind": event.kind, "message": event.message, "weight": weight}
-    return {**said, "at_utc": at.isoformat(timespec="seconds")}
+    return {
+        "number": event.number,
+        "at_utc": at.isoformat(timespec="seconds"),
+        "kind": event.kind,
+        "message": event.message,
+        "weight": weight,
+    }
 
 
 def _plan(plan: Plan) -> Part:

@@ -4,20 +4,20 @@ The journal is the truth; the log says the same as it happens, and in addition e
 who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
-import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from inspect import signature
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TextIO, TypeVar, cast
+
+import structlog
 
 from drivers.clock import Clock
 from hil.files.durable import RealDisk
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
 
 Device = TypeVar("Device")
-Say = Callable[[str, Mapping[str, Any]], object]
 _COMMANDS = {
     "prepare": "chamber: prepare",
     "set_temperature": "chamber: set temperature",
@@ -26,10 +26,36 @@ _COMMANDS = {
 }
 
 
-def log_line(clock: Clock, who: str, what: str, facts: Mapping[str, Any]) -> str:
-    """Return one JSON object, with who and when, as a line."""
-    said = {"utc": clock.utc().isoformat(), "who": who, **facts, "event": what}
-    return json.dumps(said, ensure_ascii=False, default=str) + "\n"
+class Log(Protocol):
+    """Takes what is said: a night's file, or a stream."""
+
+    def say(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Write one line."""
+
+
+def _lines_to(stream: TextIO, clock: Clock, who: str) -> Any:
+    """Return a logger that writes one JSON object per line, with who and when."""
+
+    def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
+        return {"utc": clock.utc().isoformat(), **facts}
+
+    return structlog.wrap_logger(
+        structlog.WriteLogger(stream),
+        processors=[stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
+        wrapper_class=structlog.BoundLogger,
+        who=who,
+    )
+
+
+class StreamLog:
+    """The log of a single command, on a stream that somebody else closes."""
+
+    def __init__(self, stream: TextIO, clock: Clock, who: str) -> None:
+        self._logger = _lines_to(stream, clock, who)
+
+    def say(self, what: str, facts: Mapping[str, Any]) -> None:
+        """Write one line."""
+        self._logger.info(what, **facts)
 
 
 class NightLog:
@@ -49,6 +75,7 @@ class NightLog:
     def _open(self) -> None:
         # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
         self._file: TextIOWrapper = self._path.open("a", encoding="utf-8", buffering=1)
+        self._logger = _lines_to(self._file, self._clock, self._who)
         self._named = False  # as far as a power failure knows
 
     def say(self, what: str, facts: Mapping[str, Any]) -> None:
@@ -56,7 +83,7 @@ class NightLog:
         try:
             if self._file.tell() >= self._largest:
                 self._rotate()
-            self._file.write(log_line(self._clock, self._who, what, facts))
+            self._logger.info(what, **facts)
             if "digest" in facts:  # the end of an attempt, which the journal says as durably
                 os.fsync(self._file.fileno())
                 if not self._named:
@@ -81,14 +108,14 @@ class NightLog:
             return
 
 
-def logged(device: Device, say: Say) -> Device:
-    """Return a chamber or a positioner whose commands are told, with what they are given, before they are sent."""
-    return cast(Device, _Logged(device, say))
+def logged(device: Device, log: Log) -> Device:
+    """Return a chamber or a positioner whose commands are logged, with what they are given, before they are sent."""
+    return cast(Device, _Logged(device, log))
 
 
 class _Logged:
-    def __init__(self, device: object, say: Say) -> None:
-        self._device, self._say = device, say
+    def __init__(self, device: object, log: Log) -> None:
+        self._device, self._log = device, log
 
     def __getattr__(self, name: str) -> Any:
         method = getattr(self._device, name)
@@ -96,7 +123,7 @@ class _Logged:
             return method
 
         def sent(*given: object, **named: object) -> Any:
-            self._say(_COMMANDS[name], signature(method).bind(*given, **named).arguments)
+            self._log.say(_COMMANDS[name], signature(method).bind(*given, **named).arguments)
             return method(*given, **named)
 
         return sent

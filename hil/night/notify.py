@@ -130,6 +130,14 @@ class Notifier:
             self._failed(self._failures.get())
 
 
-_OF_TOPIC = {"started": "night-begins night-resumed", "needs-you": "prompt pause"}
-_OF_TOPIC["fault"] = "interlock failed error safe-state-not-reached watchdog"
-_TOPICS = {kind: topic for topic, kinds in _OF_TOPIC.items() for kind in kinds.split()}
+_TOPICS = {
+    "night-begins": "started",
+    "night-resumed": "started",
+    "prompt": "needs-you",
+    "pause": "needs-you",
+    "interlock": "fault",
+    "failed": "fault",
+    "error": "fault",
+    "safe-state-not-reached": "fault",
+    "watchdog": "fault",
+}

@@ -234,10 +234,13 @@ def _carry_out(
         journal.describe_fields(field_meanings(live))
         if live.faults is not None:
             journal.write_blocks_to(live.faults.disk)
-        heard = {name: logged(getattr(live.devices, name), log.say) for name in ("chamber", "positioner")}
         sequencer = Sequencer(
             journal.plan,
-            replace(live.devices, **heard),
+            replace(
+                live.devices,
+                chamber=logged(live.devices.chamber, log),
+                positioner=logged(live.devices.positioner, log),
+            ),
             journal,
             stop,
             began=journal.began_utc,
