@@ -77,9 +77,14 @@ def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
         error = table.numbers(name)
         rates = table.numbers(name.replace("_se_", "_"))
         zero, empty = error == 0.0, np.isnan(error) & np.isfinite(rates) & np.any(error > 0.0)
-        for rows, what in ((zero, "a standard error of 0 is taken as not stated"), (empty, "no standard error is stated")):
+        for rows, what in (
+            (zero, "a standard error of 0 is taken as not stated"),
+            (empty, "no standard error is stated"),
+        ):
             if rows.any():
-                where = f"{table.path}, {rows_in_words([table.rows[int(i)] for i in np.flatnonzero(rows)])}, column {name}"
+                where = (
+                    f"{table.path}, {rows_in_words([table.rows[int(i)] for i in np.flatnonzero(rows)])}, column {name}"
+                )
                 instead = "; the largest of the others stands for it" if np.any(error > 0.0) else ""
                 found.append(f"{where}: {what}{instead}")
     return found

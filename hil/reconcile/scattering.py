@@ -89,7 +89,8 @@ class Scattering:
                 for name, probability in self.probabilities.items()
             ],
             "sizes": [
-                {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, "unit": s.parameter.unit}
+                {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, **s.interval}
+                | {"unit": s.parameter.unit}
                 for s in self.sizes
             ],
             "noise": self.noise,

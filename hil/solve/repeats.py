@@ -213,7 +213,9 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         if own:
             of_sensor = _of_sensor(own, runs_by_temperature(rows))
             means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means]
-            found[number] = replace(of_sensor, means=means, told_by=told_by(rows), not_used=tuple(np.setdiff1d(every, rows.run).tolist()))
+            found[number] = replace(
+                of_sensor, means=means, told_by=told_by(rows), not_used=tuple(np.setdiff1d(every, rows.run).tolist())
+            )
     return found
 
 

@@ -107,7 +107,14 @@ def described(
     ]
     of_it = ("name", "unit", "typical")
     parameters += [
-        {**{n: getattr(f.parameter, n) for n in of_it}, "value": f.value, "se": f.se, "at": "", "sensor": f.sensor}
+        {
+            **{n: getattr(f.parameter, n) for n in of_it},
+            "value": f.value,
+            "se": f.se,
+            **f.interval,
+            "at": "",
+            "sensor": f.sensor,
+        }
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None

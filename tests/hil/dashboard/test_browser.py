@@ -172,7 +172,9 @@ def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable
     shown(page, "#temperature-told", "Chamber")
     page.set_viewport_size(PHONE)
     assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
-    page.wait_for_function("() => document.querySelector('#temperature-chart canvas').getBoundingClientRect().right <= 390")
+    page.wait_for_function(
+        "() => document.querySelector('#temperature-chart canvas').getBoundingClientRect().right <= 390"
+    )
     narrow = (
         "() => [...document.querySelectorAll('#results td, #results tbody th')]"
         ".map(e => [e.innerText, e.dataset.name, e.getBoundingClientRect().right])"
