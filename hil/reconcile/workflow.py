@@ -23,7 +23,7 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, V
 from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
-from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.improve import before_and_after, improved
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
@@ -141,7 +141,7 @@ def _result(
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
-    after = model
+    after, values = model, []
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
         own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
@@ -155,6 +155,7 @@ def _result(
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
         after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
         after = scatter.with_offsets(after, noise, conditions)
+        values = before_and_after(problem.sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
@@ -174,7 +175,7 @@ def _result(
             *where,
             *scatter.places(of_scatter, reading.chance),
         ],
-        effects=[*wrong, *findings.with_totals(results, after), *within],
+        effects=[*wrong, *results, *within],
         gap=gap,
         false_alarm_rate=alpha,
         p_value=reading.chance,
@@ -191,6 +192,7 @@ def _result(
         follows=reading.follows,
         noise=noise,
         rows=rows,
+        values=values,
     )
 
 

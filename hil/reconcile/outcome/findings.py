@@ -140,17 +140,6 @@ def described(
     )
 
 
-def with_totals(found: Sequence[FoundEffect], after: Model) -> list[FoundEffect]:
-    """Give increments of the model's own parameters what the parameter then is at that temperature: key `total`."""
-    for parameter in (p for effect in found for p in effect.parameters):
-        curve = after.sensors.get(parameter["sensor"], {}).get(parameter["name"])
-        at, _, unit = str(parameter["at"]).removeprefix("about ").partition(" ")
-        here = unit == "degC" and parameter["unit"] == getattr(curve, "unit", None)
-        if curve is not None and here and isinstance(parameter, dict):
-            parameter["total"] = parameter["value"] + float(curve.at(float(at)))
-    return list(found)
-
-
 def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:
     """Return the values and errors of a term's columns, in their own units."""
     scale = posterior.term(number, place).scale

@@ -10,13 +10,15 @@ from hil.model import Model, Term
 from hil.model.curve import Constant, Polynomial, Table, TableRows
 from hil.model.effects.empirical import empirical
 from hil.model.effects.followed import driver_reference
-from hil.model.forms import matrix_6_form, triad_12_form
+from hil.model.forms import default_form, matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.problem import SensorProblem
+from hil.solve import solve
 from hil.solve.identifiability import smallest_fit
-from hil.solve.temperatures import same_temperature
+from hil.solve.runs import OBSERVABLE
+from hil.solve.temperatures import level_degC, same_temperature, told_by
 
 Curve = Constant | Polynomial | Table
 Values = Mapping[int, tuple[float, float]]
@@ -113,12 +115,8 @@ def _base_curves(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]], calibrated: bool
 ) -> Mapping[str, Curve]:
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
-    collects, form = sensor.collects, sensor.form
-    rates = collects.rates_deg_per_hr - sensor.known_rates()
-    for candidate, values in terms:
-        for column, (value, _) in values.items():
-            rates = rates - candidate.columns[:, :, column] * value
-    columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
+    form = sensor.form
+    columns, rates, _ = _left(sensor, terms)
     fit = _least_squares(columns, rates)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
@@ -132,6 +130,63 @@ def _base_curves(
         )
         for i in range(0, len(form.names), 3)
     }
+
+
+def _left(
+    sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the base's columns (n, c, p), what the terms leave of the rates, and what they make, (n, c) each."""
+    collects = sensor.collects
+    columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
+    made = np.zeros_like(collects.rates_deg_per_hr)
+    for candidate, values in terms:
+        for column, (value, _) in values.items():
+            made += candidate.columns[:, :, column] * value
+    return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
+
+
+def before_and_after(
+    sensors: Mapping[int, SensorProblem], terms: Sequence[tuple[Candidate, Values]], calibrated: frozenset[int]
+) -> list[dict[str, Any]]:
+    """Return what each parameter that the terms change is at three temperatures, without and with them: key `values`.
+
+    A model is told by the parameters that its rates would be solved for, whatever its own are.
+    """
+    out = []
+    for number in sorted({candidate.sensor for candidate, _ in terms}):
+        sensor = sensors[number]
+        conditions = sensor.collects.conditions
+        form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
+        columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
+        places = np.unique(station[station >= 0])
+        own = [each for each in terms if each[0].sensor == number]
+        for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
+            here = station == k
+            is_ = []
+            for chosen in ((), own):
+                base, left, made = _left(sensor, chosen)
+                fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
+                rates = known[here] + made[here] + base[here] @ _least_squares(base[fitted], left[fitted])
+                rows = columns[here].reshape(-1, len(form.names))
+                is_.append(solve(rows, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values)
+            change = np.nan_to_num(np.abs(is_[1] - is_[0]))
+            out += [
+                {
+                    "sensor": number,
+                    "name": name,
+                    "unit": unit,
+                    "temperature_degC": None if level is None else float(np.nanmean(level[here])),
+                    "temperature_of": told_by(conditions),
+                    "before": float(was),
+                    "after": float(now),
+                }
+                for name, unit, was, now, moved in zip(form.names, form.units, *is_, change, strict=True)
+                if moved > _CHANGED * change.max()
+            ]
+    return out
+
+
+_CHANGED = 0.1  # of what changes most
 
 
 def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole: FloatArray) -> dict[str, Curve]:
