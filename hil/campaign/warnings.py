@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign.data import Collects
-from hil.campaign.header import Header
+from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed
 
@@ -23,7 +23,11 @@ def suspicions(
     undeclared: Sequence[str],
 ) -> tuple[str, ...]:
     """Return one sentence for each suspicion, with the file and the rows; `lines` gives each sensor's row numbers."""
-    found = [f"{table.path.with_name('campaign.yaml')}, key {key}: not known, so not used" for key in header.extra]
+    found = [
+        f"{table.path.with_name('campaign.yaml')}, key {key}: not known, so not used"
+        + f"; it belongs to a sensor: sensors.{min(header.sensors)}.{key}" * (key in OF_A_SENSOR)
+        for key in header.extra
+    ]
     found += [f"{table.path}: sensor {n} is described but has no row" for n in header.sensors if n not in sensors]
     found += [
         f"{table.path}, column {name}: campaign.yaml does not say under conditions what it is; taken as a condition"
