@@ -125,7 +125,8 @@ def _result(
         if n.acts_on == "scatter"
     }
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
-    noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
+    under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
+    noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found], under)
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
     wrong = mistakes.mistakes_found(reading, campaign)

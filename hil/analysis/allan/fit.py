@@ -169,22 +169,33 @@ class _Fitted:
         return allowing(float(brentq(excess, 0.0, 10.0, rtol=1e-3)))
 
     def interval(self, place: int) -> tuple[float, float, float]:
-        """Return one term's coefficient with its profile-likelihood interval."""
-        others, own = np.delete(self.columns, place, axis=1), self.columns[:, place]
-        widened, free = self._widened(place), np.delete(self.squares, place) > 0.0
+        """Return one term's coefficient with its profile-likelihood interval.
+
+        The other terms' squares may be less than nothing here: a bound on them would be one on this term, too, and its
+        interval too narrow wherever another is about nothing.
+        """
+        others, own, limit = (
+            np.delete(self.columns, place, axis=1),
+            self.columns[:, place],
+            _SEEN * self._widened(place),
+        )
+        free = _maximum(self.columns, self.variance, self.edf, bounded=False)
+        least = min(self.deviance, _deviance(self.columns @ free, self.variance, self.edf))
 
         def excess(value: float) -> float:
             given = own * value**2
-            rest = _maximum(others, self.variance, self.edf, given)
-            # A term that is nothing there is at its bound: half a degree of freedom more (Self and Liang 1987).
-            limit = widened * chi2.ppf(CONFIDENCE, 1.0 + 0.5 * np.count_nonzero(free & (rest == 0.0)))
-            return float(_deviance(others @ rest + given, self.variance, self.edf) - self.deviance - limit)
+            rest = (_maximum(others, self.variance, self.edf, given, bounded=bounded) for bounded in (True, False))
+            return float(min(_deviance(others @ r + given, self.variance, self.edf) for r in rest) - least - limit)
 
+        best = float(np.sqrt(self.squares[place]))
+        within = [value for value in (best, float(np.sqrt(max(free[place], 0.0)))) if excess(value) < 0.0]
+        if not within:  # the best of all is no possible one
+            within, least = [best], self.deviance
         # Above `most` the term alone exceeds every measured variance tenfold.
-        best, most = float(np.sqrt(self.squares[place])), float(np.sqrt(10.0 * np.max(self.variance / own)))
-        low = 0.0 if best == 0.0 or excess(0.0) <= 0.0 else float(brentq(excess, 0.0, best, rtol=1e-3))
-        high = float(brentq(excess, best, most, rtol=1e-3)) if excess(most) > 0.0 else most
-        return best, low, high
+        most = float(np.sqrt(10.0 * np.max(self.variance / own)))
+        low = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, within[0], rtol=1e-3))
+        high = float(brentq(excess, within[0], most, rtol=1e-3)) if excess(most) > 0.0 else most
+        return best, min(low, best), max(high, best)
 
     def _widened(self, place: int) -> float:
         """Return by what the variance of a term is larger than if the octaves were independent."""
@@ -209,16 +220,27 @@ def _columns(tau_s: FloatArray) -> FloatArray:
     return np.stack([3.0 / tau_s**2, 1.0 / tau_s, np.full_like(tau_s, _FLICKER), tau_s / 3.0], -1)
 
 
-def _maximum(columns: FloatArray, variance: FloatArray, edf: FloatArray, fixed: FloatArray | None = None) -> FloatArray:
-    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given."""
+def _maximum(
+    columns: FloatArray,
+    variance: FloatArray,
+    edf: FloatArray,
+    fixed: FloatArray | None = None,
+    *,
+    bounded: bool = True,
+) -> FloatArray:
+    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given.
+
+    None of them is less than nothing where they are `bounded`.
+    """
     given = np.zeros_like(variance) if fixed is None else fixed
     fitted = variance.copy()
     squares = np.zeros(columns.shape[1])
     for _ in range(_ROUNDS):
         weight = np.sqrt(edf) / fitted
         scale = np.linalg.norm(columns * weight[:, None], axis=0)
-        squares = nnls(columns * weight[:, None] / scale, (variance - given) * weight)[0] / scale
-        next_fit = np.maximum(columns @ squares + given, 1e-12 * variance)
+        rows, left = columns * weight[:, None] / scale, (variance - given) * weight
+        squares = (nnls(rows, left)[0] if bounded else np.linalg.lstsq(rows, left, rcond=None)[0]) / scale
+        next_fit = np.maximum(columns @ squares + given, 1e-2 * variance)
         # Half steps in the logarithm: the weights of a poor first fit would otherwise swing.
         change = float(np.max(np.abs(np.log(next_fit / fitted))))
         fitted = np.sqrt(fitted * next_fit)

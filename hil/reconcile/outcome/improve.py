@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
@@ -14,9 +15,11 @@ from hil.model.forms import default_form, matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import POWERS, Candidate
+from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve import solve
 from hil.solve.identifiability import smallest_fit
+from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import level_degC, same_temperature, told_by
 
@@ -26,8 +29,13 @@ Values = Mapping[int, tuple[float, float]]
 
 
 def described_parameters(candidate: Candidate, values: Values, conditions: Conditions) -> list[dict[str, Any]]:
-    """Return the fitted parameters of one effect on one sensor, for the result document."""
-    out = []
+    """Return the fitted parameters of one effect on one sensor, for the result document.
+
+    Intervals are Student's: what changes from run to run is known no better than so many runs tell it.
+    """
+    out, runs = [], len(np.unique(conditions.run))
+    freedom = (runs if runs >= FEWEST_RUNS else len(conditions)) - 1
+    width = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(freedom, 1)))
     for number, (value, error) in sorted(values.items()):
         if error <= 0.0:
             continue  # the base can imitate it altogether: these collects give it no value
@@ -37,6 +45,8 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
             "name": parameter.name,
             "value": value,
             "se": error,
+            "low": value - width * error,
+            "high": value + width * error,
             "unit": parameter.unit + _power_unit(power),
             "at": at or _range(conditions),
             "sensor": candidate.sensor,

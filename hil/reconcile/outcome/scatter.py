@@ -118,8 +118,13 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
     return out
 
 
-def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter]) -> list[dict[str, Any]]:
-    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`."""
+def ordinary(
+    fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter], model: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
+
+    `model` names what the averages scatter about: a form, and what was added to it.
+    """
     out = []
     for block in fit.blocks:
         own = block.search.block
@@ -135,6 +140,7 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
                 {
                     "sensor": own.sensor,
                     "channel": channels[c],
+                    "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
                     "stated_deg_per_hr": stated,
                     "explained_deg_per_hr": None if known is None else float(np.sqrt(np.mean(known[rows]))),
                     "observed_deg_per_hr": observed,
@@ -171,7 +177,7 @@ def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[D
 def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
     return [
-        f"sensor {n['sensor']}, {n['channel']}: the averages scatter "
+        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter "
         f"{n['observed_deg_per_hr'] / n['explained_deg_per_hr']:.2g} times as much as their standard errors "
         f"{'and the model say' if n['explained_deg_per_hr'] > 1.01 * n['stated_deg_per_hr'] else 'say'}, "
         f"by {n['observed_deg_per_hr']:.3g} deg/hr"
