@@ -89,7 +89,7 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     for each in values:
         degC = each["temperature_degC"]
         at = "" if degC is None else f" at {degC:.1f} °C"
-        told = f"{each['after']:.3g}{at} (without it {each['before']:.3g})"
+        told = f"{each['after']:.1f}{at} (without it {each['before'] + 0.0:.1f})"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 

@@ -170,6 +170,7 @@ def before_and_after(
         columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
         places = np.unique(station[station >= 0])
         own = [each for each in terms if each[0].sensor == number]
+        rows: list[tuple[float | None, FloatArray, FloatArray]] = []
         for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
             here = station == k
             is_ = []
@@ -177,26 +178,30 @@ def before_and_after(
                 base, left, made = _left(sensor, chosen)
                 fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
                 rates = known[here] + made[here] + base[here] @ _least_squares(base[fitted], left[fitted])
-                rows = columns[here].reshape(-1, len(form.names))
-                is_.append(solve(rows, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values)
-            change = np.nan_to_num(np.abs(is_[1] - is_[0]))
-            out += [
-                {
-                    "sensor": number,
-                    "name": name,
-                    "unit": unit,
-                    "temperature_degC": None if level is None else float(np.nanmean(level[here])),
-                    "temperature_of": told_by(conditions),
-                    "before": float(was),
-                    "after": float(now),
-                }
-                for name, unit, was, now, moved in zip(form.names, form.units, *is_, change, strict=True)
-                if moved > _CHANGED * change.max()
-            ]
+                of_all = columns[here].reshape(-1, len(form.names))
+                is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
+            rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
+        change = np.max([np.nan_to_num(np.abs(now - was)) for _, was, now in rows], axis=0, initial=0.0)
+        changed = np.flatnonzero(change > _CHANGED * np.max(change))
+        out += [
+            {
+                "sensor": number,
+                "name": form.names[p],
+                "unit": form.units[p],
+                "temperature_degC": at,
+                "temperature_of": told_by(conditions),
+                "before": float(was[p]),
+                "after": float(now[p]),
+            }
+            for p in changed
+            for at, was, now in rows
+            if np.isfinite(was[p] + now[p])
+        ]
     return out
 
 
 _CHANGED = 0.1  # of what changes most
+_DIGITS = 9
 
 
 def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole: FloatArray) -> dict[str, Curve]:

@@ -30,7 +30,7 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
         assert each["after"] == pytest.approx(curves["BA"](np.array(degC)), abs=0.05)
         assert each["before"] == pytest.approx(np.mean([curves["BA"](np.array(t)) for t in PUBLISHED_DEGC]), abs=0.05)
     (told,) = before_and_after_in_words(found)
-    assert told.startswith("BA of sensor 2, deg/hr: 20 at -29.7 °C (without it 30.1); 31.8 at 23.4 °C")
+    assert told.startswith("BA of sensor 2, deg/hr: 20.0 at -29.7 °C (without it 30.1); 31.8 at 23.4 °C")
 
 
 def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
