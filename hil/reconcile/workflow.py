@@ -23,7 +23,8 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, V
 from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
-from hil.reconcile.outcome.improve import before_and_after, improved
+from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places

@@ -12,8 +12,9 @@ from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import NO_NAME, Named, Reading
-from hil.reconcile.outcome.improve import Values, described_parameters
+from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
+from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
 from hil.reconcile.search.fitted import Fitted, FittedBlock
