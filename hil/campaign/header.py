@@ -18,6 +18,7 @@ KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
     | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt"}
 )
+OF_A_SENSOR = frozenset({"axes", "channels", "technology"})
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def _sensor(where: str, number: int, layout: Mapping[Any, Any]) -> Sensor:
             raise InputError(f"{where}.channels: {channel!r} is no name of a channel")
         if axis not in axes:
             raise InputError(f"{where}.channels.{channel}: {axis!r} is not one of the axes {', '.join(axes)}")
-    unknown = sorted(str(key) for key in layout.keys() - {"axes", "channels", "technology"})
+    unknown = sorted(str(key) for key in layout.keys() - OF_A_SENSOR)
     if unknown:
         raise InputError(f"{where}.{unknown[0]}: this key is not known; a sensor has axes, channels and technology")
     technology = layout.get("technology", "")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign.data import Collects
-from hil.campaign.header import Header
+from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed
 
@@ -23,7 +23,11 @@ def suspicions(
     undeclared: Sequence[str],
 ) -> tuple[str, ...]:
     """Return one sentence for each suspicion, with the file and the rows; `lines` gives each sensor's row numbers."""
-    found = [f"{table.path.with_name('campaign.yaml')}, key {key}: not known, so not used" for key in header.extra]
+    found = [
+        f"{table.path.with_name('campaign.yaml')}, key {key}: not known, so not used"
+        + f"; it belongs to a sensor: sensors.{min(header.sensors)}.{key}" * (key in OF_A_SENSOR)
+        for key in header.extra
+    ]
     found += [f"{table.path}: sensor {n} is described but has no row" for n in header.sensors if n not in sensors]
     found += [
         f"{table.path}, column {name}: campaign.yaml does not say under conditions what it is; taken as a condition"
@@ -76,10 +80,19 @@ def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
     for name in names:
         if name not in table.header:
             continue
-        zero = np.flatnonzero(table.numbers(name) == 0.0)
-        if len(zero):
-            rows = rows_in_words([table.rows[int(i)] for i in zero])
-            found.append(f"{table.path}, {rows}, column {name}: a standard error of 0 is taken as not stated")
+        error = table.numbers(name)
+        rates = table.numbers(name.replace("_se_", "_"))
+        zero, empty = error == 0.0, np.isnan(error) & np.isfinite(rates) & np.any(error > 0.0)
+        for rows, what in (
+            (zero, "a standard error of 0 is taken as not stated"),
+            (empty, "no standard error is stated"),
+        ):
+            if rows.any():
+                where = (
+                    f"{table.path}, {rows_in_words([table.rows[int(i)] for i in np.flatnonzero(rows)])}, column {name}"
+                )
+                instead = "; the largest of the others stands for it" if np.any(error > 0.0) else ""
+                found.append(f"{where}: {what}{instead}")
     return found
 
 

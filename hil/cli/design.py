@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -201,6 +201,7 @@ def design(
         time_s = None if within is None else to_number(within, TIME)
     except ValueError as error:
         raise InputError(f"--within: {error}") from error
+    told = scatter_of_unit or ()
     asked = Goal(
         dict(parse_target(text) for text in goal or ()),
         drift_immune,
@@ -209,7 +210,8 @@ def design(
         time_s,
         tuple(sensor or ()),
         repeats,
-        {name: size for text in scatter_of_unit or () for name, size in _scatter_of(text, parse_target).items()},
+        dict(parse_target(text) for text in told if not Path(text).is_dir()),
+        {n: sizes for text in told if Path(text).is_dir() for n, sizes in _scatter_of(text).items()},
     )
     proposal = propose(base, its_bench, asked)
     document = design_document(proposal, asked, base, its_bench)
@@ -219,18 +221,13 @@ def design(
         _print_design(document, out)
 
 
-def _scatter_of(text: str, parse: Callable[[str], tuple[str, float]]) -> dict[str, float]:
-    """Return what the option says: 'MU 4 deg/hr', or a night or campaign whose repeats tell it (the worst sensor)."""
-    if not Path(text).is_dir():
-        return dict([parse(text)])
+def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
+    """Return what each sensor's repeats in a night or campaign show beyond standard errors, by parameter."""
     from hil.solve import repeats, solve_campaign
 
-    campaign = read_source(Path(text))
-    found: dict[str, float] = {}
-    for of in repeats(campaign, solve_campaign(campaign)).values():
-        for name, beyond in zip(of.names, of.spread.beyond.tolist(), strict=True):
-            found[name] = max(beyond, found.get(name, 0.0))
-    return found
+    campaign = read_source(Path(folder))
+    shown = repeats(campaign, solve_campaign(campaign))
+    return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in shown.items()}
 
 
 def _print_design(document: Mapping[str, Any], out: Path | None) -> None:
@@ -242,7 +239,9 @@ def _print_design(document: Mapping[str, Any], out: Path | None) -> None:
     if longer is not None:
         console.print(f"  with more time it is: {_in_words(longer)}")
     for number in best["sensors"]:
-        console.print(f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget")
+        unknown = bool(document["goal"]["scatter_of"]) and number not in document["goal"]["scatter_of"]
+        without = "; how it scatters from run to run is not known, and not in it" * unknown
+        console.print(f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget{without}")
         console.print(_design_table(document, number))
     console.print("\ndrift out of: what a steady drift does not enter; g²: MU is told from terms in g squared")
     if out is not None:

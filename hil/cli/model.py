@@ -77,7 +77,8 @@ def reconcile(
 def _reconciled(result: Reconciliation) -> Iterator[str]:
     """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
     from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
-    from hil.reconcile.result import rival_in_words
+    from hil.reconcile.result import before_and_after_in_words, rival_in_words
+    from procedures.words import percent
 
     yield f"{result.campaign}, model {result.input_model.full_title}{'  SIMULATED' * result.simulated}"
     yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
@@ -90,7 +91,10 @@ def _reconciled(result: Reconciliation) -> Iterator[str]:
         yield from _values(effect.parameters)
         for rival in effect.confusable_with[:4]:
             why = rival_in_words(rival.document())
-            yield f"  could also be {rival.id}, probability {rival.probability:.2f}{f': {why}' if why else ''}"
+            yield f"  rival: {rival.id} ({percent(rival.probability)}){f': {why}' if why else ''}"
+    if result.values:
+        yield "\nwhat the unit's parameters are:"
+        yield from (f"  {line}" for line in before_and_after_in_words(result.values))
     if result.twin:
         halves = (f"{when} {_chance(result.twin[when]['p_value'])}" for when in ("before", "after"))
         yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({result.twin['draws']} draws)"

@@ -66,27 +66,32 @@ def _times(ratio: float) -> str:
 
 
 def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
-    """Yield of each parameter its name with sensor and unit, where it holds, and what it is, not only by how much more.
+    """Yield of each parameter of an effect its name with sensor and unit, where it holds, and its value.
 
     What follows a recorded number by an amplitude per power of it is told by how far it moves the rate.
     """
     for each in parameters:
         sensor = "" if each.get("sensor") is None else f" (sensor {each['sensor']})"
-        value, se, unit, total = each["value"], each["se"], each["unit"], each.get("total")
+        value, se, unit = each["value"], each["se"], each["unit"]
         moves = each.get("moves_deg_per_hr")
         if moves is not None:
             value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
-        more = (
-            ""
-            if total is None
-            else f" ({'+' if value >= 0 else ''}{rounded(value, se).partition(' ')[0]} by this effect)"
-        )
-        at = unit_in_words(str(each.get("at") or ""))
         yield (
             f"{each['name']}{sensor}, {unit_in_words(unit)}",
-            at,
-            f"{rounded(value if total is None else total, se)}{more}",
+            unit_in_words(str(each.get("at") or "")),
+            rounded(value, se),
         )
+
+
+def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield of each of a unit's parameters what it is, and was without what was found, at each temperature."""
+    lines: dict[str, list[str]] = {}
+    for each in values:
+        degC = each["temperature_degC"]
+        at = "" if degC is None else f" at {degC:.1f} °C"
+        told = f"{each['after']:.1f}{at} (without it {each['before'] + 0.0:.1f})"
+        lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
+    yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 
 
 def rounded(value: float, se: float | None) -> str:
@@ -215,6 +220,7 @@ class Reconciliation:
     follows: Sequence[tuple[str, float]] = ()
     noise: Sequence[Mapping[str, Any]] = ()
     rows: Sequence[Mapping[str, Any]] = ()
+    values: Sequence[Mapping[str, Any]] = ()
     twin: Mapping[str, Any] | None = None
     tested: bool = True
 
@@ -242,6 +248,7 @@ class Reconciliation:
             "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
             "noise": [dict(channel) for channel in self.noise],
             "rows": [dict(row) for row in self.rows],
+            "values": [dict(value) for value in self.values],
             **({"twin": dict(self.twin)} if self.twin else {}),
         }
         return dict(_plain(document))

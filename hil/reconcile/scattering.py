@@ -57,7 +57,8 @@ class Scattering:
             values = [
                 f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {unit_in_words(s.parameter.unit)}" for s in self.sizes
             ]
-            first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}): "
+            first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}), "
+            first += f"about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
@@ -89,7 +90,8 @@ class Scattering:
                 for name, probability in self.probabilities.items()
             ],
             "sizes": [
-                {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, "unit": s.parameter.unit}
+                {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, **s.interval}
+                | {"unit": s.parameter.unit, "under": next(n["under"] for n in self.noise if n["sensor"] == s.sensor)}
                 for s in self.sizes
             ],
             "noise": self.noise,
@@ -114,7 +116,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
     told = len(titles) > 1 and any(_repeated(rows.conditions) for rows in campaign.sensors.values())
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if told else {}
-    return _read(campaign, posterior, reading, fit, ranked, titles)
+    return _read(campaign, posterior, reading, fit, ranked, titles, form)
 
 
 def _repeated(conditions: Conditions) -> bool:
@@ -128,10 +130,11 @@ def _read(
     fit: Fitted,
     ranked: dict[str, float],
     titles: dict[str, str],
+    model: str,
 ) -> Scattering:
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     kind = reading.found.kind if ranked else ""
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
     rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
-    noise = scatter.ordinary(fit, conditions, found)
+    noise = scatter.ordinary(fit, conditions, found, [model])
     return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, rows)

@@ -25,6 +25,7 @@ from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
@@ -127,7 +128,8 @@ def _result(
         if n.acts_on == "scatter"
     }
     pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
-    noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found])
+    under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
+    noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found], under)
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
     results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
     wrong = mistakes.mistakes_found(reading, campaign)
@@ -143,7 +145,7 @@ def _result(
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
-    after = model
+    after, values = model, []
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
         own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
@@ -157,6 +159,7 @@ def _result(
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
         after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
         after = scatter.with_offsets(after, noise, conditions)
+        values = before_and_after(problem.sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
@@ -176,7 +179,7 @@ def _result(
             *where,
             *scatter.places(of_scatter, reading.chance),
         ],
-        effects=[*wrong, *findings.with_totals(results, after), *within],
+        effects=[*wrong, *results, *within],
         gap=gap,
         false_alarm_rate=alpha,
         p_value=reading.chance,
@@ -194,6 +197,7 @@ def _result(
         noise=noise,
         rows=rows,
         tested=any(search.terms for search in posterior.searches.values()),
+        values=values,
     )
 
 

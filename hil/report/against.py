@@ -89,7 +89,7 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
     """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
     now, before = (repeats(each, solve_campaign(each)) for each in (campaign, earlier))
     differences: list[Difference] = []
-    remarks = list(_units(_unit(campaign), _unit(earlier)))
+    remarks = [*_itself(campaign, earlier), *_units(_unit(campaign), _unit(earlier))]
     for sensor, shown in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
@@ -105,6 +105,12 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
     return Comparison(earlier.title, earlier.simulated, earlier.source, differences, [*doubts, *remarks], doubts)
+
+
+def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
+    pairs = [(rows, other) for n, rows in campaign.sensors.items() if (other := earlier.sensors.get(n)) is not None]
+    if all(np.array_equal(a.rates_deg_per_hr, b.rates_deg_per_hr, equal_nan=True) for a, b in pairs) and pairs:
+        yield "Both hold the very same rates: the campaign is compared with itself, and nothing can differ."
 
 
 def _slips(campaign: Campaign, earlier: Campaign) -> Iterator[str]:

@@ -120,7 +120,7 @@ def _unit(repeat: Repeat) -> str:
         return ""
     low, high = repeat.matrix.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
-    return f"unit {low:.1f} to {high:.1f} °C" if moved else ""
+    return f"unit from {low:.1f} to {high:.1f} °C" if moved else ""
 
 
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:

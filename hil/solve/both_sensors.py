@@ -25,6 +25,7 @@ from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
+from hil.solve.wrong_rows import pooled
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
@@ -90,7 +91,11 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
     if len(rotors) < 2:
         return None
-    chosen = Campaign(campaign.title, campaign.source, {number: campaign.sensors[number] for number in rotors})
+    chosen = Campaign(
+        campaign.title,
+        campaign.source,
+        {number: rows for number, rows in pooled(campaign).sensors.items() if number in rotors},
+    )
     solved: dict[int, dict[int, FloatArray]] = {}
     for each in solve_campaign(chosen, "matrix-6"):
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.parameters.values()]

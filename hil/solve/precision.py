@@ -3,13 +3,18 @@
 A standard error as large as what a parameter usually is tells next to nothing about it, however well the residuals
 agree. The usual size is the catalogue's: the middle of what is typical for a rotor sensor; for any other, whose
 technology a campaign does not tell, that of the technology where it is largest. A bench may ask for more.
+
+A standard error that is not stated is the largest that the others of its channel show: what is not known must not make
+a result look better.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hil.campaign import Sensor
+import numpy as np
+
+from hil.campaign import BoolArray, Collects, Sensor
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.forms import PER_G, RATE
 from procedures.verdict import Judgement, Verdict
@@ -21,6 +26,22 @@ _OTHER = {
     for effect in ("bias", "g_sensitivity")
     for each in effect_by_id(effect).parameters
 }
+
+
+def unstated(collects: Collects) -> BoolArray:
+    """Return which measured rates (n, c) have no standard error, of channels of which others have (0 is none)."""
+    measured, stated = np.isfinite(collects.rates_deg_per_hr), collects.rates_se_deg_per_hr > 0.0
+    return np.asarray(measured & ~stated & np.any(measured & stated, axis=0))
+
+
+def with_every_error(collects: Collects) -> Collects:
+    """Return the collects with the largest standard error of the channel, at its duration, where one is not stated."""
+    lacking, errors = unstated(collects), collects.rates_se_deg_per_hr
+    if not lacking.any():
+        return collects
+    longer = np.sqrt(np.maximum(collects.conditions.duration_s / collects.conditions.duration_s[:, None], 1.0))
+    most = np.max(np.nan_to_num(errors) * longer[:, :, None], axis=1)
+    return replace(collects, rates_se_deg_per_hr=np.where(lacking, most, errors))
 
 
 def usual_size(parameter: str, sensor: Sensor) -> float:

@@ -27,6 +27,8 @@ from scipy.stats import t as student
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import runs_by_temperature, told_by, unit_range_degC
+from hil.solve.wrong_rows import pooled
+from procedures.words import numbered
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -130,7 +132,8 @@ class MeanAt:
 class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
-    `told_by` is the column whose temperatures those are (None: there is none).
+    `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
+    own records.
     """
 
     names: tuple[str, ...]
@@ -138,6 +141,7 @@ class SensorRepeats:
     spread: Spread
     means: Sequence[MeanAt]
     told_by: str | None = None
+    not_used: tuple[int, ...] = ()
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
@@ -150,7 +154,7 @@ class SensorRepeats:
         return found
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON of it: `run_to_run` by parameter, and `means` by temperature."""
+        """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
         beyond = zip(
             self.names,
             self.units,
@@ -175,10 +179,15 @@ class SensorRepeats:
                 }
                 for each in self.means
             ],
+            "runs_not_used": list(self.not_used),
         }
 
     def sentences(self) -> list[str]:
-        """Say what repeats show beyond standard errors; that nothing was repeated, where nothing was."""
+        """Say what repeats show beyond standard errors, that nothing was repeated, and what was not used."""
+        without = f"{numbered('run', self.not_used)} FAILed by what was recorded: in no mean, and in no other run's ±"
+        return [*self._shown(), *([without] if self.not_used else [])]
+
+    def _shown(self) -> list[str]:
         if not np.any(self.spread.degrees):
             return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
         rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
@@ -198,13 +207,15 @@ class SensorRepeats:
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
     """Return what repeats show of each sensor that some run was solved for."""
     found = {}
-    for number, collects in campaign.sensors.items():
-        own = [each for each in solutions if each.sensor == number]
+    for number, collects in pooled(campaign).sensors.items():
+        rows, every = collects.conditions, campaign.sensors[number].conditions.run
+        own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
         if own:
-            rows = collects.conditions
             of_sensor = _of_sensor(own, runs_by_temperature(rows))
             means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means]
-            found[number] = replace(of_sensor, means=means, told_by=told_by(rows))
+            found[number] = replace(
+                of_sensor, means=means, told_by=told_by(rows), not_used=tuple(np.setdiff1d(every, rows.run).tolist())
+            )
     return found
 
 

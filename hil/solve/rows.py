@@ -142,23 +142,16 @@ def _block(
     run_order = {run: place for place, run in enumerate(dict.fromkeys(conditions.run.tolist()))}
     place = np.array([run_order[run] for run in conditions.run.tolist()], dtype=np.int64)
     station = same_temperature(conditions)
-    sigma, stated = _stated_sigma(collects.rates_se_deg_per_hr[row, chan])
+    sigma = collects.rates_se_deg_per_hr[row, chan]
+    stated = bool(np.all(sigma > 0.0))
     return Block(
         sensor=number,
         rows=row,
         channel=chan,
         y=rates[row, chan],
         base=independent_columns(base[row, chan][:, own]),
-        sigma=sigma,
+        sigma=sigma if stated else np.ones(len(sigma)),
         sigma_stated=stated,
         run=place[row],
         station=station[row],
     )
-
-
-def _stated_sigma(stated: FloatArray) -> tuple[FloatArray, bool]:
-    """Return the white noise as stated, with a median where a cell is empty; ones where nothing is stated."""
-    usable = np.isfinite(stated) & (stated > 0)
-    if usable.sum() < 0.5 * len(stated):
-        return np.ones(len(stated)), False
-    return np.where(usable, stated, np.median(stated[usable])), True

@@ -21,7 +21,7 @@ from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
-from hil.solve.precision import measured_well_enough
+from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
@@ -108,12 +108,18 @@ def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> Run
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
         )
         solution = replace(solution, assumed=(*solution.assumed, alone))
+    rows = campaign.sensors[solution.sensor]
+    lacking = unstated(rows).any(axis=1) & np.isin(rows.conditions.run, solution.runs)
+    if lacking.any():
+        largest = "not all standard errors are stated: the largest of the others stands for the rest"
+        which = numbered("collect", rows.conditions.collect[lacking].tolist())
+        solution = replace(solution, assumed=(*solution.assumed, f"{which}: {largest}"))
     here = {run: of for (run, sensor), of in campaign.contradicted.items() if sensor == solution.sensor}
-    soak = unsettled(campaign.sensors[solution.sensor].conditions)
+    soak = unsettled(rows.conditions)
     told = (campaign.verdicts, here, beside.judged, {run: Judgement(Verdict.MARGINAL, of) for run, of in soak.items()})
     found = [of[run] for run in solution.runs for of in told if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
-    found.append(measured_well_enough(errors, campaign.sensors[solution.sensor].conditions.sensor, campaign.largest_se))
+    found.append(measured_well_enough(errors, rows.conditions.sensor, campaign.largest_se))
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution

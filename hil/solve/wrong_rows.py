@@ -21,6 +21,7 @@ from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.neighbours import Found, compared_with_neighbours
+from hil.solve.precision import with_every_error
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
@@ -61,7 +62,7 @@ class WrongRows:
 def wrong_rows(collects: Collects) -> WrongRows:
     """Return what is wrong with the rows of one sensor, and its collects with that mended or left out."""
     at_limit = clipped_rows(collects)
-    collects = unclipped(collects)
+    collects = with_every_error(unclipped(collects))
     neighbours = compared_with_neighbours(collects)
     rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
     rows, judged = at_limit, dict(neighbours.judged)
@@ -128,6 +129,17 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
 def treated(campaign: Campaign) -> Campaign:
     """Return the campaign with its rows mended or left out: what numbers are made from."""
     return replace(campaign, sensors={n: wrong_rows(rows).collects for n, rows in campaign.sensors.items()})
+
+
+def pooled(campaign: Campaign) -> Campaign:
+    """Return what repeats and means are made from: no run that FAILs by its own records, where others are left."""
+    sensors = {}
+    for number, rows in campaign.sensors.items():
+        failed = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
+        failed |= {run for run, sensor in campaign.contradicted if sensor == number}
+        kept = ~np.isin(rows.conditions.run, list(failed))
+        sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
+    return replace(campaign, sensors=sensors)
 
 
 def _wrong(collects: Collects, found: Found, done: str, why: str) -> Wrong:

@@ -7,8 +7,10 @@ The model is a sum of variances, one per kind of noise, each with its slope in a
 
 An estimated variance scatters about the true one as chi-square with its equivalent degrees of freedom, so the fit is
 the maximum of that (gamma) likelihood: weights edf/2 over the model's own variance squared, found by reweighting
-non-negative least squares. Octaves of overlapping averages share data; by how much is in `_SHARED`. Intervals are
-profile likelihoods: a term that the record does not show gets an upper bound, not a value.
+non-negative least squares. Octaves of overlapping averages share data, so that the product of their likelihoods claims
+too much: how they are correlated follows from the fitted spectrum and the averages' responses to it, and profile
+likelihoods are widened by what that makes of each term's variance (Godambe's information). A term that the record does
+not show gets an upper bound, not a value.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
 
 _KINDS = (NoiseKind.QUANTISATION, NoiseKind.WHITE, NoiseKind.FLICKER, NoiseKind.RANDOM_WALK)
 _FLICKER = 2.0 * np.log(2.0) / np.pi
-_SHARED = {2: 1.7, 0: 1.7, -1: 2.0, -2: 2.6}  # by kind: neighbouring octaves share data (benchmarks/intervals.py)
 _ROUNDS = 60
 _MOST_ROUNDS_OF_KINDS = 4
 _LEAST_CHANCE = 0.01
 _FILTERED = 8
+_FREQUENCIES = 1 << 14
 _SEEN = chi2.ppf(CONFIDENCE, 1)
 
 
@@ -92,12 +94,16 @@ def fit_noise(measured: Octaves) -> NoiseFit:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The most likely squares (p,) of the terms, given variances (k,) and their degrees of freedom (k,)."""
+    """The most likely squares (p,) of the terms, given variances (k,) and their degrees of freedom (k,).
+
+    `shared` (k, k) are the correlations of the variances.
+    """
 
     columns: FloatArray
     variance: FloatArray
     edf: FloatArray
     squares: FloatArray
+    shared: FloatArray
     model_error: float = 0.0
 
     @classmethod
@@ -107,25 +113,41 @@ class _Fitted:
         variance = measured.variance[chosen]
         kind = np.zeros(len(columns), dtype=np.int64)
         for _ in range(_MOST_ROUNDS_OF_KINDS):
-            edf = (measured.edf(kind) / np.array([_SHARED[each] for each in kind.tolist()]))[chosen]
+            edf = measured.edf(kind)[chosen]
             squares = _maximum(columns[chosen], variance, edf)
             dominant = _dominant(columns, squares)
             if np.array_equal(dominant, kind):
                 break
             kind = dominant
-        return cls(columns[chosen], variance, edf, squares)
+        return cls(columns[chosen], variance, edf, squares, _shared(measured, squares)[np.ix_(chosen, chosen)])
 
     @property
     def deviance(self) -> float:
         return _deviance(self.columns @ self.squares, self.variance, self.edf)
 
     @property
-    def freedom(self) -> int:
-        return len(self.edf) - int(np.count_nonzero(self.squares))
+    def _left(self) -> FloatArray:
+        """The covariance (k, k) of what the fit leaves of the variances, in units of their own scatter."""
+        seen = self._weighed[:, self.squares > 0.0]
+        beside = np.eye(len(seen)) - seen @ np.linalg.pinv(seen)
+        return np.asarray(beside @ self.shared @ beside)
+
+    @property
+    def _weighed(self) -> FloatArray:
+        """The terms' shares of each variance in units of its scatter, (k, p), as large as the whole each."""
+        relative = self.columns / (self.columns @ self.squares)[:, None]
+        return np.asarray(np.sqrt(0.5 * self.edf)[:, None] * relative / np.linalg.norm(relative, axis=0))
+
+    @property
+    def freedom(self) -> float:
+        """What the deviance is on average."""
+        return float(np.trace(self._left))
 
     @property
     def chance(self) -> float:
-        return float(chi2.sf(self.deviance, self.freedom)) if self.freedom > 0 else 1.0
+        """How probable a larger deviance is: its mean and variance are those of a scaled chi-square (Satterthwaite)."""
+        mean, squares = self.freedom, float(np.sum(self._left**2))
+        return float(chi2.sf(self.deviance * mean / squares, mean**2 / squares)) if mean > 1e-6 else 1.0
 
     def levelled(self) -> _Fitted:
         """Allow for a relative error of the model, so large that what is left is as large as it should be."""
@@ -133,30 +155,64 @@ class _Fitted:
         def allowing(error: float) -> _Fitted:
             # A deviation wrong by e has a variance wrong by 2e, which is the scatter of 1 / (2 e²) degrees of freedom.
             edf = 1.0 / (1.0 / self.edf + 2.0 * error**2)
-            return _Fitted(self.columns, self.variance, edf, _maximum(self.columns, self.variance, edf), error)
+            own = np.sqrt(edf / self.edf)
+            shared = np.where(np.eye(len(own)), 1.0, self.shared * np.outer(own, own))
+            squares = _maximum(self.columns, self.variance, edf)
+            return _Fitted(self.columns, self.variance, edf, squares, shared, error)
 
         def excess(error: float) -> float:
             found = allowing(error)
             return float(found.deviance - found.freedom)
 
-        if self.freedom <= 0 or excess(0.0) <= 0.0:
+        if self.freedom <= 1e-6 or excess(0.0) <= 0.0:
             return self
         return allowing(float(brentq(excess, 0.0, 10.0, rtol=1e-3)))
 
     def interval(self, place: int) -> tuple[float, float, float]:
-        """Return one term's coefficient with its profile-likelihood interval."""
-        others, own = np.delete(self.columns, place, axis=1), self.columns[:, place]
+        """Return one term's coefficient with its profile-likelihood interval.
+
+        The other terms' squares may be less than nothing here: a bound on them would be one on this term, too, and its
+        interval too narrow wherever another is about nothing.
+        """
+        others, own, limit = (
+            np.delete(self.columns, place, axis=1),
+            self.columns[:, place],
+            _SEEN * self._widened(place),
+        )
+        free = _maximum(self.columns, self.variance, self.edf, bounded=False)
+        least = min(self.deviance, _deviance(self.columns @ free, self.variance, self.edf))
 
         def excess(value: float) -> float:
             given = own * value**2
-            rest = _maximum(others, self.variance, self.edf, given)
-            return float(_deviance(others @ rest + given, self.variance, self.edf) - self.deviance - _SEEN)
+            rest = (_maximum(others, self.variance, self.edf, given, bounded=bounded) for bounded in (True, False))
+            return float(min(_deviance(others @ r + given, self.variance, self.edf) for r in rest) - least - limit)
 
+        best = float(np.sqrt(self.squares[place]))
+        within = [value for value in (best, float(np.sqrt(max(free[place], 0.0)))) if excess(value) < 0.0]
+        if not within:  # the best of all is no possible one
+            within, least = [best], self.deviance
         # Above `most` the term alone exceeds every measured variance tenfold.
-        best, most = float(np.sqrt(self.squares[place])), float(np.sqrt(10.0 * np.max(self.variance / own)))
-        low = 0.0 if best == 0.0 or excess(0.0) <= 0.0 else float(brentq(excess, 0.0, best, rtol=1e-3))
-        high = float(brentq(excess, best, most, rtol=1e-3)) if excess(most) > 0.0 else most
-        return best, low, high
+        most = float(np.sqrt(10.0 * np.max(self.variance / own)))
+        low = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, within[0], rtol=1e-3))
+        high = float(brentq(excess, within[0], most, rtol=1e-3)) if excess(most) > 0.0 else most
+        return best, min(low, best), max(high, best)
+
+    def _widened(self, place: int) -> float:
+        """Return by what the variance of a term is larger than if the octaves were independent."""
+        row = np.linalg.pinv(self._weighed)[place]
+        return float(row @ self.shared @ row / (row @ row))
+
+
+def _shared(measured: Octaves, squares: FloatArray) -> FloatArray:
+    """Return the correlations of the octaves' variances, (k, k), under the fitted spectrum of rates."""
+    longest, tau_s = max(measured.samples), measured.interval_s
+    cycles = np.geomspace(0.5 / longest, 0.5, _FREQUENCIES)  # per sample
+    turn = 2.0 * np.sin(np.pi * cycles)
+    spectrum = np.stack([turn**2 / tau_s**2, np.full_like(turn, 1.0 / tau_s), 0.5 / (np.pi * cycles), tau_s / turn**2])
+    averages = np.sin(np.pi * np.outer(measured.multiple, cycles)) ** 2 / (measured.multiple[:, None] * turn)
+    power = (squares @ spectrum) * averages**2 * np.sqrt(cycles)  # evenly in the logarithm of the frequency
+    scale = np.linalg.norm(power, axis=1)
+    return np.asarray(power @ power.T / np.outer(scale, scale))
 
 
 def _columns(tau_s: FloatArray) -> FloatArray:
@@ -164,16 +220,27 @@ def _columns(tau_s: FloatArray) -> FloatArray:
     return np.stack([3.0 / tau_s**2, 1.0 / tau_s, np.full_like(tau_s, _FLICKER), tau_s / 3.0], -1)
 
 
-def _maximum(columns: FloatArray, variance: FloatArray, edf: FloatArray, fixed: FloatArray | None = None) -> FloatArray:
-    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given."""
+def _maximum(
+    columns: FloatArray,
+    variance: FloatArray,
+    edf: FloatArray,
+    fixed: FloatArray | None = None,
+    *,
+    bounded: bool = True,
+) -> FloatArray:
+    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given.
+
+    None of them is less than nothing where they are `bounded`.
+    """
     given = np.zeros_like(variance) if fixed is None else fixed
     fitted = variance.copy()
     squares = np.zeros(columns.shape[1])
     for _ in range(_ROUNDS):
         weight = np.sqrt(edf) / fitted
         scale = np.linalg.norm(columns * weight[:, None], axis=0)
-        squares = nnls(columns * weight[:, None] / scale, (variance - given) * weight)[0] / scale
-        next_fit = np.maximum(columns @ squares + given, 1e-12 * variance)
+        rows, left = columns * weight[:, None] / scale, (variance - given) * weight
+        squares = (nnls(rows, left)[0] if bounded else np.linalg.lstsq(rows, left, rcond=None)[0]) / scale
+        next_fit = np.maximum(columns @ squares + given, 1e-2 * variance)
         # Half steps in the logarithm: the weights of a poor first fit would otherwise swing.
         change = float(np.max(np.abs(np.log(next_fit / fitted))))
         fitted = np.sqrt(fitted * next_fit)

@@ -25,7 +25,7 @@ from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import treated
+from hil.solve.wrong_rows import pooled, treated
 from procedures.words import counted
 
 HIGHEST_ORDER = 5
@@ -148,7 +148,7 @@ def fit_thermal(
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
     sensors = {
         number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
-        for number, collects in treated(campaign).sensors.items()
+        for number, collects in pooled(treated(campaign)).sensors.items()
     }
     return ThermalFit(campaign, sensors)
 

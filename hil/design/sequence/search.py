@@ -42,6 +42,7 @@ class Goal:
     "B", "GS" and "MU" stand for all that begin so. `drift_immune` asks it of the parameters in `targets` (of all
     where there are none). `residuals` are degrees of freedom left in one self-calibration; `tells_even_terms` asks that
     MU be told from terms in the square of the acceleration. `time_s` is the whole night's; `sensors` () means all.
+    `scatter` is how every sensor's parameters change from run to run, `scatter_of` what repeats showed of each.
     """
 
     targets: Mapping[str, float]
@@ -52,6 +53,7 @@ class Goal:
     sensors: tuple[int, ...] = ()
     repeats: int | None = None
     scatter: Mapping[str, float] = field(default_factory=dict)
+    scatter_of: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,8 @@ class _Weigher:
         for each in self._sources:
             part = each.id if each.id == "noise" else "ramp" if each.is_ramp else each.varies
             parts[part] += analytic_share(each, scene, to_parameters) ** 2
-        own = spelled_out(self._goal.scatter, form.names)
+        of_sensor = self._goal.scatter_of.get(scene.conditions.sensor.number, {})
+        own = spelled_out({**of_sensor, **self._goal.scatter}, form.names)
         parts["run"] += np.array([own.get(name, 0.0) ** 2 for name in form.names])
         return parts
 

@@ -12,8 +12,9 @@ from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import NO_NAME, Named, Reading
-from hil.reconcile.outcome.improve import Values, described_parameters
+from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
+from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
 from hil.reconcile.search.fitted import Fitted, FittedBlock
@@ -108,7 +109,14 @@ def described(
     ]
     of_it = ("name", "unit", "typical")
     parameters += [
-        {**{n: getattr(f.parameter, n) for n in of_it}, "value": f.value, "se": f.se, "at": "", "sensor": f.sensor}
+        {
+            **{n: getattr(f.parameter, n) for n in of_it},
+            "value": f.value,
+            "se": f.se,
+            **f.interval,
+            "at": "",
+            "sensor": f.sensor,
+        }
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None
@@ -143,17 +151,6 @@ def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[st
         for number, form in sorted(laws.items())
         if form.reference_degC is not None
     ]
-
-
-def with_totals(found: Sequence[FoundEffect], after: Model) -> list[FoundEffect]:
-    """Give increments of the model's own parameters what the parameter then is at that temperature: key `total`."""
-    for parameter in (p for effect in found for p in effect.parameters):
-        curve = after.sensors.get(parameter["sensor"], {}).get(parameter["name"])
-        at, _, unit = str(parameter["at"]).removeprefix("about ").partition(" ")
-        here = unit == "degC" and parameter["unit"] == getattr(curve, "unit", None)
-        if curve is not None and here and isinstance(parameter, dict):
-            parameter["total"] = parameter["value"] + float(curve.at(float(at)))
-    return list(found)
 
 
 def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
@@ -13,19 +14,24 @@ from hil.model.effects.followed import driver_reference
 from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
+from hil.reconcile.outcome.values import Values, least_squares, left_by
 from hil.reconcile.search.candidates import POWERS, Candidate
+from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem
-from hil.solve.identifiability import smallest_fit
+from hil.solve.repeats import CONFIDENCE
 from hil.solve.temperatures import same_temperature
 
 Curve = Constant | Polynomial | Table
-Values = Mapping[int, tuple[float, float]]
-"""Value and standard error by the place of a candidate's column."""
 
 
 def described_parameters(candidate: Candidate, values: Values, conditions: Conditions) -> list[dict[str, Any]]:
-    """Return the fitted parameters of one effect on one sensor, for the result document."""
-    out = []
+    """Return the fitted parameters of one effect on one sensor, for the result document.
+
+    Intervals are Student's: what changes from run to run is known no better than so many runs tell it.
+    """
+    out, runs = [], len(np.unique(conditions.run))
+    freedom = (runs if runs >= FEWEST_RUNS else len(conditions)) - 1
+    width = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(freedom, 1)))
     for number, (value, error) in sorted(values.items()):
         if error <= 0.0:
             continue  # the base can imitate it altogether: these collects give it no value
@@ -35,6 +41,8 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
             "name": parameter.name,
             "value": value,
             "se": error,
+            "low": value - width * error,
+            "high": value + width * error,
             "unit": parameter.unit + _power_unit(power),
             "at": at or _range(conditions),
             "sensor": candidate.sensor,
@@ -114,13 +122,9 @@ def _base_curves(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]], calibrated: bool
 ) -> Mapping[str, Curve]:
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
-    collects, form = sensor.collects, sensor.form
-    rates = collects.rates_deg_per_hr - sensor.known_rates()
-    for candidate, values in terms:
-        for column, (value, _) in values.items():
-            rates = rates - candidate.columns[:, :, column] * value
-    columns = np.concatenate([form.columns(collects.conditions), sensor.term_columns], axis=2)
-    fit = _least_squares(columns, rates)[: len(form.names)]
+    form = sensor.form
+    columns, rates, _ = left_by(sensor, terms)
+    fit = least_squares(columns, rates)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -146,17 +150,12 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + _least_squares(columns[here], left)[: len(whole)]
+        law = whole + least_squares(columns[here], left)[: len(whole)]
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
         for i, (name, unit) in enumerate(zip(form.names[::powers], form.units[::powers], strict=True))
     }
-
-
-def _least_squares(columns: FloatArray, rates: FloatArray) -> FloatArray:
-    measured = np.isfinite(rates)
-    return smallest_fit(columns[measured], rates[measured], 1e-3) if columns.shape[2] else np.zeros(0)
 
 
 def _shifted(given: Mapping[str, Curve], names: Sequence[str], values: FloatArray) -> dict[str, Curve]:

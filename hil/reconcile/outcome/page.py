@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 
 from hil.files.page import in_style, rendered
-from hil.model import Model, save_model
-from hil.model.curve import Curve
-from hil.model.effects.catalogue import entries
+from hil.model import save_model
 from hil.reconcile.outcome.pictures import driver_of, panels_of, pictures
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
@@ -66,7 +64,6 @@ def page(result: Reconciliation) -> str:
         "most_places": _MOST_PLACES,
         "place_in_words": place_in_words,
         "effects": [_effect(effect) for effect in result.effects],
-        "added": _added(result, rows),
         "gap": _gap(result),
         "next": following,
         "why": _titled(result, str(following.get("why", ""))),
@@ -181,39 +178,6 @@ def _size(effect: FoundEffect) -> str:
     return f"At most {size:.3g} {unit_in_words(each['unit'])}: {word} what is typical, {low:g} to {high:g}."
 
 
-def _added(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
-    """The model before and after, in values: what is in one and not in the other, at up to three temperatures."""
-    known = sorted(t for row in rows if (t := row["temperature_degC"]) is not None and np.isfinite(t))
-    at = [round(known[place], 1) for place in (0, len(known) // 2, -1)] if known else [20.0]
-    was, now = _curves(result.input_model), _curves(result.model_after, base=bool(result.input_model.sensors))
-    changed = [name for name in {**was, **now} if was.get(name) != now.get(name)]
-    if not changed:
-        return None
-    middle = at[len(at) // 2]
-    told = [(name, _at(was.get(name), [middle], "not in it") + _at(now.get(name), at, "taken out")) for name in changed]
-    return {"at": [middle, *at], "rows": told}
-
-
-def _curves(model: Model, *, base: bool = True) -> dict[str, Curve]:
-    """Every value of a model by what it is, in words; of its `base` too."""
-    titles = {entry.id: f"{entry.title} ({entry.id})" for entry in entries()}
-    found = {f"{n}, sensor {s}": c for s, curves in model.sensors.items() for n, c in curves.items() if base}
-    for term in model.terms:
-        where = "" if term.sensor is None else f", sensor {term.sensor}"
-        found |= {f"{titles.get(term.effect, term.effect)}: {n}{where}": c for n, c in term.parameters.items()}
-    for sensor, noise in model.noise.items():
-        found |= {f"{n} from run to run, sensor {sensor}": curve for n, curve in noise.run_to_run.items()}
-        for each in noise.scatter:
-            found |= {f"{titles.get(each.effect)}: {n}, sensor {sensor}": c for n, c in each.parameters.items()}
-    return found
-
-
-def _at(curve: Curve | None, at: Sequence[float], lacking: str) -> list[str]:
-    if curve is None:
-        return [lacking] * len(at)
-    return [f"{float(curve.at([t])[0]):.3g} {unit_in_words(curve.unit)}" for t in at]
-
-
 def _titled(result: Reconciliation, said: str) -> str:
     """Put its title beside every id of an effect or of a rival that stands alone."""
     titles = {effect.id: effect.title for effect in result.effects}
@@ -231,7 +195,7 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         parts.append(f"position {where['position']}")
     if "temperature_degC" in where:
         low, high = where["temperature_degC"]
-        parts.append(f"{low:.0f} to {high:.0f} °C")
+        parts.append(f"at {low:.0f} °C" if high - low < 1.0 else f"from {low:.0f} to {high:.0f} °C")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)

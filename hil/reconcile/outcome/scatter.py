@@ -1,12 +1,12 @@
 """What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Conditions
+from hil.campaign import Conditions, IntArray
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.effects.base import Parameter, VarianceEffect
@@ -14,8 +14,10 @@ from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted
+from hil.reconcile.search.noise import Points
 from hil.reconcile.search.posterior import Posterior
-from hil.reconcile.search.sets import Set
+from hil.reconcile.search.set_in_block import SetInBlock
+from hil.reconcile.search.sets import SensorSearch, Set
 
 EXCESS = 1.5
 """Times the standard errors, from which on it is said that the averages scatter by more."""
@@ -23,7 +25,10 @@ EXCESS = 1.5
 
 @dataclass(frozen=True)
 class FoundScatter:
-    """An effect on the scatter of one sensor: its parameter with value and error, and where it shows."""
+    """An effect on the scatter of one sensor: its parameter with value and error, and where it shows.
+
+    A size is as uncertain upwards as downwards in its logarithm: `relative` is the deviation there.
+    """
 
     effect: VarianceEffect
     sensor: int
@@ -31,8 +36,21 @@ class FoundScatter:
     shape: Mapping[str, float]
     parameter: Parameter
     value: float
-    se: float
+    relative: float
     deg_per_hr: float
+
+    @property
+    def se(self) -> float:
+        """One standard deviation, in the parameter's unit."""
+        return self.value * self.relative
+
+    @property
+    def interval(self) -> dict[str, float]:
+        """The 95 % interval."""
+        return {
+            "low": self.value * np.exp(-_WIDTH * self.relative),
+            "high": self.value * np.exp(_WIDTH * self.relative),
+        }
 
 
 def found_scatter(
@@ -51,41 +69,62 @@ def found_scatter(
         here = np.isin(own.points.kind, kinds)
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
-        weight = np.exp(total[here] - np.logaddexp.reduce(total[here]))
-        scales = np.array([weighed.left_at(int(t))[1] for t in np.flatnonzero(here)])
-        sizes = own.points.amount[here] * np.sqrt(scales) * own.unit
-        best = own.noise.kinds[int(own.points.kind[here][np.argmax(weight)])]
+        here &= total > total[here].max() - _TOLD
+        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here))
+        total = weighed.terms_log + points.log_prior
+        weight = np.exp(total - np.logaddexp.reduce(total))
+        scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
+        sizes = points.amount * np.sqrt(scales) * own.unit
+        best = own.noise.kinds[int(points.kind[np.argmax(weight)])]
         log_mean = float(weight @ np.log(sizes))
-        spread = np.sqrt(float(weight @ (np.log(sizes) - log_mean) ** 2) + _GRID**2 / 12.0)
+        spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
         size = float(np.exp(log_mean))
         value = size / best.unit_deg_per_hr
         channel = list(conditions[sensor].sensor.channels)[int(own.block.channel[0])]
-        out.append(FoundScatter(best.effect, sensor, channel, best.shape, best.parameter, value, value * spread, size))
+        out.append(FoundScatter(best.effect, sensor, channel, best.shape, best.parameter, value, spread, size))
     return out
+
+
+def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray) -> tuple[Points, SetInBlock]:
+    """Weigh a set in a block again, for each of some points at amounts all over the factor of two that it stands for.
+
+    The search's own grid is coarser than what a night tells of a size.
+    """
+    steps = np.exp(_GRID * ((np.arange(_STEPS) + 0.5) / _STEPS - 0.5))
+    coarse = search.blocks[b].points.take(np.repeat(at, _STEPS))
+    fine = replace(coarse, amount=coarse.amount * np.tile(steps, len(at)))
+    block = replace(search.blocks[b], points=fine, _whitening=None)
+    block.measure(block.y)
+    blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
+    return fine, SensorSearch(blocks, search.terms).in_block(chosen, b)
 
 
 _GRID = float(np.log(2.0))
+_STEPS = 8
+_TOLD = 9.0  # logs below the most probable: what is less so says nothing of a size
+_WIDTH = 1.96
 
 
 def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
-    """Return one entry per sensor: the channels' values, weighed by their errors."""
+    """Return one entry per sensor: the channels' values, weighed by their errors, both in the logarithm."""
     out = []
     for sensor in dict.fromkeys(f.sensor for f in found):
         own = [f for f in found if f.sensor == sensor]
-        weight = np.array([1.0 / f.se**2 for f in own])
-        value = float(weight @ [f.value for f in own] / weight.sum())
-        first = own[0]
+        weight = np.array([f.relative**-2 for f in own])
+        value = float(np.exp(weight @ np.log([f.value for f in own]) / weight.sum()))
         size = float(np.sqrt(np.mean([f.deg_per_hr**2 for f in own])))
-        out.append(
-            FoundScatter(
-                first.effect, sensor, "", first.shape, first.parameter, value, float(weight.sum() ** -0.5), size
-            )
-        )
+        relative = float(weight.sum() ** -0.5)
+        out.append(replace(own[0], channel="", value=value, relative=relative, deg_per_hr=size))
     return out
 
 
-def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter]) -> list[dict[str, Any]]:
-    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`."""
+def ordinary(
+    fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter], model: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
+
+    `model` names what the averages scatter about: a form, and what was added to it.
+    """
     out = []
     for block in fit.blocks:
         own = block.search.block
@@ -101,6 +140,7 @@ def ordinary(fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[
                 {
                     "sensor": own.sensor,
                     "channel": channels[c],
+                    "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
                     "stated_deg_per_hr": stated,
                     "explained_deg_per_hr": None if known is None else float(np.sqrt(np.mean(known[rows]))),
                     "observed_deg_per_hr": observed,
@@ -128,7 +168,7 @@ def with_offsets(model: Model, noise: Sequence[Mapping[str, Any]], conditions: M
 def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
     return [
-        Disagreement({"sensor": f.sensor, "channel": f.channel}, f.deg_per_hr, f.deg_per_hr * f.se / f.value, chance)
+        Disagreement({"sensor": f.sensor, "channel": f.channel}, f.deg_per_hr, f.deg_per_hr * f.relative, chance)
         for several in found.values()
         for f in several
     ]
@@ -137,7 +177,7 @@ def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[D
 def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
     return [
-        f"sensor {n['sensor']}, {n['channel']}: the averages scatter "
+        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter "
         f"{n['observed_deg_per_hr'] / n['explained_deg_per_hr']:.2g} times as much as their standard errors "
         f"{'and the model say' if n['explained_deg_per_hr'] > 1.01 * n['stated_deg_per_hr'] else 'say'}, "
         f"by {n['observed_deg_per_hr']:.3g} deg/hr"

@@ -22,6 +22,7 @@ from hil.reconcile.search.candidates import Candidate, catalogue_candidates, eff
 from hil.reconcile.search.second_tier import second_tier
 from hil.reconcile.search.terms import UNSEEN
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
+from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
@@ -125,7 +126,8 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
 def fitted_sensors(campaign: Campaign, model: Model) -> tuple[dict[int, SensorProblem], list[str]]:
     """Fit the model's form to every sensor, and note where it is another; raises `InputError` where it does not fit."""
     sensors, notes = {}, []
-    for number, collects in campaign.sensors.items():
+    for number, stated in campaign.sensors.items():
+        collects = with_every_error(stated)
         form, note = _form(model, collects.conditions)
         sensors[number] = _sensor(number, collects, model, form)
         notes += note
@@ -204,10 +206,8 @@ def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArr
     if columns.shape[2] == 0:
         return np.zeros(0)
     weight = np.ones(measured.sum())
-    usable = np.isfinite(stated[measured]) & (stated[measured] > 0)
-    if usable.sum() > 0.5 * len(weight):
-        floor = np.median(stated[measured][usable])
-        weight = 1.0 / np.hypot(np.where(usable, stated[measured], floor), 0.3 * floor)
+    if np.all(stated[measured] > 0.0):
+        weight = 1.0 / np.hypot(stated[measured], 0.3 * np.median(stated[measured]))
     return smallest_fit(columns[measured] * weight[:, None], rates[measured] * weight, 1e-3)
 
 

@@ -42,9 +42,21 @@ def _one_missing() -> Campaign:
     return _changed(one, [4], np.full((1, 2), np.nan))
 
 
-def _silent() -> Campaign:
+def _one_silent() -> Campaign:
     one = _good()
-    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
+    errors = one.sensors[2].rates_se_deg_per_hr.copy()
+    errors[13, 0] = np.nan
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+
+
+def _contradicted() -> Campaign:
+    """In run 6 the unit lay otherwise than its labels say, by its own accelerometers, and its bias was another."""
+    one = _good()
+    columns, rates = one.sensors[2].conditions.columns, one.sensors[2].rates_deg_per_hr.copy()
+    shown, rates[15:18] = columns["accelerometer_A_g"].copy(), np.add(rates[15:18], [6.0, -5.0])
+    shown[15:17] *= -1.0
+    conditions = replace(one.sensors[2].conditions, columns={**columns, "accelerometer_A_g": shown})
+    return replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates, conditions=conditions)})
 
 
 def _short_soaks() -> Campaign:
@@ -85,11 +97,11 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "labels exchanged": _exchanged,
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
-    "no standard errors": _silent,
+    "one standard error missing": _one_silent,
+    "contradicted": _contradicted,
     "short soaks": _short_soaks,
     "two sensors": _two_sensors,
     "one run": lambda: campaign(1, 1, seed=3),
-    "one run per temperature": lambda: campaign(9, 1, seed=4, scatter=1.0),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,

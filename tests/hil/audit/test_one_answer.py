@@ -30,7 +30,7 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     ],
 }  # fmt: skip
 QUICK = ("solve", "thermal", "budget", "visibility")
-AT_ONCE = ("good", "labels exchanged", "one rate far off", "one run", "poses, one wrong")
+AT_ONCE = ("contradicted", "labels exchanged", "one rate far off", "one run", "poses, one wrong")
 
 
 def rows(document: dict[str, Any]) -> Answer:

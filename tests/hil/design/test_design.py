@@ -17,7 +17,7 @@ from hil.config.bench import Bench
 from hil.design.budget.budget import error_budget
 from hil.design.budget.sources import sources
 from hil.design.sequence.proposal import design_document, sweep_text
-from hil.design.sequence.search import Goal, Proposal, parse_target, propose
+from hil.design.sequence.search import Goal, Proposal, _Weigher, parse_target, propose
 from hil.design.sequence.sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
 from hil.errors import InputError
 from hil.model import load_model
@@ -216,6 +216,20 @@ def test_a_goal_out_of_reach_is_said_to_be_missed_and_by_how_much(sweep: Any) ->
     assert "instead of 0.5" in found.missing[0]
     assert found.best.time_s <= 24 * 3600.0
     assert found.best.total[2]["MUB"] > 4.0 / np.sqrt(found.best.repeats)
+
+
+def test_each_sensor_has_the_scatter_that_its_own_repeats_showed(sweep: Any) -> None:
+    """One scatters by 9 and the other by nothing; what is said in words is of both, and counts before a night's."""
+    bench = load_bench("simulated")
+
+    def mua(**goal: Any) -> list[float]:
+        weigher = _Weigher(sweep, bench, Goal({}, **goal), (1, 2), None)
+        total = weigher.weigh(weigher.kind(("1", "2", "3")), 60.0, 3).total
+        return [total[number]["MUA"] for number in (1, 2)]
+
+    quiet, own = mua(), mua(scatter_of={1: {"MUA": 0.0}, 2: {"MUA": 9.0}})
+    assert own == [quiet[0], pytest.approx(np.hypot(quiet[1], 9.0 / np.sqrt(3.0)))]
+    assert mua(scatter={"MU": 1.0}, scatter_of={2: {"MUA": 9.0}}) == mua(scatter={"MU": 1.0})
 
 
 @pytest.mark.slow

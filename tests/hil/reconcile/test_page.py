@@ -46,7 +46,7 @@ def test_the_story_is_told_in_its_order_and_in_words(aged: Reconciliation) -> No
         "Judged is the model",
         "Where they disagree",
         "What it follows, and what it is called",
-        "What was added to the model",
+        "What the unit's parameters are",
         "How much smaller the gap is",
         "What to measure next",
     )

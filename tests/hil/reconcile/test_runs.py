@@ -215,7 +215,7 @@ def test_a_jump_keeps_its_name() -> None:
 
 def test_what_the_model_explains_is_no_surprise() -> None:
     """Five times the standard errors, where the model states nothing; nothing to be said where it states as much."""
-    channel = {"sensor": 2, "channel": "RB", "stated_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0}
+    channel = {"sensor": 2, "channel": "RB", "stated_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0, "under": "matrix-6"}
     (told,) = in_words([{**channel, "explained_deg_per_hr": 1.0}])
     assert "5 times as much as their standard errors say" in told
     (told,) = in_words([{**channel, "explained_deg_per_hr": 2.5}])

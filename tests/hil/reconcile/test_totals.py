@@ -1,32 +1,36 @@
-"""What is printed is what a parameter is: an increment of the model's own value stands beside the value."""
+"""What is printed is what a parameter is: before what was found and with it."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from hil.cli.model import _values
-from hil.model import Model
-from hil.model.curve import Constant
-from hil.model.model_file import SCHEMA
-from hil.reconcile.outcome.findings import with_totals
-from hil.reconcile.result import FoundEffect, rival_in_words
+from hil.model import load_model
+from hil.model.effects.catalogue import effect_by_id
+from hil.reconcile.outcome.values import before_and_after
+from hil.reconcile.result import before_and_after_in_words, rival_in_words
+from hil.reconcile.search.problem import pose
+from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled
 
 
-def test_an_increment_says_what_the_parameter_then_is() -> None:
-    """MUB is 206 in the model and -184 is added at one temperature: 22 stands first; the rest is as it was."""
-    at = {"se": 2.0, "unit": "deg/hr/g", "sensor": 2}
-    parameters = [
-        {"name": "MUB", "value": -184.0, "at": "-29.6 degC", **at},
-        {"name": "MUB", "value": 3.0, "at": "-29.6 to 60.0 degC", **at},
-        {"name": "s_mu", "value": 4.0, "at": "", **at},
-    ]
-    found = FoundEffect("MU_T", "", "", parameters, 1.0, [], "named")
-    curves = {2: {"MUB": Constant(unit="deg/hr/g", value=206.0)}}
-    after = Model(schema=SCHEMA, title="t", form="matrix-6", source="s", sensors=curves)
-    (told,) = with_totals([found], after)
-    assert [each.get("total") for each in told.parameters] == [pytest.approx(22.0), None, None]
-    lines = list(_values(told.parameters))
-    assert "22.0 ± 2.0 (-184.0 by this effect) at -29.6 °C" in lines[0]
+def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
+    """BA rises by 20 deg/hr over the night: at each temperature it is what the unit's is, and was one value for all."""
+    curves = {"BA": lambda t: 30.0 + 10.0 * scaled(t), "GSA": lambda t: 55.0 + 0.0 * t, "MUB": lambda t: 7.0 + 0.0 * t}
+    campaign = rotor_night(np.random.default_rng(0), curves, run_to_run={}, white=1e-6)
+    problem = pose(campaign, load_model("matrix-6"), [effect_by_id("bias_T")])
+    line = next(each for each in problem.candidates if each.name == "bias_T")
+    own, rates = problem.sensors[2], campaign.sensors[2].rates_deg_per_hr
+    columns = np.concatenate([line.columns, own.form.columns(campaign.sensors[2].conditions)], axis=2)
+    slopes = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), rates.reshape(-1), rcond=None)[0][: line.size]
+    found = before_and_after(problem.sensors, [(line, {k: (v, 0.1) for k, v in enumerate(slopes)})], frozenset())
+    assert {each["name"] for each in found} == {"BA"}
+    for each, degC in zip(found, (-29.7, 23.4, 60.0), strict=True):
+        assert each["temperature_degC"] == pytest.approx(degC, abs=0.1)
+        assert each["after"] == pytest.approx(curves["BA"](np.array(degC)), abs=0.05)
+        assert each["before"] == pytest.approx(np.mean([curves["BA"](np.array(t)) for t in PUBLISHED_DEGC]), abs=0.05)
+    (told,) = before_and_after_in_words(found)
+    assert told.startswith("BA of sensor 2, deg/hr: 20.0 at -29.7 °C (without it 30.1); 31.8 at 23.4 °C")
 
 
 def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:

@@ -62,6 +62,7 @@ def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
     assert len(found.differences) == 48
     assert not found.flagged
     assert found.sentence.startswith("0 of 48 differences")
+    assert "compared with itself" in found.remarks[0]
 
 
 def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:

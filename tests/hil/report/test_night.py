@@ -185,7 +185,7 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
 
 
 def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> None:
-    """Under the number of runs, for each temperature; and nothing where all of them are good."""
+    """Under the number of runs, for each temperature; what FAILed is in no mean, and nothing where all are good."""
     from dataclasses import replace
 
     from hil.records.export import campaign_of_night
@@ -195,11 +195,16 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
 
     campaign = campaign_of_night(night)
     passed = Judgement(Verdict.PASS, "")
-    for judged, told in ((passed, []), (Judgement(Verdict.FAIL, "moved"), ["1 FAIL"])):
+    for judged, first in (
+        (passed, (2, [])),
+        (Judgement(Verdict.FAIL, "moved"), (1, [])),
+        (Judgement(Verdict.INCONCLUSIVE, "moved"), (2, ["1 INCONCLUSIVE"])),
+    ):
         content = gather(replace(campaign, verdicts={1: judged, 2: passed, 3: passed, 4: passed}))
-        table = sensor_view(content.sensors[0])["table"]
-        assert table["runs"] == [(2, told), (2, [])]
-        assert ("INCONCLUSIVE or FAIL" in render(content)) == bool(told)
+        view = sensor_view(content.sensors[0])
+        assert view["table"]["runs"] == [first, (2, [])]
+        assert any("run 1 FAILed" in said for said in view["shown"]) == (judged.verdict is Verdict.FAIL)
+        assert ("INCONCLUSIVE or FAIL" in render(content)) == bool(first[1])
 
 
 def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:

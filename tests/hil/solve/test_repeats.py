@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hil.analysis.thermal import fit_thermal
+from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import Spread
+from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 
 TRUTH = {
@@ -108,3 +113,21 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
     assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
+
+
+def test_a_run_that_its_records_contradict_widens_no_other_and_is_in_no_mean() -> None:
+    """With it or without its collects, the others' means and uncertainties are the same; and it is said."""
+    one = night(0, RUN_TO_RUN)
+    rows = one.sensors[2]
+    rates = rows.rates_deg_per_hr + np.where(rows.conditions.run == 5, 8.0, 0.0)[:, None]
+    contradicted = {(5, 2): Judgement(Verdict.FAIL, "collect 13: the unit lay otherwise")}
+    with_it = replace(one, sensors={2: replace(rows, rates_deg_per_hr=rates)}, contradicted=contradicted)
+    without = replace(one, sensors={2: rows.rows(rows.conditions.run != 5)})
+    found, told = (repeats(each, solve_campaign(each))[2] for each in (with_it, without))
+    assert found.document()["means"] == told.document()["means"]
+    assert found.document()["runs_not_used"] == [5]
+    assert any("run 5 FAILed" in sentence for sentence in found.sentences())
+    (thermal,), (alone,) = (thermal_document(fit_thermal(each))["sensors"] for each in (with_it, without))
+    assert thermal["parameters"] == alone["parameters"]
+    every = replace(with_it, contradicted={(run, 2): contradicted[5, 2] for run in range(1, 25)})
+    assert repeats(every, solve_campaign(every))[2].not_used == ()

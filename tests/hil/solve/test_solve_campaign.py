@@ -15,6 +15,7 @@ from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign
 from hil.solve.document import solution_document
+from hil.solve.precision import with_every_error
 from hil.solve.runs import judge
 from procedures.verdict import Verdict
 from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
@@ -196,14 +197,21 @@ def test_without_errors_the_residuals_are_the_noise(tmp_path: Path) -> None:
     assert "taken as the noise" in solution.reason
 
 
-def test_errors_that_are_stated_for_some_rates_only_are_not_used(tmp_path: Path) -> None:
-    """One empty standard error: all rates weigh alike, and the reason says that not all have one."""
+@pytest.mark.parametrize("lacking", ["", "0"])
+def test_an_error_that_is_not_stated_makes_nothing_look_better(tmp_path: Path, lacking: str) -> None:
+    """The largest of the others stands for it, at its duration, and it is said: by the reader and of the run."""
     rotor(tmp_path, [rotor_row(1, label) for label in "1234"])
+    whole = only(read_campaign(tmp_path))
     path = tmp_path / "collects.csv"
-    path.write_text(path.read_text().replace(f"{SIGMA},{SIGMA}\n", f"{SIGMA},\n", 1))
-    solution = only(read_campaign(tmp_path))
-    assert "no (or not all) standard errors" in solution.reason
-    assert solution.parameters["BA"].se == pytest.approx(0.0, abs=1e-9)
+    path.write_text(path.read_text().replace(f"{SIGMA},{SIGMA}\n", f"{SIGMA},{lacking}\n", 1))
+    one = read_campaign(tmp_path)
+    assert any("row 2, column RB_se" in said and "largest of the others" in said for said in one.warnings)
+    solution = only(one)
+    assert {n: e.se for n, e in solution.parameters.items()} == {n: e.se for n, e in whole.parameters.items()}
+    assert any(said.startswith("collect 1: not all standard errors are stated") for said in solution.assumed)
+    rows = one.sensors[2].conditions
+    shorter = replace(rows, duration_s=np.where(rows.collect == 1, 0.25, 1.0) * rows.duration_s)
+    assert with_every_error(replace(one.sensors[2], conditions=shorter)).rates_se_deg_per_hr[0, 1] == 2.0 * SIGMA
 
 
 def test_solutions_come_by_run_and_then_by_sensor(tmp_path: Path) -> None:

@@ -1,0 +1,85 @@
+"""What each of a unit's parameters is, without what was found and with it: values at stated temperatures, no slopes."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.model.forms import default_form
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.problem import SensorProblem
+from hil.solve import solve
+from hil.solve.identifiability import smallest_fit
+from hil.solve.runs import OBSERVABLE
+from hil.solve.temperatures import level_degC, same_temperature, told_by
+
+Values = Mapping[int, tuple[float, float]]
+"""Value and standard error by the place of a candidate's column."""
+
+_CHANGED = 0.1  # of what changes most
+_DIGITS = 9
+
+
+def before_and_after(
+    sensors: Mapping[int, SensorProblem], terms: Sequence[tuple[Candidate, Values]], calibrated: frozenset[int]
+) -> list[dict[str, Any]]:
+    """Return what each parameter that the terms change is at three temperatures, without and with them: key `values`.
+
+    A model is told by the parameters that its rates would be solved for, whatever its own are.
+    """
+    out = []
+    for number in sorted({candidate.sensor for candidate, _ in terms}):
+        sensor = sensors[number]
+        conditions = sensor.collects.conditions
+        form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
+        columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
+        places = np.unique(station[station >= 0])
+        own = [each for each in terms if each[0].sensor == number]
+        rows: list[tuple[float | None, FloatArray, FloatArray]] = []
+        for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
+            here = station == k
+            is_ = []
+            for chosen in ((), own):
+                base, left, made = left_by(sensor, chosen)
+                fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
+                rates = known[here] + made[here] + base[here] @ least_squares(base[fitted], left[fitted])
+                of_all = columns[here].reshape(-1, len(form.names))
+                is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
+            rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
+        change = np.max([np.nan_to_num(np.abs(now - was)) for _, was, now in rows], axis=0, initial=0.0)
+        changed = np.flatnonzero(change > _CHANGED * np.max(change))
+        out += [
+            {
+                "sensor": number,
+                "name": form.names[p],
+                "unit": form.units[p],
+                "temperature_degC": at,
+                "temperature_of": told_by(conditions),
+                "before": float(was[p]),
+                "after": float(now[p]),
+            }
+            for p in changed
+            for at, was, now in rows
+            if np.isfinite(was[p] + now[p])
+        ]
+    return out
+
+
+def left_by(
+    sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the base's columns (n, c, p), what the terms leave of the rates, and what they make, (n, c) each."""
+    collects = sensor.collects
+    columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
+    made = np.zeros_like(collects.rates_deg_per_hr)
+    for candidate, values in terms:
+        for column, (value, _) in values.items():
+            made += candidate.columns[:, :, column] * value
+    return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
+
+
+def least_squares(columns: FloatArray, rates: FloatArray) -> FloatArray:
+    """Return what fits rates (n, c) by columns (n, c, p) best, (p,), the smallest where they leave it open."""
+    measured = np.isfinite(rates)
+    return smallest_fit(columns[measured], rates[measured], 1e-3) if columns.shape[2] else np.zeros(0)
