@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.solve import repeats, solve_campaign
@@ -188,9 +188,7 @@ def _nearest(temperature: float | None, means: Sequence[MeanAt]) -> MeanAt | Non
 def _differences(sensor: int, now: MeanAt, before: MeanAt) -> Iterator[Difference]:
     for name, one in now.values.items():
         if (other := before.values.get(name)) is not None:
-            sigma = math.hypot(
-                *(each.sd * float(student.isf(_BY_CHANCE, each.freedom)) / SIGMAS for each in (one, other))
-            )
+            sigma = math.hypot(*(each.sd * float(-stdtrit(each.freedom, _BY_CHANCE)) / SIGMAS for each in (one, other)))
             yield Difference(
                 sensor,
                 now.temperature_degC,

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import MATRIX_6, PER_G, RATE
@@ -134,7 +133,7 @@ def _interval(correlation: float, degrees: int) -> tuple[float | None, float | N
     if not math.isfinite(correlation) or degrees < 3:
         return (correlation if math.isfinite(correlation) else None), None, None
     middle = math.atanh(max(min(correlation, 1.0 - 1e-12), 1e-12 - 1.0))
-    width = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) / math.sqrt(degrees - 2)
+    width = float(ndtri(0.5 + 0.5 * CONFIDENCE)) / math.sqrt(degrees - 2)
     return correlation, math.tanh(middle - width), math.tanh(middle + width)
 
 
@@ -146,7 +145,7 @@ def _shared(correlation: FloatArray, degrees: int) -> tuple[SharedPair, ...]:
     for i, j in itertools.product(range(len(MATRIX_6)), repeat=2):
         r = float(correlation[i, j])
         tangent = abs(r) * math.sqrt((degrees - 1) / max(1.0 - r**2, 1e-12))
-        p = float(2.0 * student.sf(tangent, degrees - 1))
+        p = float(2.0 * stdtr(degrees - 1, -tangent))
         if p < FALSE_ALARM / correlation.size:
             found.append(SharedPair(MATRIX_6[i], MATRIX_6[j], r, p))
     return tuple(sorted(found, key=lambda pair: pair.p))

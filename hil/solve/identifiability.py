@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import linalg, optimize, special
+from scipy import linalg, special
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import flattened
@@ -210,15 +210,7 @@ def classes(overlaps: FloatArray, threshold: float = SAME_CLASS) -> tuple[tuple[
 @lru_cache(maxsize=256)
 def required_noncentrality(degrees: int, alpha: float, probability: float = 0.9) -> float:
     """Return the non-centrality at which a χ² test with `degrees` at level `alpha` succeeds with `probability`."""
-    threshold = special.chdtri(degrees, alpha)
-
-    def shortfall(noncentrality: float) -> float:
-        return 1.0 - float(special.chndtr(threshold, degrees, noncentrality)) - probability
-
-    high = 10.0
-    while shortfall(high) < 0.0:
-        high *= 2.0
-    return float(optimize.brentq(shortfall, 1e-9, high))
+    return float(special.chndtrinc(special.chdtri(degrees, alpha), degrees, 1.0 - probability))
 
 
 def smallest_visible(effect: Visible, alpha: float, probability: float = 0.9) -> FloatArray:

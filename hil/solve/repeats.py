@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
@@ -98,7 +98,7 @@ class Uncertain:
     @property
     def half_width(self) -> float:
         """Half the 95 % interval."""
-        return self.sd * float(student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
+        return self.sd * float(stdtrit(self.freedom, 0.5 + 0.5 * CONFIDENCE))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: null where a thing is not known."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from hil.analysis.allan.deviation import CONFIDENCE, Deviation, NoiseKind, Octaves
 from hil.campaign import FloatArray, IntArray
@@ -36,7 +36,7 @@ _MOST_ROUNDS_OF_KINDS = 4
 _LEAST_CHANCE = 0.01
 _FILTERED = 8
 _FREQUENCIES = 1 << 14
-_SEEN = chi2.ppf(CONFIDENCE, 1)
+_SEEN = chdtri(1, 1.0 - CONFIDENCE)
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class _Fitted:
     def chance(self) -> float:
         """How probable a larger deviance is: its mean and variance are those of a scaled chi-square (Satterthwaite)."""
         mean, squares = self.freedom, float(np.sum(self._left**2))
-        return float(chi2.sf(self.deviance * mean / squares, mean**2 / squares)) if mean > 1e-6 else 1.0
+        return float(chdtrc(mean**2 / squares, self.deviance * mean / squares)) if mean > 1e-6 else 1.0
 
     def levelled(self) -> _Fitted:
         """Allow for a relative error of the model, so large that what is left is as large as it should be."""

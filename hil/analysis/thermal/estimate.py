@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from hil.analysis.thermal.stations import Stations
 from hil.campaign import Collects, FloatArray, IntArray
@@ -36,7 +36,7 @@ class Estimates:
     @property
     def half_width(self) -> FloatArray:
         """Half the width of each interval at `CONFIDENCE`, (q,)."""
-        return np.asarray(self.se * student.ppf(0.5 + 0.5 * CONFIDENCE, self.freedom))
+        return np.asarray(self.se * stdtrit(self.freedom, 0.5 + 0.5 * CONFIDENCE))
 
     def part(self, start: int, count: int) -> Estimates:
         """Return `count` values from `start` on."""

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+from scipy.special import fdtrc, stdtr
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, scaled, visits
@@ -299,7 +298,7 @@ def _changes(layout: Layout, values: Estimates) -> bool:
     Of a sensor without any dependence it is said for some parameter in half of `FALSE_ALARM` of campaigns.
     """
     line = _line(layout, values)
-    slope = 2.0 * float(student.sf(abs(line.values[1]) / line.se[1], line.freedom))
+    slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
     return min(_misfit(layout, values, 0).chance, slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
 
 
@@ -318,7 +317,7 @@ def _misfit(layout: Layout, values: Estimates, order: int) -> _Misfit:
     if left == 0:
         return _Misfit(1.0, 1.0)
     ratio = float(found.chi_square) / left
-    return _Misfit(ratio, float(fisher.sf(ratio, left, min(values.freedom, 1e6))))
+    return _Misfit(ratio, float(fdtrc(left, min(values.freedom, 1e6), ratio)))
 
 
 def _line(layout: Layout, values: Estimates) -> Estimates:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
@@ -31,7 +31,7 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
     """
     out, runs = [], len(np.unique(conditions.run))
     freedom = (runs if runs >= FEWEST_RUNS else len(conditions)) - 1
-    width = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(freedom, 1)))
+    width = float(stdtrit(max(freedom, 1), 0.5 + 0.5 * CONFIDENCE))
     for number, (value, error) in sorted(values.items()):
         if error <= 0.0:
             continue  # the base can imitate it altogether: these collects give it no value
