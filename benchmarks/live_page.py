@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import SystemClock, VirtualClock
-from drivers.imu import SensorChannels
+from drivers.frames.roles import SensorRole
 from hil.dashboard.watcher import Watcher
 from hil.records import SqliteJournal
 from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
@@ -25,7 +25,7 @@ from procedures.plan import Step, make_plan
 from procedures.progress import Snapshot
 from procedures.settings import SweepProcedure
 
-SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
+SENSORS = {number: SensorRole(rates={"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
 UPDATES = 120
 
 

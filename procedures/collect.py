@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from drivers.chambers import ChamberReading
 from drivers.frames.counts import StreamCounts
-from drivers.imu import Imu, SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray, rate_fields, rate_means
+from drivers.imu.stream import StreamImu
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
 from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, same_samples, slope_per_min
@@ -73,7 +75,7 @@ def _column(block: SampleBlock, name: str) -> FloatArray:
 
 
 def reduce_collect(
-    samples: SampleBlock, duration_s: float, imu: Imu, settings: CollectSettings
+    samples: SampleBlock, duration_s: float, imu: StreamImu, settings: CollectSettings
 ) -> tuple[dict[str, Any], Judgement]:
     """Return data and judgement of the samples of one collect that lasted `duration_s`.
 
@@ -168,7 +170,7 @@ class _Kept:
         values = values[np.isfinite(values)]
         return float(values.mean()) if len(values) else None
 
-    def sensor(self, channels: SensorChannels, average: Average, index: Mapping[str, int]) -> dict[str, Any]:
+    def sensor(self, channels: SensorRole, average: Average, index: Mapping[str, int]) -> dict[str, Any]:
         """Return the data of one sensor."""
         temperature, slope = channels.temperature, None
         if temperature is not None:
@@ -186,7 +188,7 @@ class _Kept:
         return {column: self.mean(name) for column, name in names.items()}
 
     def judge(
-        self, sensors: Mapping[int, SensorChannels], average: Average, index: Mapping[str, int]
+        self, sensors: Mapping[int, SensorRole], average: Average, index: Mapping[str, int]
     ) -> Iterable[Judgement]:
         """Judge motion, drift, frozen and clipped values."""
         yield from self._index_field()
@@ -206,7 +208,7 @@ class _Kept:
         if _INDEX_FIELD in self.samples.fields and longest_run(self.column(_INDEX_FIELD)) < int(self.good.sum()):
             yield Judgement(Verdict.FAIL, "the unit left its index position during the collect")
 
-    def _motion(self, number: int, channels: SensorChannels) -> Iterable[Judgement]:
+    def _motion(self, number: int, channels: SensorRole) -> Iterable[Judgement]:
         if not channels.accelerations:
             return
         table = np.column_stack([self.column(name) for name in channels.accelerations.values()])
@@ -305,7 +307,7 @@ def take_collect(
     return Collected(data, judgement, samples)
 
 
-def _settled(imu: Imu, watch: Watch, seconds: float) -> SampleBlock:
+def _settled(imu: StreamImu, watch: Watch, seconds: float) -> SampleBlock:
     """Wait, and return what came last: a second of it, or what the last poll brought of that."""
     block = SampleBlock(np.empty(0), {})
     for _, newest in watch.wait(watch.now_s + seconds):
@@ -325,7 +327,9 @@ def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
     return devices.poses.contradiction(position, means)
 
 
-def _sample(imu: Imu, watch: Watch, until_s: float) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
+def _sample(
+    imu: StreamImu, watch: Watch, until_s: float
+) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
     """Return the blocks, the chamber's readings, and the clock at the last drain."""
     blocks: list[SampleBlock] = []
     readings: list[ChamberReading] = []
@@ -349,7 +353,7 @@ class _Running:
     less than a poll, cheap enough to be had at every poll. What a collect records is `average_series`'s.
     """
 
-    def __init__(self, sensors: Mapping[int, SensorChannels]) -> None:
+    def __init__(self, sensors: Mapping[int, SensorRole]) -> None:
         self._fields = rate_fields(sensors)
         # Per channel, over the batches of n samples and mean m: sums of 1, n, n m, n², n² m, n² m².
         self._sums = {label: np.zeros(6) for label in self._fields}

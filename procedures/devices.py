@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from drivers.chambers import Chamber
 from drivers.clock import Clock
 from drivers.errors import WrongDevice
-from drivers.imu import Imu
+from drivers.imu.stream import StreamImu
 from drivers.positioners.positioner import Positioner
 from procedures.pose import PoseTable
 
@@ -20,7 +20,7 @@ class BenchDevices:
     """
 
     clock: Clock
-    imu: Imu
+    imu: StreamImu
     chamber: Chamber
     positioner: Positioner
     simulation_declared: bool = True

@@ -8,7 +8,6 @@ event and costs nothing; one that lasts its grace, and was seen at least twice, 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
 
 from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
@@ -39,19 +38,16 @@ class Look:
     arrived: bool = False  # the air has reached the commanded setpoint since it was commanded
 
 
-class Interlock(Protocol):
-    """One thing that must not be."""
+@dataclass(frozen=True)
+class Interlock:
+    """One thing that must not be: its short name for the journal, and how long it may last.
 
-    @property
-    def name(self) -> str:
-        """A short name for the journal."""
+    `problem` returns what is wrong in one sentence, "" where all is well, None where a look says nothing about it.
+    """
 
-    @property
-    def grace_s(self) -> float:
-        """How long it may last."""
-
-    def problem(self, look: Look) -> str | None:
-        """Return what is wrong in one sentence, "" where all is well, None where this look says nothing about it."""
+    name: str
+    grace_s: float
+    problem: Callable[[Look], str | None]
 
 
 class InterlockTripped(Exception):
@@ -63,32 +59,20 @@ class InterlockTripped(Exception):
         self.reason = reason
 
 
-@dataclass(frozen=True)
-class _Rule:
-    """An interlock that is one function of a look."""
-
-    name: str
-    grace_s: float
-    check: Callable[[Look], str | None]
-
-    def problem(self, look: Look) -> str | None:
-        return self.check(look)
-
-
 def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> Sequence[Interlock]:
     """Return the interlocks of every bench, with its limits."""
     s = settings
     return (
-        _Rule("chamber-lost", s.chamber_loss_s, _chamber_lost),
-        _Rule("chamber-alarm", s.alarm_grace_s, _on_news(_chamber_alarm)),
-        _Rule("chamber-limits", s.chamber_limit_grace_s, _on_news(partial(_chamber_limits, s, limits))),
-        _Rule("chamber-stopped", s.setpoint_grace_s, _on_news(_chamber_stopped)),
-        _Rule("setpoint-changed", s.setpoint_grace_s, _on_news(partial(_setpoint_changed, s))),
-        _Rule("setpoint-not-followed", s.follow_grace_s, _on_news(partial(_setpoint_not_followed, s))),
-        _Rule("unit-limits", s.unit_limit_grace_s, partial(_unit_limits, s)),
-        _Rule("stream-lost", s.stream_loss_s, _stream_lost),
-        _Rule("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s)),
-        _Rule("disk-low", s.disk_grace_s, partial(_disk_low, s)),
+        Interlock("chamber-lost", s.chamber_loss_s, _chamber_lost),
+        Interlock("chamber-alarm", s.alarm_grace_s, _on_news(_chamber_alarm)),
+        Interlock("chamber-limits", s.chamber_limit_grace_s, _on_news(partial(_chamber_limits, s, limits))),
+        Interlock("chamber-stopped", s.setpoint_grace_s, _on_news(_chamber_stopped)),
+        Interlock("setpoint-changed", s.setpoint_grace_s, _on_news(partial(_setpoint_changed, s))),
+        Interlock("setpoint-not-followed", s.follow_grace_s, _on_news(partial(_setpoint_not_followed, s))),
+        Interlock("unit-limits", s.unit_limit_grace_s, partial(_unit_limits, s)),
+        Interlock("stream-lost", s.stream_loss_s, _stream_lost),
+        Interlock("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s)),
+        Interlock("disk-low", s.disk_grace_s, partial(_disk_low, s)),
     )
 
 

@@ -113,9 +113,8 @@ class PoseTable:
             }
         left = np.asarray(wrong & ~np.any([each.collects for each in lies], axis=0)) if lies else wrong
         if lies and not left.any():  # every collect has its pose: whether axes are turned instead cannot be told
-            instead = (
-                f" (or else {'; '.join(causes.values())})" if len(causes) == np.count_nonzero(off.any(axis=0)) else ""
-            )
+            all_have = len(causes) == np.count_nonzero(off.any(axis=0))
+            instead = f" (or else {'; '.join(causes.values())})" if all_have else ""
             return [replace(each, words=each.words + instead) for each in lies]
         unexplained = np.asarray(off[:, [k for k in range(off.shape[1]) if k not in causes]].any(axis=1))
         if causes:

@@ -83,8 +83,8 @@ def not_measured(values: FloatArray, frozen: float) -> Judgement | None:
     levels, counts = np.unique(values, return_counts=True)
     if len(levels) == 2:
         low, high = levels
-        reason = f"shows only {low:g} and {high:g} deg/hr: what lies between is not measured"
-        return Judgement(Verdict.INCONCLUSIVE, reason)
+        said = f"shows only {low:g} and {high:g} deg/hr: what lies between is not measured"
+        return Judgement(Verdict.INCONCLUSIVE, said)
     if len(levels) < 3:
         return None
     for end, neighbour in ((-1, -2), (0, 1)):
@@ -97,9 +97,7 @@ def _spikes(values: FloatArray) -> Judgement | None:
     """Judge samples that lie where noise cannot be: they count where they move the mean by more than its error."""
     middle = float(np.median(values))
     apart = np.abs(values - middle)
-    spread = (
-        float(np.quantile(apart, _WITHIN)) / _SIGMAS_WITHIN
-    )  # of a coarse channel more than half may be at the median
+    spread = float(np.quantile(apart, _WITHIN)) / _SIGMAS_WITHIN  # of a coarse channel half may be at the median
     far = apart > _SPIKE_SIGMAS * spread
     if spread == 0.0 or not far.any():
         return None
@@ -119,13 +117,10 @@ def _repeats(values: FloatArray, step: float) -> Judgement | None:
     changes = np.diff(values)
     changed = changes[changes != 0.0]
     share = 1.0 - len(changed) / len(changes)
-    likely = step / (
-        float(np.sqrt(np.mean(changed**2))) * np.sqrt(2.0 * np.pi)
-    )  # that rounding to steps hides a change
+    likely = step / float(np.sqrt(2.0 * np.pi * np.mean(changed**2)))  # that rounding to steps hides a change
     if share <= _REPEATS + 3.0 * likely:
         return None
-    reason = f"repeats {share:.0%} of its samples: it is renewed less often than it is sent"
-    return Judgement(Verdict.MARGINAL, reason)
+    return Judgement(Verdict.MARGINAL, f"repeats {share:.0%} of its samples: it is renewed less often than it is sent")
 
 
 def slope_per_min(time_s: FloatArray, values: FloatArray) -> float | None:

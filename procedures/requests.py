@@ -60,17 +60,6 @@ class Control(Protocol):
         """Record durably that a request is accepted, or why it is refused."""
 
 
-class NoControl:
-    """Nobody asks."""
-
-    def asked(self) -> Sequence[Request]:
-        """Return nothing."""
-        return ()
-
-    def answer(self, request: Request, accepted: bool, message: str) -> None:
-        """Ignore it."""
-
-
 @dataclass
 class Prompt:
     """A question that stands. `answer` is None until somebody has given it; with `wants_words`, they are in `words`."""
@@ -86,7 +75,7 @@ class Prompt:
 class Desk:
     """Hears requests and remembers what stands: a pause, a question. An abort becomes a stop request."""
 
-    def __init__(self, control: Control, stop: StopRequest, record: Record) -> None:
+    def __init__(self, control: Control | None, stop: StopRequest, record: Record) -> None:
         self._control = control
         self._stop = stop
         self._record = record
@@ -97,6 +86,8 @@ class Desk:
 
     def hear(self, takes_effect: str) -> None:
         """Act upon what was asked since the last time; `takes_effect` says when a pause would."""
+        if self._control is None:
+            return
         for request in self._control.asked():
             accepted, message = self._act(request, takes_effect)
             self._control.answer(request, accepted, message)

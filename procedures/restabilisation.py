@@ -205,14 +205,7 @@ def _result(gate: RestabilisationGate, waited_s: float, thermometers: Collection
         reason, verdict = f"not restabilised within {minutes:.0f} min: {missing}", Verdict.INCONCLUSIVE
     if not thermometers:
         reason += "; the unit has no temperature sensor, so only chamber and time were judged"
-    data = {
-        "verdict": verdict.value,
-        "reason": reason,
-        "waited_s": waited_s,
-        "decided_by": decision.decided_by if met else None,
-        "waiting_for": list(decision.waiting_for),
-        "soak_restarts": gate.soak_restarts,
-        "window_restarts": gate.window_restarts,
-        **decision.evidence,
-    }
-    return Restabilised(met, reason, data)
+    told = {"verdict": verdict.value, "reason": reason, "waited_s": waited_s}
+    by = {"decided_by": decision.decided_by if met else None, "waiting_for": list(decision.waiting_for)}
+    restarts = {"soak_restarts": gate.soak_restarts, "window_restarts": gate.window_restarts}
+    return Restabilised(met, reason, {**told, **by, **restarts, **decision.evidence})

@@ -2,20 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from procedures.interlocks import Look
+from procedures.interlocks import Interlock, Look
 from procedures.settings import InterlockSettings
 
 _WINDOW_S = 120.0  # over which a rate is judged: long enough for a thermometer's resolution not to matter
 
 
-class RateInterlock:
-    """A `procedures.interlocks.Interlock`: nothing that `values` takes from a look may move faster than the limit."""
+class _Rates:
+    """Remembers what `values` takes from every look: nothing of it may move faster than the limit."""
 
-    def __init__(
-        self, name: str, grace_s: float, limit_degC_per_min: float, values: Callable[[Look], Mapping[str, float]]
-    ) -> None:
-        self.name = name
-        self.grace_s = grace_s
+    def __init__(self, limit_degC_per_min: float, values: Callable[[Look], Mapping[str, float]]) -> None:
         self._limit = limit_degC_per_min
         self._values = values
         self._seen: dict[str, list[tuple[float, float]]] = {}
@@ -39,12 +35,13 @@ class RateInterlock:
         return ", ".join(said) if news else None
 
 
-def rate_interlocks(settings: InterlockSettings) -> Sequence[RateInterlock]:
+def rate_interlocks(settings: InterlockSettings) -> Sequence[Interlock]:
     """Return those of every bench."""
-    grace_s = settings.rate_grace_s
+    chamber = _Rates(settings.chamber_rate_degC_per_min, _chamber_air)
+    unit = _Rates(settings.unit_rate_degC_per_min, _unit_sensors)
     return (
-        RateInterlock("chamber-rate", grace_s, settings.chamber_rate_degC_per_min, _chamber_air),
-        RateInterlock("unit-rate", grace_s, settings.unit_rate_degC_per_min, _unit_sensors),
+        Interlock("chamber-rate", settings.rate_grace_s, chamber.problem),
+        Interlock("unit-rate", settings.rate_grace_s, unit.problem),
     )
 
 

@@ -34,7 +34,6 @@ from procedures.requests import Control, PauseAsked
 from procedures.runaway import rate_interlocks
 from procedures.safe_air import Left, Word, not_commanded
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
-from procedures.sign_of_life import SignOfLife
 from procedures.stop import StopRequest, StopRequested
 from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
 from procedures.verdict import Verdict
@@ -88,7 +87,7 @@ class Sequencer:
         control: Control | None = None,
         attendant: Attendant | None = None,
         first: Callable[[], None] | None = None,
-        vital: SignOfLife | None = None,
+        vital: Callable[[float], None] | None = None,
         disk_free_mb: Callable[[], float] | None = None,
     ) -> None:
         self._plan = plan

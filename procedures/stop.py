@@ -71,4 +71,5 @@ class StopRequest:
                 signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signature of a handler
-        self.request(f"stopped by {signal.Signals(number).name}")
+        key = "Ctrl-C, " if number == signal.SIGINT else ""
+        self.request(f"stopped by {key}{signal.Signals(number).name}")

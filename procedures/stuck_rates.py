@@ -4,14 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.imu import SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import SampleBlock
 from drivers.imu.samples import rate_fields
 
 
 class Unchanged:
     """The rates of one unit, block by block."""
 
-    def __init__(self, sensors: Mapping[int, SensorChannels]) -> None:
+    def __init__(self, sensors: Mapping[int, SensorRole]) -> None:
         self._fields = rate_fields(sensors)
         self._last: dict[str, tuple[float, float]] = {}  # by label: the value, and since when it stands
 

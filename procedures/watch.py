@@ -25,9 +25,8 @@ from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal_protocol import Journal, StepResult
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
-from procedures.requests import Control, Desk, NoControl, PauseAsked
+from procedures.requests import Control, Desk, PauseAsked
 from procedures.settings import Polling
-from procedures.sign_of_life import SignOfLife, Unwatched
 from procedures.stop import StopRequest
 from procedures.stuck_rates import Unchanged
 from procedures.words import hours_minutes
@@ -65,7 +64,7 @@ class Watch:
         progress: Progress,
         began: datetime,
         control: Control | None = None,
-        vital: SignOfLife | None = None,
+        vital: Callable[[float], None] | None = None,
         disk_free_mb: Callable[[], float] | None = None,
     ) -> None:
         clock = devices.clock
@@ -75,8 +74,8 @@ class Watch:
         self._devices = devices
         self._journal = journal
         self._stop = stop
-        self.desk = Desk(control or NoControl(), stop, self.event)
-        self._vital = vital or Unwatched()
+        self.desk = Desk(control, stop, self.event)
+        self._vital = vital
         self._disk_free_mb = disk_free_mb
         self._unchanged = Unchanged(devices.imu.sensors)
         self.interruptible = False  # whether a pause ends the present step at once
@@ -166,8 +165,9 @@ class Watch:
         }
 
     def alive(self, silent_s: float = 0.0) -> None:
-        """Tell a watchdog that the controller lives, and for how long it may be silent now."""
-        self._vital.alive(silent_s)
+        """Tell a watchdog that the controller lives, and for how long it may be silent now. Called at every poll."""
+        if self._vital is not None:
+            self._vital(silent_s)
 
     def commanded(self, setpoint_degC: float | None) -> None:
         """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""

@@ -14,7 +14,7 @@ from typing import Any
 import hil.files.durable
 import hil.records.blocks
 import hil.records.journal
-from hil.files.durable import Disk, RealDisk
+from hil.files.durable import RealDisk
 from hil.records import SqliteJournal, ledger
 from hil.records import schema as journal_schema
 from procedures.journal_protocol import StepResult
@@ -34,7 +34,7 @@ def no_folder_fsync() -> None:
 def rename_before_fsync() -> None:
     """Give a block its name before its bytes are safe."""
 
-    def write_durably(disk: Disk, path: Path, data: bytes) -> None:
+    def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
         partial = path.with_name(f"{hil.files.durable.PARTIAL}{path.name}")
         partial.write_bytes(data)
         disk.rename(partial, path)
@@ -49,7 +49,7 @@ def rename_after_commit() -> None:
     """Commit the names of blocks before the blocks have them."""
     waiting: list[tuple[Path, Path]] = []
 
-    def write_durably(disk: Disk, path: Path, data: bytes) -> None:
+    def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
         partial = path.with_name(f"{hil.files.durable.PARTIAL}{path.name}")
         disk.write(partial, data)
         waiting.append((partial, path))

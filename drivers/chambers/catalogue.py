@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from drivers.chambers.chamber import Chamber, ChamberLimits, SafeState
+from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
@@ -75,7 +75,7 @@ class ChamberDriver:
 
     title: str
     line: SerialLine
-    build: Callable[[Transport, Clock, ChamberOptions], Chamber]
+    build: Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
     dead_man: bool = False
 
 
@@ -106,7 +106,7 @@ def _built(
     return build
 
 
-def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> Chamber:
+def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
     if options.description is None:
         raise ValueError("a box needs its description")
     return supervised(SetpointBox(transport, clock, load_box(options.description)), clock, options)

@@ -63,6 +63,10 @@ class Chamber(Protocol):
     def limits(self) -> ChamberLimits:
         """The limits given by the bench file."""
 
+    @property
+    def wear_warning(self) -> str | None:
+        """What is to be said about the wear of the memory that its setpoints are kept in, None for nothing."""
+
     def identify(self) -> ChamberIdentity:
         """Ask who is there and in which unit it speaks; raise `WrongDevice` where the bench file says otherwise."""
 

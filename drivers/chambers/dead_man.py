@@ -6,7 +6,7 @@ dead_man.renew()        # at every look: arms again when a quarter of the time h
 dead_man.rest()         # from the safe state on nobody renews it
 """
 
-from drivers.chambers.controller import Controller, DeadManController
+from drivers.chambers.controller import Controller
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 
@@ -32,7 +32,7 @@ class DeadMan:
             return
         controller = self._controller
         try:
-            if not (isinstance(controller, DeadManController) and controller.arm_dead_man(self._seconds)):
+            if not controller.arm_dead_man(self._seconds):
                 missing = f"{controller.device} has no timer of its own"
                 raise CommandRefused(f"{missing}; take dead_man out of the bench file")
         except (CommandRefused, ProtocolError):

@@ -12,10 +12,9 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from drivers.chambers.chamber import Chamber, ChamberIdentity, ChamberReading, SafeState
-from drivers.chambers.controller import RampingController
+from drivers.chambers.chamber import ChamberIdentity, ChamberReading, SafeState
 from drivers.chambers.setpoints import clamped
-from drivers.chambers.wear import wear_of
+from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import Clock
 
 _LEAST_STEP_DEGC = 0.5
@@ -36,7 +35,7 @@ class RampedChamber:
     other setpoint (somebody at the panel) is given as it is. Raises `ValueError` for a rate that is not positive.
     """
 
-    def __init__(self, chamber: Chamber, clock: Clock, *, degC_per_min: float) -> None:
+    def __init__(self, chamber: SupervisedChamber, clock: Clock, *, degC_per_min: float) -> None:
         if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
             raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
         self._chamber = chamber
@@ -56,7 +55,7 @@ class RampedChamber:
     @property
     def wear_warning(self) -> str | None:
         """What the chamber itself says about the wear of its memory."""
-        return wear_of(self._chamber)
+        return self._chamber.wear_warning
 
     def identify(self) -> ChamberIdentity:
         """Ask who is there."""
@@ -66,8 +65,7 @@ class RampedChamber:
         """Prepare the chamber, and let it ramp by itself where it can."""
         self._target = None
         self._chamber.prepare()
-        if isinstance(self._chamber, RampingController):
-            self.native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
+        self.native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
 
     def read(self) -> ChamberReading:
         """Read, and move a running ramp on where a step is due."""

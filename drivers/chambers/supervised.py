@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
-from drivers.chambers.controller import Controller, ControllerState, RampingController, Which
+from drivers.chambers.controller import Controller, ControllerState, Which
 from drivers.chambers.dead_man import DeadMan
 from drivers.chambers.native_limits import NativeLimits
 from drivers.chambers.reading_watch import ReadingWatch
@@ -191,8 +191,6 @@ class SupervisedChamber:
         """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
         if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
             raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
-        if not isinstance(self._controller, RampingController):
-            return False
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 
@@ -227,16 +225,17 @@ class SupervisedChamber:
 
     def _believable(self) -> ControllerState:
         """Look until the temperature can be true, a bounded number of times: one glitch must not end a night."""
-        for attempt in range(1, _ATTEMPTS + 1):
+        left = _ATTEMPTS
+        while True:
+            left -= 1
             state = self._state()
             driven_to = state.setpoint if state.mode == "CONSTANT" else None
             try:
                 self._watch.accept(self._clock.now(), state.temperature, driven_to_degC=driven_to)
                 return state
             except SensorFault:
-                if attempt == _ATTEMPTS:
+                if not left:
                     raise
-        raise ValueError("a reading needs at least one attempt")
 
     def _begin(self) -> None:
         """Begin an operation: from its deadline on nothing more is asked."""

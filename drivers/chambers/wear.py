@@ -43,9 +43,3 @@ class WriteWear:
             f"{what} was written {count} times; at this rate a memory of {ENDURANCE_WRITES} writes is worn out in "
             f"{nights:.0f} nights: use the controller's own ramp, or larger steps"
         )
-
-
-def wear_of(device: object) -> str | None:
-    """Return the wear warning of a device that counts its writes, None for one that does not."""
-    warning = getattr(device, "wear_warning", None)
-    return warning if isinstance(warning, str) else None

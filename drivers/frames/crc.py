@@ -160,22 +160,13 @@ def residue_test(kind: CrcKind, start: int, end: int) -> Callable[[bytes], bool]
     order in which its bits leave the register.
     """
     natural = "little" if kind.refout else "big"
-    if kind.refin != kind.refout or kind.stored != natural or -(end - start) % kind.pad_to:
+    register = _compiled_register(kind)
+    if register is None or kind.refin != kind.refout or kind.stored != natural or -(end - start) % kind.pad_to:
         return None
     sample = bytes(end - start)
-    sample += message_crc(kind, sample).to_bytes(kind.size, natural)
+    residue = register(sample + message_crc(kind, sample).to_bytes(kind.size, natural))
     covered = slice(start, end + kind.size)
-    if kind.width == 16 and kind.poly == _CCITT and not kind.refin:
-        residue = crc_hqx(sample, kind.init)
-        return lambda frame: crc_hqx(frame[covered], kind.init) == residue
-    if kind.width != 32 or kind.poly != _IEEE:
-        return None
-    begin = _reflect(kind.init, 32) ^ 0xFFFFFFFF
-    if kind.refin:
-        residue = zlib.crc32(sample, begin)
-        return lambda frame: zlib.crc32(frame[covered], begin) == residue
-    residue = zlib.crc32(sample.translate(REVERSED_BITS), begin)
-    return lambda frame: zlib.crc32(frame[covered].translate(REVERSED_BITS), begin) == residue
+    return lambda frame: register(frame[covered]) == residue
 
 
 def _table_register(kind: CrcParameters) -> Callable[[bytes], int]:

@@ -17,7 +17,7 @@ from drivers.frames.scan import Scanner
 from drivers.frames.scan_result import Group, Scan, Standing
 from drivers.frames.sequence import FrameSequence
 
-_FEW = 1024  # bytes below which, and as many more for every frame type, looking at frames one by one is faster
+_FEW = 4096  # bytes below which looking at frames one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 
@@ -50,13 +50,13 @@ class StreamDecoder:
         ]
         self._taken = {part for each in self._joined for part in each.parts}
         longest = max(family.longest for family in plain)
-        self._few_bytes = _FEW * (4 + len(plain))
-        self._clean_bytes = self._few_bytes // 8
         self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)), 4 * LONGEST)
+        self._few_bytes, self._least_bytes = _FEW, max(_FEW, 4 * (longest + len(self._delimiter)))
+        self._run_bytes = self._piece_bytes  # of the last frames without a flaw; the next ones probably go on as long
+        self._runs, self._stretch_bytes = True, self._least_bytes  # whether, else how far not, runs are looked for
         self._rest = b""
         self._position = 0  # of the first byte of the rest, in the stream
         self._standing = Standing()
-        self._flawless = True  # the last piece was; the next one probably is
         self._last_arrival_s = 0.0
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
@@ -95,8 +95,7 @@ class StreamDecoder:
             end = min(at + self._piece_bytes, len(buffer))
             if self._delimiter and self._delimited is None and not self._look_for_delimiter(buffer, at, end, give_up):
                 break
-            last = give_up and end == len(buffer)
-            scan = self._scan(buffer, at, end, last=last)
+            scan = self._scan(buffer, at, end, give_up=give_up)
             scans.append((at, scan))
             at += scan.stop
             self._standing = scan.standing
@@ -104,7 +103,7 @@ class StreamDecoder:
                 at += len(self._delimiter)
                 delimiters += len(self._delimiter)
                 self._delimited = True
-            elif scan.waits and end == len(buffer):  # for bytes that have not arrived
+            elif scan.waits:  # for bytes that have not arrived
                 if not give_up:
                     break
                 reach = scan.waiting_end - scan.stop
@@ -127,23 +126,25 @@ class StreamDecoder:
         self._delimited = behind == self._delimiter
         return True
 
-    def _scan(self, buffer: bytes, at: int, end: int, *, last: bool) -> Scan:
+    def _scan(self, buffer: bytes, at: int, end: int, *, give_up: bool) -> Scan:
+        """Look at what lies between two places, or at a part of it; it waits only where more is to arrive."""
         if self._packets is not None:
-            return self._packets.scan(buffer[at:end], self._standing, last=last)
-        scanner = self._delimited_scanner if self._delimited else self._scanner
-        size = end - at
-        piece = np.frombuffer(buffer, np.uint8, size, at)
-        if self._flawless and size >= self._clean_bytes:
-            clean = scanner.scan_clean(piece, self._standing)
-            if clean is not None:
-                return clean
-        if size < self._few_bytes:
-            scan = scanner.scan_few(buffer[at:end], self._standing, last=last)
+            scan = self._packets.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
         else:
-            scan = scanner.scan_many(piece, self._standing, last=last)
-        forms = sum(map(len, scan.found))
-        if forms:  # the beginning of a frame tells nothing
-            self._flawless = forms == 1 and scan.resyncs == 0
+            scanner = self._delimited_scanner if self._delimited else self._scanner
+            clean = None
+            if self._runs and end - at >= self._few_bytes:
+                clean = scanner.scan_clean(buffer[at : min(end, at + 2 * self._run_bytes)], self._standing)
+            self._runs = clean is None or clean.stop >= self._few_bytes
+            if clean is not None:
+                # Where runs are short, looking for them costs more than looking at frames one by one.
+                longer = min(2 * self._stretch_bytes, self._piece_bytes)
+                self._stretch_bytes = self._least_bytes if self._runs else longer
+                self._run_bytes = max(clean.stop, self._least_bytes)
+                return clean
+            end = min(end, at + self._stretch_bytes)
+            scan = scanner.scan_few(buffer[at:end], self._standing, last=give_up and end == len(buffer))
+        scan.waits &= end == len(buffer)
         return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int, last: bool) -> Decoded:

@@ -1,7 +1,5 @@
 """Frame types made ready for work: which frame begins here, how long is it, is it good, and what form has it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 
@@ -10,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.frames.description import StreamDescription
 from drivers.frames.items import Item, ItemsDescription
-from drivers.frames.layout import FrameLayout, IntArray, TextLayout
+from drivers.frames.layout import FrameLayout, TextLayout
 from drivers.frames.lengths import LengthDescription
 from drivers.frames.text_frames import TextDescription
 from drivers.frames.wire import Rows
@@ -25,19 +23,8 @@ class Flaw(IntEnum):
     DELIMITER = 1
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """About n candidates of one length: which checksums and delimiters match, (n,), and the forms of the good ones."""
-
-    sums_match: NDArray[np.bool_]
-    ends_match: NDArray[np.bool_]
-    forms: Sequence[tuple[FrameLayout, NDArray[np.bool_]]]
-
-
 class FrameFamily:
     """One frame type of fixed length. `delimiter` is what follows each frame beyond what the description counts."""
-
-    steady = True  # every frame has the same length
 
     def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
         self.name = name
@@ -49,8 +36,8 @@ class FrameFamily:
         self.delimiter = delimiter or self.description.delimiter
         self._stream = description
         self._extra = len(delimiter)
-        self._alike = lru_cache(_MOST_FORMS)(self._layout)
-        self.shortest_layout = self._alike(self.shortest)
+        self._layout_of = lru_cache(_MOST_FORMS)(self._layout)
+        self.shortest_layout = self._layout_of(self.shortest)
 
     def _layout(self, length: int) -> FrameLayout:
         """Return the layout of frames of this length, with the fields at fixed places."""
@@ -63,38 +50,19 @@ class FrameFamily:
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
-        if not self.shortest_layout.checksum.matches(frame):
+        layout = self._layout_of(len(frame))
+        if not layout.checksum.matches(frame):
             return Flaw.CHECKSUM
-        return self.shortest_layout if frame.endswith(self.delimiter) else Flaw.DELIMITER
+        return layout if frame.endswith(self.delimiter) else Flaw.DELIMITER
 
-    def forms(self, rows: Rows) -> Verdict:
-        """Return the verdict about n whole frames of one length, shape (n, length)."""
-        sums, ends = self.shortest_layout.checksum.matches_rows(rows), self.ends_match(rows)
-        return Verdict(sums, ends, [(self.shortest_layout, sums & ends)])
-
-    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the frames at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
-        del piece
-        return np.full(len(places), self.shortest)
-
-    def _told(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the same, one by one."""
-        data = piece.tobytes()
-        told = [self.length_of(data, int(place)) for place in places]
-        return np.array([-1 if length is None else length for length in told], np.int64)
-
-    def ends_match(self, rows: Rows) -> NDArray[np.bool_]:
-        """Tell which of n frames end with their delimiter, shape (n,)."""
-        size = len(self.delimiter)
-        if not size:
-            return np.ones(len(rows), np.bool_)
-        return np.asarray((rows[:, -size:] == np.frombuffer(self.delimiter, np.uint8)).all(axis=1))
+    def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
+        """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
+        ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
+        return np.asarray(layout.checksum.matches_rows(rows) & ends.all(axis=1))
 
 
 class VaryingFamily(FrameFamily):
     """A frame type whose length stands in the frame, perhaps with items."""
-
-    steady = False
 
     def __init__(
         self, description: StreamDescription, name: str, length: LengthDescription | None, delimiter: bytes = b""
@@ -110,62 +78,20 @@ class VaryingFamily(FrameFamily):
         length = self._length.of(data, start)
         return length + self._extra if length else length
 
-    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the frames at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
-        found = self._length
-        if found is None:
-            return np.full(len(places), self.shortest)
-        if found.type != "u8" or (found.extended is not None and len(places) < 8):
-            return self._told(piece, places)
-        lengths = np.full(len(places), -1)
-        there = places + found.at < len(piece)
-        numbers = piece[places[there] + found.at].astype(np.int64)
-        whole = numbers + found.plus
-        whole = np.where((whole >= found.shortest) & (whole <= found.longest), whole + self._extra, 0)
-        if found.extended is not None:
-            data = b""
-            for each in np.flatnonzero(numbers == found.extended.mark):
-                data = data or piece.tobytes()
-                told_length = self.length_of(data, int(places[there][each]))
-                whole[each] = -1 if told_length is None else told_length
-        lengths[there] = whole
-        return lengths
-
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
-        base = self._alike(len(frame))
-        if not base.checksum.matches(frame):
-            return Flaw.CHECKSUM
-        if not frame.endswith(self.delimiter):
-            return Flaw.DELIMITER
-        items = self.description.items
-        return base if items is None else self._with_items(frame, base, items) or Flaw.CHECKSUM
+        base, items = super().form(frame), self.description.items
+        if isinstance(base, Flaw) or items is None:
+            return base
+        return self._with_items(frame, base, items) or Flaw.CHECKSUM
 
-    def forms(self, rows: Rows) -> Verdict:
-        """Return the verdict about n whole frames of one length, shape (n, length)."""
-        base = self._alike(rows.shape[1])
-        sums, ends = base.checksum.matches_rows(rows), self.ends_match(rows)
-        items = self.description.items
-        if items is None:
-            return Verdict(sums, ends, [(base, sums & ends)])
-        forms, rest = [], sums & ends
-        while rest.any():
-            frame = rows[int(np.argmax(rest))].tobytes()
-            layout = self._with_items(frame, base, items)
-            walked = items.walk(frame, self._begin(frame, items), self._end(base)) or []
-            at = np.array([byte for item in walked for byte in range(item.at, item.data)], np.int64)
-            if layout is None:  # this frame alone is known to be wrong
-                alike = np.zeros(len(rows), np.bool_)
-                alike[int(np.argmax(rest))] = True
-                sums = sums & ~alike
-            else:
-                model = np.frombuffer(frame, np.uint8)
-                alike = rest & (rows[:, at] == model[at]).all(axis=1)
-                if items.extended_begin is not None and isinstance(self._length, LengthDescription):
-                    alike &= rows[:, self._length.at] == model[self._length.at]
-                forms.append((layout, alike))
-            rest = rest & ~alike
-        return Verdict(sums, ends, forms)
+    def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
+        """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
+        frame, items = rows[0].tobytes(), self.description.items
+        walked = items.walk(frame, self._begin(frame, items), self._end(layout)) if items is not None else None
+        same = [byte for item in walked or () for byte in range(item.at, item.data)]  # what tells the form
+        same += self._length.places if self._length is not None else []
+        return np.asarray(super().alike(rows, layout) & (rows[:, same] == rows[0, same]).all(axis=1))
 
     def _begin(self, frame: bytes, items: ItemsDescription) -> int:
         length = self._length
@@ -182,7 +108,7 @@ class VaryingFamily(FrameFamily):
         return None if walked is None else self._filled(len(frame), tuple(walked))
 
     def _layout_of_items(self, length: int, walked: tuple[Item, ...]) -> FrameLayout:
-        base, items = self._alike(length), self.description.items
+        base, items = self._layout_of(length), self.description.items
         fields, offsets = dict(base.fields), dict(base.offsets)
         for name, field, offset in items.placed(walked) if items is not None else ():
             fields[name], offsets[name] = field, offset
@@ -193,8 +119,6 @@ class VaryingFamily(FrameFamily):
 
 class TextFamily(FrameFamily):
     """Lines of text. They are few, and looked at one by one."""
-
-    steady = False
 
     def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
         self._text, self._tokens = text, text.tokens(description.frames[name].fields)
@@ -207,21 +131,17 @@ class TextFamily(FrameFamily):
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
         return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
 
-    def lengths(self, piece: NDArray[np.uint8], places: IntArray) -> IntArray:
-        """Return the lengths of the lines at `places`, (n,): 0 where there is none, −1 where it is not told yet."""
-        return self._told(piece, places)
-
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole line, or what is wrong with it."""
         text, header = self._text, len(self.headers[0])
         good = text.is_good(frame, self.delimiter)
         good = good and text.cells(frame, header, self.delimiter, self._tokens) is not None
-        return self._alike(len(frame)) if good else Flaw.CHECKSUM
+        return self._layout_of(len(frame)) if good else Flaw.CHECKSUM
 
-    def forms(self, rows: Rows) -> Verdict:
-        """Return the verdict about n whole lines of one length, shape (n, length)."""
-        good = np.array([isinstance(self.form(row.tobytes()), FrameLayout) for row in rows], np.bool_)
-        return Verdict(good, np.ones(len(rows), np.bool_), [(self._alike(rows.shape[1]), good)])
+    def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
+        """Tell that the first of n stretches, (n, length), is a line: of the others nothing is looked at."""
+        del layout
+        return np.asarray(np.arange(len(rows)) == 0)
 
 
 def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[FrameFamily]:

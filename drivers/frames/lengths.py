@@ -57,6 +57,13 @@ class LengthDescription(Described):
             return self.most
         return min(LONGEST, (1 << 8 * _SIZES[self.type]) - 1 + self.plus)
 
+    @property
+    def places(self) -> list[int]:
+        """The bytes of a frame that tell its length."""
+        places = list(range(self.at, self.at + _SIZES[self.type]))
+        longer = self.extended
+        return places if longer is None else [*places, *range(longer.at, longer.at + _SIZES[longer.type])]
+
     def of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
         end = start + self.at + _SIZES[self.type]

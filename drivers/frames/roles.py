@@ -6,16 +6,14 @@ silently.
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Protocol
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-
-class _Role(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from drivers.frames.fields import FieldDescription
+from drivers.frames.notation import Described
 
 
-class AtRest(_Role):
+class AtRest(Described):
     """What the rates of a sound unit at rest are: within `full_scale`, within `bias` of zero, and as noisy as this.
 
     A data sheet's figures in deg/hr and deg/sqrt(hr); those that are not given are not looked at.
@@ -26,8 +24,14 @@ class AtRest(_Role):
     angle_random_walk_deg_per_root_hr: float | None = Field(default=None, gt=0.0)
 
 
-class SensorRole(_Role):
-    """One sensor: channel to field (deg/hr), axis to field (g), its own temperature field (degC), its conditions."""
+class SensorRole(Described):
+    """Which decoded fields belong to one sensor.
+
+    `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
+    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
+    campaign columns that belong to this sensor alone (`spin_period_us`) to field names. `at_rest` says what the rates
+    of a sound unit are.
+    """
 
     rates: dict[str, str] = Field(min_length=1)
     at_rest: AtRest = AtRest()
@@ -36,7 +40,7 @@ class SensorRole(_Role):
     conditions: dict[str, str] = Field(default_factory=dict)
 
 
-class IndexRole(_Role):
+class IndexRole(Described):
     """How the stream tells the collect position: the field with its code, and the status bits around a move."""
 
     position: str
@@ -46,7 +50,7 @@ class IndexRole(_Role):
     rejected: str | None = None
 
 
-class IdentityRole(_Role):
+class IdentityRole(Described):
     """The frame that says who the unit is, with its text fields; or, without a frame, a model name from here."""
 
     frame: str | None = None
@@ -55,7 +59,7 @@ class IdentityRole(_Role):
     firmware: str | None = None
 
 
-class Roles(_Role):
+class Roles(Described):
     """All roles. `frame` is the frame type that carries the samples; `conditions` maps campaign columns to fields."""
 
     frame: str
@@ -65,18 +69,9 @@ class Roles(_Role):
     identity: IdentityRole | None = None
 
 
-class _HasUnit(Protocol):
-    @property
-    def unit(self) -> str: ...
-
-    @property
-    def type(self) -> str: ...
-
-    @property
-    def is_text(self) -> bool: ...
-
-
-def check_roles(roles: Roles, frames: Mapping[str, Mapping[str, _HasUnit]], bits: Mapping[str, Iterable[str]]) -> None:
+def check_roles(
+    roles: Roles, frames: Mapping[str, Mapping[str, FieldDescription]], bits: Mapping[str, Iterable[str]]
+) -> None:
     """Raise `ValueError` naming the key of a role that points to no field, or to one in another unit.
 
     `frames` maps frame name to its fields, `bits` frame name to the names of its status bits.
@@ -102,7 +97,9 @@ def check_roles(roles: Roles, frames: Mapping[str, Mapping[str, _HasUnit]], bits
         _check_identity(roles.identity, roles.identity.frame, frames)
 
 
-def _check_fields(place: str, wanted: Mapping[str, str], fields: Mapping[str, _HasUnit], unit: str | None) -> None:
+def _check_fields(
+    place: str, wanted: Mapping[str, str], fields: Mapping[str, FieldDescription], unit: str | None
+) -> None:
     for key, name in wanted.items():
         if name not in fields or fields[name].is_text:
             raise ValueError(f"{place}.{key}: there is no numeric field {name!r} in the sample frame")
@@ -111,7 +108,7 @@ def _check_fields(place: str, wanted: Mapping[str, str], fields: Mapping[str, _H
             raise ValueError(f"{place}.{key}: field {name!r} has {given}; scale it to {unit} and say so in its unit")
 
 
-def _check_identity(identity: IdentityRole, frame: str, frames: Mapping[str, Mapping[str, _HasUnit]]) -> None:
+def _check_identity(identity: IdentityRole, frame: str, frames: Mapping[str, Mapping[str, FieldDescription]]) -> None:
     if frame not in frames:
         raise ValueError(f"roles.identity.frame: there is no frame {frame!r}")
     for key in ("model", "serial", "firmware"):

@@ -1,5 +1,5 @@
 """A unit as a stream of decoded samples on the bench's clock."""
 
-from drivers.imu.samples import Imu, ImuIdentity, SampleBlock, SensorChannels
+from drivers.imu.samples import ImuIdentity, SampleBlock
 
-__all__ = ["Imu", "ImuIdentity", "SampleBlock", "SensorChannels"]
+__all__ = ["ImuIdentity", "SampleBlock"]

@@ -1,14 +1,13 @@
-"""The IMU as procedures see it: a stream of decoded sample blocks, and an index that can be commanded."""
+"""What a unit gives: who it is, and its stream as blocks of decoded samples."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.counts import StreamCounts
-from drivers.frames.roles import AtRest
+from drivers.frames.roles import SensorRole
 
 FloatArray = NDArray[np.float64]
 
@@ -44,24 +43,7 @@ class ImuIdentity:
         return " ".join(part for part in (self.model, serial, self.firmware) if part)
 
 
-@dataclass(frozen=True)
-class SensorChannels:
-    """Which decoded fields belong to one sensor.
-
-    `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
-    to field name, g; `temperature` is the unit's own sensor, °C, or None where there is none. `conditions` maps the
-    campaign columns that belong to this sensor alone (`spin_period_us`) to field names. `at_rest` says what the rates
-    of a sound unit are.
-    """
-
-    rates: Mapping[str, str]
-    accelerations: Mapping[str, str] = field(default_factory=dict)
-    temperature: str | None = None
-    conditions: Mapping[str, str] = field(default_factory=dict)
-    at_rest: AtRest = field(default_factory=AtRest)
-
-
-def rate_fields(sensors: Mapping[int, SensorChannels]) -> Mapping[str, str]:
+def rate_fields(sensors: Mapping[int, SensorRole]) -> Mapping[str, str]:
     """Return the field of every rate, by sensor and channel as people see them: "2.RA"."""
     return {f"{number}.{channel}": name for number, each in sensors.items() for channel, name in each.rates.items()}
 
@@ -74,39 +56,3 @@ def rate_means(block: SampleBlock, fields: Mapping[str, str]) -> Iterator[tuple[
             values = values[np.isfinite(values)]
             if len(values):
                 yield label, float(values.mean()), len(values)
-
-
-class Imu(Protocol):
-    """A unit that streams. Sensors are numbered as in the bench file (the report's sensor 2 is 2)."""
-
-    @property
-    def sensors(self) -> Mapping[int, SensorChannels]:
-        """The decoded fields, by sensor."""
-
-    @property
-    def conditions(self) -> Mapping[str, str]:
-        """Fields that are neither rates nor accelerations: campaign column name to field name."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """The nominal rate of the stream."""
-
-    @property
-    def port(self) -> str:
-        """The port behind which it is."""
-
-    @property
-    def unsure(self) -> bool:
-        """Whether its stream was lost since it was identified, so that another unit may be there."""
-
-    def identify(self) -> ImuIdentity:
-        """Ask or wait for the unit's identity; raise `DeviceTimeout` where no good frame arrives."""
-
-    def read_block(self) -> SampleBlock:
-        """Decode what has arrived since the last call; never waits, perhaps empty."""
-
-    def discard(self) -> StreamCounts:
-        """Throw away what has arrived, so that stale bytes are no part of what follows."""
-
-    def close(self) -> None:
-        """Release the port."""

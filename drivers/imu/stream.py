@@ -17,8 +17,9 @@ from drivers.frames.batch import Decoded, FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription
+from drivers.frames.roles import SensorRole
 from drivers.imu.sample_clock import SampleClock
-from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock, SensorChannels
+from drivers.imu.samples import FloatArray, ImuIdentity, SampleBlock
 from drivers.transports import Transport
 from drivers.transports.live_reader import LiveReader
 
@@ -48,8 +49,9 @@ class IndexStatus:
 
 
 class StreamImu:
-    """A `drivers.imu.Imu` over a transport.
+    """A unit that streams over a transport. Sensors are numbered as in the bench file (the report's sensor 2 is 2).
 
+    `conditions` maps campaign columns to fields that are neither rates nor accelerations.
     `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
     says about the unit: where its model or serial number is given, `identify` refuses another. Raises `ValueError` for
     a description without roles.
@@ -85,12 +87,7 @@ class StreamImu:
         self.index_status: IndexStatus | None = None  # of the newest good frame, where frames tell it
         self.port = transport.name
         self.conditions: Mapping[str, str] = description.roles.conditions
-        self.sensors: Mapping[int, SensorChannels] = {
-            number: SensorChannels(
-                sensor.rates, sensor.accelerations, sensor.temperature, sensor.conditions, sensor.at_rest
-            )
-            for number, sensor in self._roles.sensors.items()
-        }
+        self.sensors: Mapping[int, SensorRole] = description.roles.sensors
 
     def read_block(self) -> SampleBlock:
         """Decode what has arrived since the last call; never waits, perhaps empty."""

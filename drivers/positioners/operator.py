@@ -5,17 +5,15 @@ positioner.move_to("1", timeout_s=600.0)
 """
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceError, DeviceTimeout
 
+AskOperator = Callable[[str, float], bool | None]
+"""Puts a question to the operator: on a terminal, a dashboard, or in a test. Takes it and how many seconds there are.
 
-class AskOperator(Protocol):
-    """Puts a question to the operator: on a terminal, a dashboard, or in a test."""
-
-    def __call__(self, question: str, timeout_s: float) -> bool | None:
-        """Return True where the operator confirms, False where they refuse, None where no answer came in time."""
+Returns True where the operator confirms, False where they refuse, None where no answer came in time.
+"""
 
 
 class OperatorPositioner:

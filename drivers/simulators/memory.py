@@ -8,12 +8,12 @@ Under a virtual clock a read that must wait jumps to the moment at which the dev
 from drivers.clock import Clock
 from drivers.errors import TransportError
 from drivers.simulators import SimulatedDevice
-from drivers.transports.buffered import BufferedTransport
+from drivers.transports import Transport
 
 _LEAST_WAIT_S = 1e-6  # moves the clock on even where adding the exact time is lost to rounding
 
 
-class MemoryTransport(BufferedTransport):
+class MemoryTransport(Transport):
     """A `Transport` whose far end is `device`. Nothing runs between calls."""
 
     def __init__(self, device: SimulatedDevice, clock: Clock, name: str) -> None:

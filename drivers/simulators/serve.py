@@ -15,7 +15,7 @@ import threading
 import tty
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Protocol, Self
+from typing import Self
 
 from drivers.clock import Clock
 from drivers.simulators import SimulatedDevice
@@ -27,26 +27,11 @@ _MOST_WAITING = 1 << 20  # bytes kept for a client that does not read
 _READ_SIZE = 65536
 
 
-class _Line(Protocol):
-    """The far end of one device's line. Descriptors are never blocking."""
-
-    url: str
-
-    def readable(self) -> list[int]:
-        """Return the descriptors to wait for."""
-
-    def receive(self, now_s: float) -> bytes:
-        """Return what the client sent, perhaps nothing."""
-
-    def send(self, data: bytes) -> None:
-        """Pass on what the device sent, as far as the client takes it; keep the rest, drop all without a client."""
-
-    def close(self) -> None:
-        """Release everything."""
-
-
 class _PtyLine:
-    """A pseudo-terminal. The client's end is not held open here, so that the system tells whether a client is there."""
+    """A pseudo-terminal. The client's end is not held open here, so that the system tells whether a client is there.
+
+    `send` passes on what the client takes and keeps the rest, or drops all without a client. Nothing ever blocks.
+    """
 
     def __init__(self) -> None:
         self._master, slave = os.openpty()
@@ -87,7 +72,7 @@ class _PtyLine:
 
 
 class _TcpLine:
-    """A listening TCP port with one client at a time, as serial servers have it; a new client replaces the old."""
+    """The same on a TCP port with one client at a time, as serial servers have it; a new client replaces the old."""
 
     def __init__(self, host: str, port: int) -> None:
         self._listener = socket.create_server((host, port))
@@ -159,7 +144,7 @@ class DeviceServer:
     ) -> None:
         self._devices = dict(devices)
         self._clock = clock
-        self._lines: dict[str, _Line] = {}
+        self._lines: dict[str, _PtyLine | _TcpLine] = {}
         self._thread: threading.Thread | None = None
         self._failure: BaseException | None = None
         self._stopping = False

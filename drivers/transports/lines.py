@@ -9,13 +9,11 @@ whether it was carried out, so its sender must read back.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+from drivers.errors import DeviceTimeout, ProtocolError, TransportError
+from drivers.transports.asking import Reply, asked
 from drivers.transports.transport import Transport
-
-Reply = TypeVar("Reply")
 
 _LONGEST_LINE = 512  # bytes; what is longer is noise
 _SHOWN = 40  # bytes of it in a message
@@ -68,17 +66,8 @@ class LineExchange:
         """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
 
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
-        A refusal is asked again too: noise on the line turns a good request into an unknown one; and so is a port that
-        failed, because a transport opens it again where it can. Raises `ValueError` where `attempts` is less than one.
         """
-        attempts = self._timing.attempts
-        for attempt in range(1, attempts + 1):
-            try:
-                return self._ask(request, parse)
-            except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
-                if attempt == attempts:
-                    raise type(error)(f"{error} (asked {attempts} times)") from error
-        raise ValueError("a read needs at least one attempt")
+        return asked(lambda: self._ask(request, parse), self._timing.attempts)
 
     def command(self, request: str, accept: Callable[[str], bool]) -> bool:
         """Send `request` once; return whether it was acknowledged before the deadline.

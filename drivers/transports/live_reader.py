@@ -12,11 +12,10 @@ reads, after the bytes that arrived before it, and on every call while it lasts.
 
 import threading
 from collections import deque
-from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import TransportError
-from drivers.transports.buffered import BufferedTransport
+from drivers.transports.serial_port import SerialTransport
 from drivers.transports.transport import Transport
 
 _MOST_BYTES = 1 << 24  # three minutes of 2000 frames per second of 40 bytes
@@ -26,16 +25,12 @@ _GATHERED = 2048  # bytes of a read after which the next follows at once
 _REOPEN_S = 0.25  # between attempts to open a port that failed
 
 
-class LiveReader(BufferedTransport):
-    """A `drivers.transports.transport.Transport` that drains `port` in a thread of its own until it is closed.
+class LiveReader(Transport):
+    """A `Transport` that drains `port` in a thread of its own until it is closed, and sleeps while none arrive."""
 
-    A port that can `wait(timeout_s)` for bytes, as a serial port can, costs nothing while none arrive.
-    """
-
-    def __init__(self, port: Transport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
+    def __init__(self, port: SerialTransport, clock: Clock, *, most_bytes: int = _MOST_BYTES) -> None:
         super().__init__(port.name, clock)
         self._port = port
-        self._wait: Any = getattr(port, "wait", None)
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
         self._queue: deque[bytes | TransportError] = deque()
@@ -102,10 +97,7 @@ class LiveReader(BufferedTransport):
 
     def _next(self) -> bytes:
         """Return what arrives next, within the time between two looks."""
-        if self._wait is not None:
-            return self._port.read_available() if self._wait(_LOOK_S) else b""
-        first = self._port.read(1, _LOOK_S)
-        return first + self._port.read_available() if first else b""
+        return self._port.read_available() if self._port.wait(_LOOK_S) else b""
 
     def _bound(self) -> None:
         """Drop the oldest bytes that are too many, and no failure among them."""

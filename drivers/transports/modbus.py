@@ -15,7 +15,7 @@ reply up to `timeout_s + late_s` late is never taken for another. Modbus TCP has
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -27,11 +27,11 @@ from pymodbus.pdu.register_message import (
 )
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
+from drivers.transports.asking import Reply, asked
 from drivers.transports.transport import Transport
 
 Framing = Literal["rtu", "tcp"]
-Reply = TypeVar("Reply")
 
 _MEANINGS = {
     1: "it does not know this function: check that the bench file names the right controller",
@@ -86,15 +86,8 @@ class ModbusExchange:
         return self.query(address, count, lambda registers: registers)
 
     def query(self, address: int, count: int, parse: Callable[[list[int]], Reply]) -> Reply:
-        """Read registers until `parse` accepts them; raises as `read` does, and `ValueError` for no attempt at all."""
-        attempts = self._timing.attempts
-        for attempt in range(1, attempts + 1):
-            try:
-                return parse(self._read_once(address, count))
-            except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
-                if attempt == attempts:
-                    raise type(error)(f"{error} (asked {attempts} times)") from error
-        raise ValueError("a read needs at least one attempt")
+        """Read registers until `parse` accepts them; raises as `read` does."""
+        return asked(lambda: parse(self._read_once(address, count)), self._timing.attempts)
 
     def write(self, address: int, value: int) -> bool:
         """Send one register (function 6) once; return whether it was acknowledged.

@@ -22,7 +22,7 @@ from serial.tools import list_ports
 
 from drivers.clock import Clock
 from drivers.errors import TransportError
-from drivers.transports.buffered import BufferedTransport
+from drivers.transports.transport import Transport
 
 try:
     from termios import error as TerminalError  # noqa: N812 - pyserial lets it through, and it is no OSError
@@ -38,8 +38,8 @@ _READ_SIZE = 65536
 _MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that never stops cannot hold it for ever
 
 
-class SerialTransport(BufferedTransport):
-    """A `drivers.transports.transport.Transport` over pyserial. Deadlines are the injected clock's.
+class SerialTransport(Transport):
+    """A `Transport` over pyserial. Deadlines are the injected clock's.
 
     The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O). With
     `low_latency`, adapters that can are asked to pass bytes on at once instead of every 16 ms.

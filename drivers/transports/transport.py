@@ -4,30 +4,83 @@ Everything that talks to a device talks through a `Transport`, so a serial port,
 in memory are interchangeable.
 """
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+
+from drivers.clock import Clock
+from drivers.errors import DeviceTimeout
+
+_POLL_S = 0.002  # between looks while a read waits
+_SHOWN = 60  # bytes of what arrived in a message
 
 
-class Transport(Protocol):
-    """A two-way byte stream. Reads never block past their deadline; every failure is a `TransportError`."""
+def shown(data: bytes | bytearray) -> str:
+    """Return bytes as a message shows them: noise without end must not fill it."""
+    more = len(data) - _SHOWN
+    return repr(bytes(data)) if more <= 0 else f"{bytes(data[:_SHOWN])!r} and {more} bytes more"
 
-    @property
-    def name(self) -> str:
-        """The port as a person would name it: `/dev/ttyUSB0`, `socket://192.0.2.7:10001`, `sim://imu`."""
 
+class Transport(ABC):
+    """A two-way byte stream. Reads never block past their deadline, the clock's; every failure is a `TransportError`.
+
+    `name` is the port as a person would name it: `/dev/ttyUSB0`, `socket://192.0.2.7:10001`, `sim://imu`. A transport
+    says how bytes are written, and how what has come is added to `_arrived`.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self.name = name
+        self._clock = clock
+        self._arrived = bytearray()
+
+    @abstractmethod
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
 
+    @abstractmethod
+    def close(self) -> None:
+        """Release the port. Closing twice is allowed."""
+
+    @abstractmethod
+    def _fill(self) -> None:
+        """Take over what is there, without waiting; raise `TransportError` where there will be nothing."""
+
     def read_available(self) -> bytes:
         """Return what has already arrived, perhaps nothing; never waits."""
+        self._fill()
+        return self._take(len(self._arrived))
 
     def read(self, size: int, timeout_s: float) -> bytes:
         """Return `size` bytes, or fewer where `timeout_s` passed first."""
+        deadline_s = self._clock.now() + timeout_s
+        self._fill()
+        while len(self._arrived) < size and self._fill_before(deadline_s):
+            pass
+        return self._take(min(size, len(self._arrived)))
 
     def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
         """Return bytes up to and including `terminator`; raise `DeviceTimeout` naming what arrived instead."""
+        deadline_s = self._clock.now() + timeout_s
+        self._fill()
+        while terminator not in self._arrived:
+            if not self._fill_before(deadline_s):
+                raise DeviceTimeout(
+                    f"{self.name}: no {terminator!r} within {timeout_s:g} s; what arrived: {shown(self._arrived)}"
+                )
+        return self._take(self._arrived.index(terminator) + len(terminator))
 
     def drain(self) -> bytes:
         """Throw away and return what has arrived, so that a late reply cannot answer the next request."""
+        return self.read_available()
 
-    def close(self) -> None:
-        """Release the port. Closing twice is allowed."""
+    def _take(self, size: int) -> bytes:
+        data = bytes(self._arrived[:size])
+        del self._arrived[:size]
+        return data
+
+    def _fill_before(self, deadline_s: float) -> bool:
+        """Wait a little and fill; False, and nothing is done, where the deadline has passed."""
+        now_s = self._clock.now()
+        if now_s >= deadline_s:
+            return False
+        self._clock.sleep(min(_POLL_S, deadline_s - now_s))
+        self._fill()
+        return True

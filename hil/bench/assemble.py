@@ -7,13 +7,13 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -30,7 +30,7 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
-from drivers.transports.serial_port import existing_ports
+from drivers.transports.serial_port import SerialTransport, existing_ports
 from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
@@ -40,6 +40,8 @@ from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 from procedures.devices import BenchDevices
+
+_RAMP_LINE = SerialLine(115200)
 
 Unopened = Callable[[str, DeviceError], None]
 """Is told the key of the bench file whose port could not be opened, and why."""
@@ -214,33 +216,31 @@ class _Ports:
                 key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
             )
         else:
-            port = self._real(key, url, {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity})
+            port = self._real(key, url, line)
         self._opened.callback(port.close)
         return port
 
     def open_stream(self, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         """Open the IMU's port. A real one is drained by a thread from then on; a simulated one needs none."""
-        url = self._bench.imu.port
-        port = self.open("imu.port", url, line, device)
-        if url.startswith(SIMULATED_SCHEME) or isinstance(port, ClosedPort) or isinstance(self._clock, VirtualClock):
+        port = self.open("imu.port", self._bench.imu.port, line, device)
+        if not isinstance(port, SerialTransport) or isinstance(self._clock, VirtualClock):
             return port
         reader = LiveReader(port, self._clock)
         self._opened.callback(reader.close)
         return reader
 
-    def open_ramp(self, url: str, device: Callable[[], SimulatedDevice]) -> Transport:
-        """Open the chamber's second port, or what it simulates."""
-        if url.startswith(SIMULATED_SCHEME):
-            return MemoryTransport(device(), self._clock, url)
-        port = self._real("chamber.ramp_port", url, {})
-        self._opened.callback(port.close)
-        return port
-
-    def _real(self, key: str, url: str, line: Mapping[str, Any]) -> Transport:
+    def _real(self, key: str, url: str, line: SerialLine) -> Transport:
         try:
             release = port_lock(url)
             try:
-                return open_port(url, clock=self._clock, on_close=release, **line)
+                return open_port(
+                    url,
+                    clock=self._clock,
+                    baudrate=line.baud,
+                    bytesize=line.data_bits,
+                    parity=line.parity,
+                    on_close=release,
+                )
             except BaseException:
                 release()
                 raise
@@ -248,7 +248,7 @@ class _Ports:
             if self._unopened is None:
                 raise
             self._unopened(key, error)
-            return ClosedPort(url, error)
+            return ClosedPort(url, self._clock, error)
 
 
 def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
@@ -268,7 +268,9 @@ def _chamber(
 ) -> Chamber:
     section = bench.chamber
     port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
-    ramp_port = None if section.ramp_port is None else ports.open_ramp(section.ramp_port, lambda: simulated().ramp_port)
+    ramp_port = None
+    if section.ramp_port is not None:
+        ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
     options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,

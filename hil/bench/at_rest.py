@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.frames.roles import AtRest
-from drivers.imu import SampleBlock, SensorChannels
+from drivers.frames.roles import AtRest, SensorRole
+from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from hil.bench.assemble import LiveBench
 from hil.bench.finding import Finding
@@ -64,7 +64,7 @@ def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     yield from _pose(live, samples)
 
 
-def _seen(channels: SensorChannels, rests: Mapping[str, Rest], samples: SampleBlock) -> str:
+def _seen(channels: SensorRole, rests: Mapping[str, Rest], samples: SampleBlock) -> str:
     told = [", ".join(f"{name} {rest.mean:+.4g} (scatter {rest.sd:.2g})" for name, rest in rests.items()) + " deg/hr"]
     told.append(f"the earth rate is at most {EARTH_RATE_DEG_PER_HR:.2f}")
     shown = {axis: samples.fields[field] for axis, field in channels.accelerations.items() if field in samples.fields}

@@ -43,6 +43,7 @@ _KINDS = [*_CRC_KINDS, _CRC_KINDS[9] | {"pad_to": 4}, {"kind": "fletcher"}, {"ki
 _KINDS += [{"kind": "sum", "width": width, "negate": sign} for width in (16, 8) for sign in (False, True)]
 _WORDS = [{"word": 2, "word_order": order} for order in ("big", "little")]
 _KINDS += [{"kind": "sum", "width": 16, "negate": sign, **words} for words in _WORDS for sign in (False, True)]
+_RATE = ("_hz: 100\n", "_hz: 100  # TO DO: no recording tells it; write what the unit sends\n")
 _TRIED = 6  # places at which a frame may begin
 _CHECKSUM: TypeAdapter[ChecksumDescription] = TypeAdapter(ChecksumDescription)
 Bytes = NDArray[np.uint8]
@@ -68,7 +69,9 @@ def guess_file(path: Path) -> dict[str, Any]:
         "bytes": len(data),
         "fits": [{"description": name, "share": share, "frames": ok} for share, ok, name in fits],
         **{key: value for key, value in found.items() if key != "stream"},
-        "description": yaml.safe_dump(head | found["stream"], sort_keys=False) if "stream" in found else None,
+        "description": yaml.safe_dump(head | found["stream"], sort_keys=False).replace(*_RATE)
+        if "stream" in found
+        else None,
     }
 
 

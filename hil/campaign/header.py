@@ -23,11 +23,15 @@ OF_A_SENSOR = frozenset({"axes", "channels", "technology"})
 
 @dataclass(frozen=True)
 class Header:
-    """The checked contents of campaign.yaml: a `campaign` without its collects; `extra` are keys that are not known."""
+    """The checked contents of campaign.yaml: a `campaign` without its collects; `extra` are keys that are not known.
+
+    `series` says of how many collects series were written, 0 where it does not.
+    """
 
     campaign: Campaign
     sensors: Mapping[int, Sensor]
     extra: tuple[str, ...]
+    series: float
 
 
 def read_header(path: Path) -> Header:
@@ -36,7 +40,7 @@ def read_header(path: Path) -> Header:
     if keys.get("schema") != SCHEMA:
         found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
         raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
-    block = _mapping(path, keys, "series").get("block_s")
+    block, written = (_mapping(path, keys, "series").get(key) for key in ("block_s", "collects"))
     campaign = Campaign(
         title=str(keys.get("title") or path.parent.name),
         source=str(keys.get("source") or ""),
@@ -54,7 +58,8 @@ def read_header(path: Path) -> Header:
         pose=_pose(path, _mapping(path, keys, "pose")),
         largest_se=_positive(path, keys, "largest_standard_error_deg_per_hr"),
     )
-    return Header(campaign, _sensors(path, keys), tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS)))
+    extra = tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS))
+    return Header(campaign, _sensors(path, keys), extra, _number(path, "series.collects", written or 0))
 
 
 def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:

@@ -23,16 +23,18 @@ _COLDER_DEGC = 4.0  # than the air: nothing that draws power is; both thermomete
 _WARMER_DEGC = 40.0
 _NEIGHBOURS_DEGC = 10.0  # two sensors of one unit; a chamber's air and what it was set to
 _CASE_DEGC = 25.0  # a case and the sensor in it
-_STEP_DEGC = 2.0  # from one collect to the next, beside what the slopes of both make
+_STEP_DEGC = 1.0  # from one collect to the next, beside what the slopes of both make
 _NEXT_S = 1800.0
 _ROUNDED_S = 90.0  # what a spreadsheet that counts in minutes makes of two times
 _UNTIL = 0.25  # of a collect: so much of it is over when the next begins, whatever was rounded
 _SIGMAS, _DRIFTS = 6.0, 3.0  # by how much samples that are not in a series may be off its mean: noise, and a drift
 _SAMPLES = 0.5  # of the samples stand in the series: its rows are samples, or say how many each is of
+_SHORTER, _ERRORS = 0.5, 2.0  # what is lost at an end of a collect; digits, and few samples
 _FEW = 10  # rows that do not tell how others scatter
 _DIGITS, _ULPS, _SUMS = 12, 8.0, 1e-9
 _NEAR = 1e-4  # five digits would not show a difference
 _OF_A_RUN = {"supply_V": 1.2, "spin_period_us": 1.05}
+_RUNS, _ALIKE, _SIGN_SIGMAS = 6, 0.9, 20.0  # changes far beyond noise, along one line in so many runs, tell a sign
 _SAMPLE_RATE, _ERROR = 1.25, 10.0
 """By which factor a record of one collect may differ from the usual one of its run."""
 
@@ -78,7 +80,7 @@ def laws(
 ) -> Iterator[Law]:
     """Yield what can be said of a sensor's collects, those of another sensor of the unit `beside` them.
 
-    `series` holds what `average` says, (2, c + 2), by the number of each collect that has its samples.
+    `series` holds what `average` says, (4, c + 3), by the number of each collect that has its samples.
     """
     c = collects.conditions
     columns, none = c.columns, np.full(len(c), np.nan)
@@ -105,6 +107,7 @@ def laws(
     yield from _by_position(c)
     yield from _earth_rate(c, site.get("latitude_deg"))
     yield from _from_one_to_the_next(c, column)
+    yield from _from_run_to_run(collects)
     yield _in_its_run("n_samples per second", c, column("n_samples") / c.duration_s, _SAMPLE_RATE)
     for name, factor in _OF_A_RUN.items():
         yield _in_its_run(name, c, column(name), factor)
@@ -113,19 +116,24 @@ def laws(
         per_second = _in_its_run(f"the standard error of {channel}", c, error * np.sqrt(c.duration_s), _ERROR)
         yield replace(per_second, shown=error, low=per_second.low / np.sqrt(c.duration_s), high=np.inf)
     records = [*zip(c.sensor.channels, collects.rates_deg_per_hr.T, strict=True)]
-    records += [(name, column(name)) for name in ("temperature_degC", "n_samples")]
+    records += [(name, column(name)) for name in ("temperature_degC", "n_samples")] + [("duration_s", c.duration_s)]
     for k, (name, averages) in enumerate(records if series else ()):
-        unknown = np.full((2, len(records)), np.nan)
-        mean, off = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
+        unknown = np.full((4, len(records)), np.nan)
+        mean, off, least, most = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
         off = off + _digit(averages)
         yield Law(name, averages, mean - off, mean + off, "its samples in series")
+        if k < len(c.sensor.channels):
+            error = collects.rates_se_deg_per_hr[:, k]
+            yield Law(f"the standard error of {name}", error, least, most, "how its samples in series scatter")
 
 
 def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
-    """Return the mean of c channels and of the temperature, how many samples it is of, and how far off each may be.
+    """Return of c channels and the temperature the mean, how far off it may be, the least and the largest of its error.
 
-    The shape is (2, c + 2). Where the series has all `n_samples` (NaN: unknown) of the collect, a mean is no further
-    off than digits go; otherwise as far as what it does not have can move it.
+    The shape is (4, c + 3), the last two columns how many samples that is of, and how long they last. The error of a
+    mean is at least that of samples of which each takes back what the one before added, as differences of angles do,
+    and at most that of samples that are all alike. Where the series has all `n_samples` (NaN: unknown) of the collect,
+    a mean is no further off than digits go; otherwise as far as what it does not have can move it.
     """
     t_s, rates, temperature = series.t_s, series.rates_deg_per_hr, series.temperature_degC
     values = np.column_stack([rates, np.full(len(t_s), np.nan) if temperature is None else temperature])
@@ -142,9 +150,14 @@ def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
         share = np.where(missing < _SAMPLES * of, missing / of, as_rows)
         off = sd * (_SIGMAS * np.sqrt(share / rows) + _DRIFTS * share)
         off = np.where((rows < _FEW) & (share > 0.0), np.inf, off)
-    off += np.array([_digit(column) for column in values.T]) + _SUMS * np.abs(mean)
+    digits = np.array([_digit(column) for column in values.T])
+    off += digits + _SUMS * np.abs(mean)
+    lasts = t_s[-1] if len(t_s) >= _FEW else np.nan
     count = np.nan if each is not of_each else each.sum()
-    return np.stack([np.append(mean, count), np.append(off, 0.0)])
+    mean, off = np.append(mean, [count, lasts]), np.append(off, [0.0, _SHORTER * lasts])
+    sd[rows < _FEW] = np.nan
+    least, most = (np.append(each, [np.nan] * 2) for each in (sd / (_ERRORS * rows), _ERRORS * sd + digits))
+    return np.stack([mean, off, least, most])
 
 
 def _digit(values: FloatArray) -> float:
@@ -194,7 +207,7 @@ def _earth_rate(c: Conditions, latitude_deg: float | None) -> Iterator[Law]:
         return
     vertical = EARTH_RATE_DEG_PER_HR * float(np.sin(np.deg2rad(latitude_deg)))
     found = np.sum(c.w_deg_per_hr * c.f_g, axis=1) / np.linalg.norm(c.f_g, axis=1)
-    known = np.where(size > 0.0, found, np.nan)
+    known = np.where(np.any(size > 0.0), found, np.nan)
     low, high = vertical - _EARTH_RATE_TOLERANCE, vertical + _EARTH_RATE_TOLERANCE
     by = f"the earth rate at latitude {latitude_deg:g} deg: f, w or the latitude is wrong"
     yield Law("w along the vertical", known, low, high, by)
@@ -213,6 +226,12 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
         as_before[here] = (np.abs(at[here] - at[before]) <= _ROUNDED_S) | (gone_s[here] == gone_s[before])
         most = np.where(as_before, np.inf, c.start_s - until + _ROUNDED_S)
         yield Law(since, gone_s, -_ROUNDED_S, most, "the collect before it")
+    in_order = c.run[order]
+    runs, parts = np.unique(in_order[np.flatnonzero(np.diff(in_order, prepend=np.nan))], return_counts=True)
+    parts_of_its_run = parts[np.searchsorted(runs, c.run)].astype(np.float64)
+    yield Law(
+        "the number of parts of its run", parts_of_its_run, -np.inf, 1.0, "the other runs, one between its collects"
+    )
     shown, slope = column("temperature_degC"), column("dTdt_degC_per_min")
     gone_s = c.start_s[here] - c.start_s[before]
     by_slope = 0.5 * (slope[here] + slope[before]) * gone_s / 60.0
@@ -221,6 +240,27 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     allowed = _STEP_DEGC + 0.5 * np.abs(by_slope)
     low[here], high[here] = np.where(near, shown[before] + by_slope + np.array([[-1.0], [1.0]]) * allowed, np.nan)
     yield Law("temperature_degC", shown, low, high, "dTdt_degC_per_min and the collect before it")
+
+
+def _from_run_to_run(collects: Collects) -> Iterator[Law]:
+    """How a channel's rates change from position to position: in no run just the other way than in the others."""
+    c = collects.conditions
+    (runs, run), (labels, label) = (np.unique(each, return_inverse=True) for each in (c.run, c.position))
+    rates = collects.rates_deg_per_hr - c.w_channels_deg_per_hr
+    for k, channel in enumerate(c.sensor.channels if len(labels) > 2 else ()):
+        changes = np.full((len(runs), len(labels)), np.nan)
+        changes[run, label] = rates[:, k]
+        changes -= changes.mean(axis=1, keepdims=True)
+        size = np.linalg.norm(changes, axis=1)
+        whole, errors = np.isfinite(size), collects.rates_se_deg_per_hr[:, k]
+        if whole.sum() < _RUNS or not np.isfinite(errors).any():
+            continue
+        alike = changes @ changes[whole][0] / (size * size[whole][0])
+        alike = -alike if np.median(alike[whole]) < 0.0 else alike
+        noise = _SIGN_SIGMAS * np.nanmax(errors)
+        sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
+        name, shown = f"the likeness of {channel}'s changes between positions", np.where(sure, alike, np.nan)[run]
+        yield Law(name, shown, 0.0, np.inf, "the other runs: its sign is turned")
 
 
 def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float) -> Law:

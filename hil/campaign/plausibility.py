@@ -25,6 +25,7 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
+_PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any other
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
 
@@ -32,9 +33,10 @@ _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were colle
 def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] | None = None) -> Campaign:
     """Return the campaign with a FAIL, and a warning, for whatever its records contradict of each other.
 
-    `series` holds what `laws.average` says, (2, c + 2), by the number of each collect that has its samples.
+    `series` holds what `laws.average` says, (4, c + 3), by the number of each collect that has its samples.
     """
-    found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_laws(campaign, series or {})]
+    found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_limits(campaign)]
+    found += _laws(campaign, series or {})
     contradicted: dict[tuple[int, int], Judgement] = {}
     said = []
     for sensors, rows, words in found:
@@ -119,15 +121,40 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
         rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
         if np.isnan(errors).all():
             continue
-        step = 10.0 ** np.ceil(
-            np.log10(np.min(errors[errors > 0.0]) / _DIGITS)
-        )  # in such steps two may agree by chance
+        step = 10.0 ** np.ceil(np.log10(np.min(errors[errors > 0.0]) / _DIGITS))  # so coarse, two may agree by chance
         known = np.isfinite(rates).all(axis=1)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)
         twice[known] = (times > 1)[first.ravel()]
         if twice.any() and np.any(np.abs(rates[twice] / step - np.round(rates[twice] / step)) > _ROUNDING):
             yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
+
+
+def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
+    """Yield channel, rows (n,) and words where averages pile up on a channel's extreme value, as no noise does."""
+    for channel, rates in enumerate(collects.rates_deg_per_hr.T):
+        levels, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
+        for end in (0, -1) if len(levels) > _PILED else ():
+            if counts[end] > max(_PILED - 1, _PILED_RATIO * np.delete(counts, end).max()):
+                name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
+                yield (
+                    channel,
+                    rates == levels[end],
+                    f"{name} goes no further than {levels[end]:g} deg/hr: it is clipped",
+                )
+
+
+def unclipped(collects: Collects) -> Collects:
+    """Return the collects without the averages that stand at a channel's limit: the rate lies beyond."""
+    rates = collects.rates_deg_per_hr.copy()
+    for channel, rows, _ in clipped(collects):
+        rates[rows, channel] = np.nan
+    return replace(collects, rates_deg_per_hr=rates)
+
+
+def _limits(campaign: Campaign) -> Iterator[_Found]:
+    for collects in campaign.sensors.values():
+        yield from (([collects], rows, words) for _, rows, words in clipped(collects))
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:

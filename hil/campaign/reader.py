@@ -24,6 +24,8 @@ from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
 from hil.files.tables import read_csv, read_parquet
+from procedures.verdict import Judgement, Verdict, combine
+from procedures.words import numbered
 
 HEADER_FILE = "campaign.yaml"
 COLLECTS_FILE = "collects.csv"
@@ -92,8 +94,25 @@ def read_campaign(folder: Path | str) -> Campaign:
     undeclared = [name for name in extra if name not in {*STANDARD_CONDITIONS, *header.campaign.condition_units}]
     said = suspicions(table, header, sensors, lines, undeclared)
     campaign = replace(header.campaign, sensors=sensors, warnings=said, series_files=series)
+    campaign = _without_series(campaign, header.series)
     # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.
     return judged_by_its_records(campaign, dict(_averages(campaign)))
+
+
+def _without_series(campaign: Campaign, written: float) -> Campaign:
+    """Say which averages no series proves, where there were some; MARGINAL where more were `written` than are here."""
+    here, rows = len(campaign.series_files), [each.conditions for each in campaign.sensors.values()]
+    run_of = {n: run for c in rows for n, run in zip(c.collect.tolist(), c.run.tolist(), strict=True)}
+    lost = [n for n in sorted(run_of) if n not in campaign.series_files]
+    if here >= written and not (lost and campaign.series_block_s):
+        return campaign
+    which = lost or sorted(run_of)
+    how = f" ({written:g} were written, {here} are here)" if here < written else ""
+    words = f"{numbered('collect', which)}: no series{how}, so no samples prove the averages"
+    gone = Judgement(Verdict.MARGINAL, words)
+    runs = {run_of[n] for n in which} if how else ()
+    verdicts = {run: combine([gone, campaign.verdicts.get(run, gone)]) for run in runs}
+    return replace(campaign, warnings=(*campaign.warnings, words), verdicts={**campaign.verdicts, **verdicts})
 
 
 def _averages(campaign: Campaign) -> Iterator[tuple[int, FloatArray]]:

@@ -57,6 +57,8 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
     if np.any(off) and not centrifuge:
         worst = size[np.argmax(np.abs(size - 1.0))]
         found.append(f"{where}, {_words(rows[off])}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
+    if not conditions.w_deg_per_hr.any() and not centrifuge:
+        found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     for channel, values in zip(conditions.sensor.channels, rates.T, strict=True):
         present = ~np.isnan(values)
         if present.sum() > 1 and np.ptp(values[present]) == 0.0:

@@ -43,13 +43,13 @@ def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tupl
         raise InputError(f"{target}: it exists and is not empty; name a new folder")
     disk = RealDisk()
     with whole_or_nothing(target) as partial:
-        disk.write(partial / HEADER_FILE, _header(campaign).encode())
         disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())
-        _write_series(disk, campaign, partial / SERIES_FOLDER, series)
+        written = _write_series(disk, campaign, partial / SERIES_FOLDER, series)
+        disk.write(partial / HEADER_FILE, _header(campaign, written).encode())
     return target
 
 
-def _header(campaign: Campaign) -> str:
+def _header(campaign: Campaign, written: int) -> str:
     rows = [each for collects in campaign.sensors.values() for each in collects.conditions.run.tolist()]
     verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
     always: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}
@@ -61,7 +61,7 @@ def _header(campaign: Campaign) -> str:
         "site": dict(campaign.site),
         "sensors": {number: _layout(rows.conditions.sensor) for number, rows in campaign.sensors.items()},
         "conditions": dict(campaign.condition_units),
-        "series": {} if campaign.series_block_s is None else {"block_s": campaign.series_block_s},
+        "series": {name: n for name, n in (("block_s", campaign.series_block_s), ("collects", written)) if n},
         "pose": {} if campaign.pose == PoseTolerance() else dict(vars(campaign.pose)),
         "largest_standard_error_deg_per_hr": campaign.largest_se,
         "verdicts": {run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()},
@@ -129,7 +129,8 @@ def _cell(value: float | int | str | None) -> str:
     return str(value)
 
 
-def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]]) -> None:
+def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]]) -> int:
+    """Write the series of collects; return of how many."""
     sensors: Mapping[int, Sensor] = {
         int(collect): rows.conditions.sensor
         for rows in campaign.sensors.values()
@@ -146,6 +147,7 @@ def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iter
         disk.write(folder / f"{collect:04d}.csv", _csv(columns))
     if folder.is_dir():
         disk.synchronise_folder(folder)
+    return len(list(folder.glob("*.csv")))
 
 
 def _csv(columns: Mapping[str, FloatArray]) -> bytes:

@@ -69,21 +69,11 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for command in (
-    *night.COMMANDS,
-    *data.COMMANDS,
-    *report.COMMANDS,
-    *model.COMMANDS,
-    *frames.COMMANDS,
-    *device.COMMANDS,
-    *replay.COMMANDS,
-):
-    app.command()(with_status(command))
-for request in (*control.COMMANDS, *notify.COMMANDS, *watchdog.COMMANDS):
-    app.command()(with_status(request))
+_ROOMS: tuple[Any, ...] = (night, data, report, model, frames, device, replay, control, notify, watchdog)
+for room in (*_ROOMS, coefficients, design, reproduction):
+    for command in room.COMMANDS:
+        app.command()(with_status(command))
 app.command("continue")(with_status(control.go_on))
-for analysis in (*coefficients.COMMANDS, *design.COMMANDS, *reproduction.COMMANDS):
-    app.command()(with_status(analysis))
 app.command("import")(with_status(data.import_table))
 app.command()(with_status(dashboard.dashboard))
 # An argument such as -20 is a temperature, not an option that nobody knows.

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 def check(
     target: Annotated[
-        str,
-        typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False),
+        str, typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False)
     ],
     bench: Annotated[
         str | None, typer.Option("--bench", help="The bench, where the argument is the sweep.", show_default=False)

@@ -13,8 +13,7 @@ Description = Annotated[
     str, typer.Option("--frames", help="A frame description, or the name of one that ships.", show_default=False)
 ]
 Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated."),
+    list[str] | None, typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
 ]
 
 
@@ -76,9 +75,11 @@ def guess(
         console.print(
             f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
         )
-    for key in ("repeats_every", "lines", "sync", "length", "frames", "checksum", "counter"):
+    length = "length" if document.get("length") else "repeats_every"  # frames that are found say how long they are
+    for key in ("lines", "sync", length, "checksum", "counter"):
         if document.get(key) is not None:
-            console.print(f"{key.replace('_', ' ')}: {document[key]}")
+            among = f" bytes, in {document['frames']} frames in a row" if key == "length" else ""
+            console.print(f"{key.replace('_', ' ')}: {document[key]}{among}")
     console.print(document["description"] or "nothing in it repeats itself as frames do: compare the baud rate")
 
 

@@ -80,7 +80,7 @@ def _reconciled(result: Reconciliation) -> Iterator[str]:
     from hil.reconcile.result import before_and_after_in_words, rival_in_words
     from procedures.words import percent
 
-    yield f"{result.campaign}, model {result.model_before}{'  SIMULATED' * result.simulated}"
+    yield f"{result.campaign}, model {result.input_model.full_title}{'  SIMULATED' * result.simulated}"
     yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
     yield from summary(result)
     for each in result.disagreements[:5]:

@@ -186,11 +186,10 @@ def _end(ended: NightOutcome) -> int:
 
     with suppress(OSError, InputError, sqlite3.Error):  # a closed terminal, a full disk; the journal says what it can
         messages().print(f"{ended.folder}: {ended.state}: {ended.reason}")
-        judged = look_at(ended.folder)[0]["verdict"]
-        if judged:
+        status = look_at(ended.folder)[0]
+        if judged := status["verdict"]:
             messages().print(f"{judged['verdict']}: {judged['reason']}")
-        if ended.exit_status != Exit.DONE:
-            messages().print(f"to carry on: hil resume {ended.folder}")
+        messages().print(f"{status['chamber_in_words']}\nto do: {status['to_do']}".strip())
     return ended.exit_status
 
 

@@ -46,8 +46,7 @@ def series(
 
 
 def temperatures(
-    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
-    out: Out,
+    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)], out: Out
 ) -> None:
     """Draw chamber and unit temperature through a night, with soaks, collects and events."""
     from hil.files.figure import check_name, save_figure

@@ -16,7 +16,8 @@ from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples
 from hil.records.live import snapshot_of
-from hil.records.status import in_brief, night_status, recorded_verdict
+from hil.records.status import in_brief, night_status, recorded_verdict, without_samples
+from hil.records.troubles import to_do
 from procedures.progress import Snapshot
 
 EVERY_S = 1.0
@@ -51,10 +52,9 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
                 refuse_damaged_samples(journal)
                 verdict = recorded_verdict(journal)
         except Damaged as damage:
-            verdict = {"verdict": "ERROR", "reason": str(damage)}
-            if status["state"] == "complete":
-                status |= {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
+            status, verdict = without_samples(status), {"verdict": "ERROR", "reason": str(damage)}
     status |= {"verdict": verdict, "judgement": verdict}
+    status["to_do"] = to_do(folder, status)
     if status["now"] is None:
         return status, None
     with reading(folder) as journal:
@@ -62,7 +62,7 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
 
 
 def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Console) -> None:
-    """Print once how it stands: a chamber that is not safe before all else, and nothing twice."""
+    """Print once how it stands, then what to do: a chamber that is not safe before all else, and nothing twice."""
     verdict, said = status["verdict"], list[str]()
     mark = "  SIMULATED" if status["simulated"] else ""
     working, judged = status["state"] in _WORKING, f", {verdict['verdict']}" if verdict else ""
@@ -72,16 +72,20 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
             console.print(_cut(f"{word}: {_without(said, text)}"), style="bold red")
             said.extend(text.split("; "))
 
-    danger = [line for line in status["problems"] if line.startswith("THE CHAMBER")]
+    danger = [line for line in status["problems"] if "THE CHAMBER" in line]
     for line in danger:
         alarm(str(folder), line)
-    console.print(f"{folder}: {status['state']}{judged}{mark}")
+    stands = [f"{folder}: {status['state']}{judged}{mark}", f"to do: {status['to_do']}"]
+    for line in reversed(stands) if danger else stands:
+        console.print(line, style="bold")
+    if not danger and status["chamber_in_words"]:
+        console.print(_cut(status["chamber_in_words"]))
     for line in status["problems"]:
         alarm("PROBLEM", "" if line in danger else line)
     alarm("OLD", status["old"])
     alarm(status["state"], "" if working or status["state"] == "complete" else status["reason"])
     alarm(judged[2:], verdict["reason"] if judged not in ("", ", PASS") else "")
-    for line in filter(None, (_asked(folder, status), *(f"over: {line}" for line in status["over"]))):
+    for line in (*_asked(status), *(f"over: {line}" for line in status["over"])):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
     told = not status["reason"].startswith("ERROR")  # of a damaged journal nothing is, and it is not carried on
@@ -97,12 +101,11 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         console.print(f"{name}: {text}")
     left = in_brief(status["missing"])
     for line in left[:_MOST_LEFT]:
-        console.print(_cut(f"{'to do' if working else 'missing'}: {_without(said, line)}"))
+        console.print(_cut(f"{'still to come' if working else 'missing'}: {_without(said, line)}"))
     if len(left) > _MOST_LEFT:
         console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
-    if not working:
-        again = "" if status["state"] == "complete" or not told else f"; hil resume {folder} carries on"
-        console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all{again}")
+    if not working and status["state"] != "complete":
+        console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all")
 
 
 Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
@@ -115,7 +118,7 @@ def _panel(console: Console) -> Iterator[Show]:
 
         def show(folder: Path, status: dict[str, Any], now: Snapshot | None) -> None:
             head = f"{folder}: {status['title']}: {status['state']}"
-            live.update(Panel(head, now, _trouble(folder, status), simulated=status["simulated"]), refresh=True)
+            live.update(Panel(head, now, _trouble(status), simulated=status["simulated"]), refresh=True)
 
         yield show
 
@@ -128,7 +131,8 @@ def _lines(console: Console) -> Iterator[Show]:
     def show(folder: Path, status: dict[str, Any], now: Snapshot | None) -> None:  # noqa: ARG001 - one signature
         nonlocal last
         mark = " SIMULATED" if status["simulated"] else ""
-        parts = (f"{status['state']}{mark}", status["step_in_words"], status["reason"], _trouble(folder, status))
+        trouble = _trouble(status).replace("\n", "; ")
+        parts = (f"{status['state']}{mark}", status["step_in_words"], status["reason"], trouble)
         line = ": ".join(part for part in parts if part)
         if line != last:
             at = datetime.fromisoformat(status["last_utc"])
@@ -140,9 +144,10 @@ def _lines(console: Console) -> Iterator[Show]:
     yield show
 
 
-def _trouble(folder: Path, status: dict[str, Any]) -> str:
-    """Return what must be seen first: what is wrong, data that are old, a question, a pause."""
-    return "\n".join([*map(_cut, status["problems"]), *filter(None, (status["old"], _asked(folder, status)))])
+def _trouble(status: dict[str, Any]) -> str:
+    """Return what must be seen first: what is wrong, data that are old, a question, and what to do."""
+    lines = [*map(_cut, status["problems"]), *filter(None, [status["old"]]), *_asked(status)]
+    return "\n".join([*lines, f"to do: {status['to_do']}"] if lines or status["state"] == "paused" else [])
 
 
 def _without(said: list[str], text: str) -> str:
@@ -159,10 +164,7 @@ def _cut(line: str) -> str:
     return re.sub(r"\s\S{0,15}$", "", line[:_HEAD]) + " … " + re.sub(r"^\S{0,15}\s", "", line[-_TAIL:])
 
 
-def _asked(folder: Path, status: dict[str, Any]) -> str:
+def _asked(status: dict[str, Any]) -> list[str]:
     """Return what waits for somebody: a question, or a pause."""
     prompt, paused = status["prompt"], status["paused"]
-    if prompt:
-        how = f"hil confirm {folder}{' --text …' if prompt['wants_words'] else ''}, or --no"
-        return f"ASKS: {prompt['question']} ({how})"
-    return f"paused by {paused['by']} (hil continue {folder})" if paused else ""
+    return [f"ASKS: {prompt['question']}"] if prompt else [f"paused by {paused['by']}"] if paused else []

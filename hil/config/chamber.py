@@ -13,6 +13,7 @@ from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
+from hil.config.sections import to_settings
 from hil.files.strict import Section, validated_inside
 from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
 from procedures.words import listed
@@ -64,20 +65,8 @@ def _safe_state(given: object) -> SafeState:
     return SafeState(section.action, section.temperature)
 
 
-class AsciiLayoutSection(Section):
-    """What the values and bits of an ASCII-2 chamber are, for one that is no VT 4002. Bits count from 0 on the left."""
-
-    pairs: PositiveInt = 5
-    nominal_first: bool = True
-    written: PositiveInt = 5
-    bits: PositiveInt = 16
-    start_bit: NonNegativeInt = 1
-    channel_bit: NonNegativeInt | None = 3
-    error_bit: NonNegativeInt = 2
-
-
 def _layout(given: object) -> AsciiLayout | None:
-    return None if given is None else AsciiLayout(**validated_inside(AsciiLayoutSection, given).model_dump())
+    return None if given is None else to_settings(given, AsciiLayout)
 
 
 class ChamberSection(Section):

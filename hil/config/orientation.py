@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hil.campaign import FloatArray
 from hil.files.units import ANGLE, to_number
@@ -82,5 +81,7 @@ def _rotated(label: str, entry: Mapping[str, Any], known: Mapping[str, Orientati
     except ValueError as error:
         raise ValueError(f"orientations.{label}.rotate: {error}") from error
     axis = np.eye(3)[int(str(entry["about"])) - 1]
+    from scipy.spatial.transform import Rotation  # imported late: it is slow, and few benches need it
+
     turn = Rotation.from_rotvec(np.deg2rad(angle_deg) * axis).as_matrix()
     return Orientation(label, start.axes @ turn.T)

@@ -44,7 +44,7 @@ def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
 
 def section_for(settings: type) -> type[Section]:
     """Return the section for a dataclass of settings: its names without their unit, each optional."""
-    hints = get_type_hints(settings)
+    hints = get_type_hints(settings, include_extras=True)
     keys = dict(_key_and_type(name, hints[name]) for name in hints)
     # A key that is not given has no value here: the dataclass has the default.
     fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.items()}
@@ -59,6 +59,6 @@ def settings_of(kind: type) -> BeforeValidator:
 def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
     """Return the settings that a mapping of a file gives; raise `ValueError` where they contradict each other."""
     section = validated_inside(section_for(settings), given)
-    hints = get_type_hints(settings)
+    hints = get_type_hints(settings, include_extras=True)
     keys = {name: _key_and_type(name, hints[name])[0] for name in hints}
     return settings(**{name: getattr(section, key) for name, key in keys.items() if key in section.model_fields_set})

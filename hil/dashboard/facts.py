@@ -26,7 +26,8 @@ from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.records.reader import JOURNAL_NAME
 from hil.records.rows import Event
-from hil.records.status import night_status
+from hil.records.status import night_status, without_samples
+from hil.records.troubles import to_do
 from procedures.plan import Plan, StepKind
 from procedures.words import step_in_words
 
@@ -120,17 +121,16 @@ class NightFacts:
 
     def _head(self) -> Part:
         """Return what is going on at this moment."""
-        status, live = self._status, self._live
+        status, live, damage = self._status, self._live, [self._results.damage] if self._results.damage else []
+        status = without_samples(status) if damage else status
         theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
         now = live if theirs and status["state"] in _WORKING else None
         key = now["step"] if now else status["step"]
         silent_s, old = self._age(now)
-        return {
+        head = {
             **status,
             "bench": self._bench,
-            "state": "incomplete" if self._results.damage and self._owner is None else status["state"],
-            "reason": self._results.damage or status["reason"],
-            "working": self._owner is not None,
+            "problems": [*status["problems"], *damage],
             "verdict": None if status["state"] in _WORKING else self._verdict(),
             "report": self.report is not None,
             "age_s": None if silent_s is None else round(silent_s),
@@ -140,6 +140,7 @@ class NightFacts:
             "step": self._steps.get(key) if key else None,
             "now": _now(now) if now else None,
         }
+        return head | {"to_do": to_do(self.folder, head)}
 
     def _age(self, now: Part | None) -> tuple[float | None, bool]:
         """Return how old what the controller at work last showed is, by the wall clock, and whether that is too old."""
@@ -159,11 +160,7 @@ def _now(live: Part) -> Part:
     """Return what the controller shows: countdown, temperatures, rates with their errors, and the stream."""
     names = ("step_elapsed_s", "step_remaining_s", "elapsed_s", "attempt", "note", "chamber_degC", "setpoint_degC")
     rates = {
-        label: {
-            "now": value,
-            "mean": live["rates_deg_per_hr"].get(label),
-            "se": live["rates_se_deg_per_hr"].get(label),
-        }
+        label: {"now": value, "mean": live["rates_deg_per_hr"].get(label), "se": live["rates_se_deg_per_hr"].get(label)}
         for label, value in {**live["rates_deg_per_hr"], **live["rates_now_deg_per_hr"]}.items()
     }
     counts = live["stream"]

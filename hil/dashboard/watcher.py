@@ -17,7 +17,6 @@ import threading
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from drivers.clock import SystemClock
 from hil.dashboard.facts import NightFacts, Part, unreadable
@@ -160,15 +159,9 @@ class Watcher:
 
     def frame(self, nights: Mapping[str, Part], problem: str = "") -> bytes:
         """Return the server-sent event that tells a page of these nights, or of why they cannot be looked at."""
-        document: dict[str, Any] = {
-            "utc": SystemClock().utc().isoformat(timespec="milliseconds"),
-            "folder": self._root.resolve().name,
-            "shown": self._shown() if not problem else [],
-            "not_shown": self._not_shown,
-            "problem": problem,
-            "reports": self.reports,
-            "nights": nights,
-        }
+        head = {"utc": SystemClock().utc().isoformat(timespec="milliseconds"), "folder": self._root.resolve().name}
+        shown = {"shown": self._shown() if not problem else [], "not_shown": self._not_shown}
+        document = {**head, **shown, "problem": problem, "reports": self.reports, "nights": nights}
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
 
     def _hand_over(self, send: Callable[..., None], *frames: bytes) -> None:

@@ -8,27 +8,13 @@ import contextlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol
 
 PARTIAL = ".partial-"
 """How the temporary name of a file or folder begins that is not finished."""
 
 
-class Disk(Protocol):
-    """The operations of the operating system that durability rests upon."""
-
-    def write(self, path: Path, data: bytes) -> None:
-        """Write `data` to `path` and synchronise the file."""
-
-    def rename(self, source: Path, target: Path) -> None:
-        """Give `source` the name `target`, in one step."""
-
-    def synchronise_folder(self, folder: Path) -> None:
-        """Make the names in `folder` durable."""
-
-
 class RealDisk:
-    """The operating system's files."""
+    """The operating system's files: what durability rests upon. A rehearsal's disk is full now and then."""
 
     def write(self, path: Path, data: bytes) -> None:
         """Write `data` to `path` and synchronise the file; raise `OSError` where the disk is full or read-only."""
@@ -50,7 +36,7 @@ class RealDisk:
             os.close(descriptor)
 
 
-def write_durably(disk: Disk, path: Path, data: bytes) -> None:
+def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
     """Write `data` so that `path` holds all of it or does not change, whatever happens meanwhile.
 
     Raises `OSError` (disk full, read-only); the temporary file is then removed as far as the disk allows.
@@ -66,7 +52,7 @@ def write_durably(disk: Disk, path: Path, data: bytes) -> None:
     disk.synchronise_folder(path.parent)
 
 
-def make_folders(disk: Disk, folder: Path) -> list[Path]:
+def make_folders(disk: RealDisk, folder: Path) -> list[Path]:
     """Make `folder` and whatever is missing above it, durably; return what was made, the innermost first.
 
     Raises `OSError` (read-only, a file in the way); what was made before that is removed again.

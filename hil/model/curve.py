@@ -16,15 +16,17 @@ A curve that was fitted to measurements says where they were made, `valid_degC`,
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
-from scipy.interpolate import PchipInterpolator
 
 from hil.campaign import FloatArray
 from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 BEYOND_DEGC = 1.0
 """How far outside its range a fitted curve still answers: setpoints and thermometers repeat no better."""
@@ -143,6 +145,8 @@ class Table(_Curve):
 
     @cached_property
     def _curve(self) -> PchipInterpolator:
+        from scipy.interpolate import PchipInterpolator  # imported late: it is slow, and only a table needs it
+
         return PchipInterpolator(self.table.temperature_degC, self.table.value)
 
     @cached_property

@@ -170,21 +170,20 @@ def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None =
     )
 
 
+def value_form(name: str, sensor: Sensor) -> LinearForm:
+    """Return the form whose parameters a model file gives values to.
+
+    `matrix-6-thermal` has the six names of matrix-6 there: their dependence on temperature is in the curves.
+    """
+    of_a_sensor = {"constant": constant_form, "collins-4": collins_4_form, "triad-12": triad_12_form}
+    return of_a_sensor.get(name, matrix_6_form)(sensor)
+
+
 def named_form(name: str, conditions: Conditions) -> LinearForm:
     """Return the built-in model `name` for these collects; raise InputError where it does not fit the sensor."""
-    sensor = conditions.sensor
-    match name:
-        case "constant":
-            return constant_form(sensor)
-        case "matrix-6":
-            return matrix_6_form(sensor)
-        case "collins-4":
-            return collins_4_form(sensor)
-        case "triad-12":
-            return triad_12_form(sensor)
-        case "matrix-6-thermal":
-            return matrix_6_thermal_form(conditions)
-    raise InputError(f"model {name!r} is not built in; the built-in models are {', '.join(MODEL_NAMES)}")
+    if name not in MODEL_NAMES:
+        raise InputError(f"model {name!r} is not built in; the built-in models are {', '.join(MODEL_NAMES)}")
+    return matrix_6_thermal_form(conditions) if name == "matrix-6-thermal" else value_form(name, conditions.sensor)
 
 
 def default_form(conditions: Conditions) -> LinearForm:

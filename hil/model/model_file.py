@@ -32,12 +32,10 @@ from hil.model.forms import (
     PER_G,
     RATE,
     LinearForm,
-    collins_4_form,
-    constant_form,
-    matrix_6_form,
-    triad_12_form,
+    value_form,
 )
 from hil.model.stated_noise import ScatterTerm, SensorNoise
+from procedures.words import listed
 
 SCHEMA = "hil.model/1"
 _ROTOR = Sensor(0, ("A", "B", "S"), {"A": "A", "B": "B"})
@@ -85,6 +83,13 @@ class Model(_Section):
     terms: tuple[Term, ...] = ()
     inside_collects: tuple[InsideCollects, ...] = ()
     noise: Mapping[int, SensorNoise] = Field(default_factory=dict)
+
+    @property
+    def full_title(self) -> str:
+        """The title with every effect that the model has beside its form: collins-4 with MU_real and MU_rr."""
+        scatter = [entry.effect for noise in self.noise.values() for entry in noise.scatter]
+        names = dict.fromkeys([*(t.effect for t in self.terms), *scatter, *(f.effect for f in self.inside_collects)])
+        return f"{self.title} with {listed(list(names))}" if names else self.title
 
     def has_values(self, sensor: Sensor) -> bool:
         """Whether the file gives this sensor's parameters; otherwise they are fitted to the data."""
@@ -163,21 +168,6 @@ class Model(_Section):
         for term, effect in self.terms_for(conditions.sensor):
             rates += _contribution(self.title, term, effect, rows, base)
         return rates[len(rows) - len(conditions) :]
-
-
-def value_form(name: str, sensor: Sensor) -> LinearForm:
-    """Return the form whose parameters a model file gives values to.
-
-    `matrix-6-thermal` has the six names of matrix-6 there: their dependence on temperature is in the curves.
-    """
-    match name:
-        case "constant":
-            return constant_form(sensor)
-        case "collins-4":
-            return collins_4_form(sensor)
-        case "triad-12":
-            return triad_12_form(sensor)
-    return matrix_6_form(sensor)
 
 
 def built_in_model(name: str) -> Model:

@@ -129,8 +129,9 @@ class _Stream:
             description = load_frames(bench)
         if description.roles is None:
             raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
-        port = ClosedPort(bench.imu.port, TransportError("a replay has no port"))
-        imu = StreamImu(port, description, VirtualClock(), sample_rate_hz=bench.imu.rate)
+        clock = VirtualClock()
+        port = ClosedPort(bench.imu.port, clock, TransportError("a replay has no port"))
+        imu = StreamImu(port, description, clock, sample_rate_hz=bench.imu.rate)
         return cls(description, description.roles.frame, imu, sweep.collect)
 
     def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:

@@ -27,7 +27,6 @@ from datetime import datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
-from drivers.chambers.wear import wear_of
 from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
@@ -255,7 +254,7 @@ def _carry_out(
             control=journal,
             attendant=attendant,
             first=lambda: ask_serial(journal, live, attendant),
-            vital=heartbeat,
+            vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
         with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
@@ -263,7 +262,7 @@ def _carry_out(
         outcome = _outcome(journal.folder, ended)
         log.say("night ends", {"state": outcome.state, "reason": outcome.reason, "error": ended.error})
         with contextlib.suppress(sqlite3.Error, OSError):  # a full disk: the state is derived without it
-            wear = wear_of(live.devices.chamber)
+            wear = live.devices.chamber.wear_warning
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
             shown.close()  # what it shows is recorded with the verdict

@@ -20,6 +20,8 @@ from hil.solve.identifiability import orthonormal, project_out
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
+BY_CHANCE = 0.01
+"""How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 SAME = 0.95
 """Overlap from which two names look the same in these collects."""
 IDENTICAL = 0.99
@@ -180,7 +182,9 @@ def _named(
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
     alike = [r for r in listed if r.overlap > IDENTICAL and not r.bayes_factor < EXCLUDED]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
-    kind = "named" if probability >= CERTAIN and not withheld else "ambiguous"
+    nothing_there = _mass(posterior, lambda f: name not in classes[id(f)] and classes[id(f)] - {f.kind} <= lead)
+    sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
+    kind = "named" if sure and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
         kind = NO_NAME

@@ -222,6 +222,7 @@ class Reconciliation:
     rows: Sequence[Mapping[str, Any]] = ()
     values: Sequence[Mapping[str, Any]] = ()
     twin: Mapping[str, Any] | None = None
+    tested: bool = True
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -232,6 +233,7 @@ class Reconciliation:
             "model_before": self.model_before,
             "model_after": "model.yaml",
             "verdict": self.verdict,
+            "tested": self.tested,
             "p_value": self.p_value,
             "calibration": self.calibration,
             "disagreements": [d.document() for d in self.disagreements],

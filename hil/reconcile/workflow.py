@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.campaign.plausibility import unclipped
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -30,7 +31,7 @@ from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.layout import may_be_calibrated, searches
+from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
@@ -64,13 +65,13 @@ def reconcile(
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
     campaign = with_stand_ins(campaign)
+    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
 
-    problem = pose(campaign, chosen, effects)
-    posterior = _weighed(problem, scattering)
-    reading = read(posterior, of_averages)
+    problem = pose(measured, chosen, effects)
+    posterior, reading = _weighed(problem, scattering, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
     return _result(
@@ -78,17 +79,18 @@ def reconcile(
     )
 
 
-def _weighed(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterior:
-    """Weigh what may be missing beside one set of values of the base, or beside values that follow temperature.
+def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: float) -> tuple[Posterior, Reading]:
+    """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as one set needs.
+    laws of temperature as the form's own need. Nobody asks where they explain nothing.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
-    if not may_be_calibrated(problem):
-        return plain
+    reading = read(plain, alpha)
+    if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
+        return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
-    return max(plain, calibrated, key=lambda posterior: posterior.log_evidence)
+    return (plain, reading) if plain.log_evidence >= calibrated.log_evidence else (calibrated, read(calibrated, alpha))
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:
@@ -139,7 +141,7 @@ def _result(
     verdict = findings.verdict_of(
         names, [*wrong, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
-    standing = findings.as_it_stands(model, campaign, reading)
+    standing = findings.as_it_stands(model, problem.campaign, reading)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
@@ -160,13 +162,13 @@ def _result(
         values = before_and_after(problem.sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
-    if not any(search.terms for search in posterior.searches.values()):
-        notes.append("nothing could be tested, so that none means nothing: take more runs")
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *scatter.in_words(noise)]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers)
+    outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     return Reconciliation(
         campaign=campaign.title,
@@ -195,6 +197,7 @@ def _result(
         noise=noise,
         rows=rows,
         values=values,
+        tested=any(search.terms for search in posterior.searches.values()),
     )
 
 

@@ -25,7 +25,7 @@ from drivers.given_file import opened
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from hil.errors import Damaged, InputError
-from hil.files.durable import Disk, RealDisk, remove_partials, write_durably
+from hil.files.durable import RealDisk, remove_partials, write_durably
 from procedures.plan import Step
 
 BLOCKS = "blocks"
@@ -95,12 +95,12 @@ class BlockWriter:
     `meanings` says what the decoded fields are, by name.
     """
 
-    def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True, disk: Disk | None = None) -> None:
+    def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True, disk: RealDisk | None = None) -> None:
         self._folder = folder
         self._simulated = simulated
         self.meanings: Mapping[str, FieldMeaning] = {}
         self._keep_raw = keep_raw
-        self.disk: Disk = disk or RealDisk()
+        self.disk: RealDisk = disk or RealDisk()
         remove_partials(folder / BLOCKS)
 
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:

@@ -40,6 +40,7 @@ _STEP_COLUMNS: tuple[str, ...] = ("chamber_degC", "setpoint_degC", "time_since_p
 _STEP_COLUMNS += ("time_since_index_s", "n_samples")
 _EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
 _CHAMBERS_DIGIT_DEGC = 0.051  # half of the tenth to which chambers keep a setpoint
+_SITE = ("latitude_deg", "heading_deg", "axis_2_elevation_deg", "axis_3_elevation_deg")
 _SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
 
 
@@ -182,19 +183,13 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
     night = journal.night
     tables = {number: _of_sensor([row for row in rows if row.sensor == number], bench, number) for number in sensors}
     columns = {name for table in tables.values() for name in table.conditions.columns}
-    site = bench.site
     campaign = Campaign(
         title=night.title,
         source=f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}",
         sensors=tables,
         condition_units={name: meaning for name, meaning in _meanings(bench).items() if name in columns},
         simulated=night.simulated,
-        site={
-            "latitude_deg": site.latitude_deg,
-            "heading_deg": site.heading_deg,
-            "axis_2_elevation_deg": site.axis_2_elevation_deg,
-            "axis_3_elevation_deg": site.axis_3_elevation_deg,
-        },
+        site={name: getattr(bench.site, name) for name in _SITE},
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
         verdicts=_verdicts(journal),

@@ -28,7 +28,7 @@ from typing import Any
 
 from drivers.clock import Clock, SystemClock
 from hil.errors import InputError
-from hil.files.durable import Disk, RealDisk
+from hil.files.durable import RealDisk
 from hil.files.lock import FolderLock
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
@@ -61,7 +61,7 @@ class SqliteJournal(JournalReader):
         clock: Clock,
         who: str,
         keep_raw: bool,
-        disk: Disk,
+        disk: RealDisk,
     ) -> None:
         super().__init__(folder, connection)
         self._ledger = Ledger(connection, folder)
@@ -117,7 +117,7 @@ class SqliteJournal(JournalReader):
         clock: Clock,
         who: str = "",
         keep_raw: bool = True,
-        disk: Disk | None = None,
+        disk: RealDisk | None = None,
         lock: FolderLock | None = None,
     ) -> SqliteJournal:
         """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
@@ -168,7 +168,7 @@ class SqliteJournal(JournalReader):
         """Say what the decoded fields are, by name: written into every block of samples from now on."""
         self._blocks.meanings = meanings
 
-    def write_blocks_to(self, disk: Disk) -> None:
+    def write_blocks_to(self, disk: RealDisk) -> None:
         """Write blocks to another disk from now on: one that a rehearsal lets be full."""
         self._blocks.disk = disk
 

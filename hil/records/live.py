@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock, SystemClock
 from drivers.frames.counts import StreamCounts
+from drivers.frames.roles import SensorRole
 from drivers.given_file import opened, read_text
-from drivers.imu import SensorChannels
 from drivers.imu.samples import rate_fields
 from hil.errors import InputError
 from hil.files.durable import PARTIAL
@@ -45,7 +45,7 @@ _TOO_CLOSE_S = 0.95  # of the campaign: polls are a little less than a second ap
 Rows = NDArray[np.float32]
 
 
-def trace_columns(sensors: Mapping[int, SensorChannels]) -> list[str]:
+def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:
     """Return the columns of a bench's trace.
 
     Campaign seconds; °C of the chamber, its setpoint and each sensor; then per rate ("2.RA", deg/hr) the mean of the
@@ -66,7 +66,7 @@ class LiveFiles(Silent):
     def __init__(
         self,
         folder: Path,
-        sensors: Mapping[int, SensorChannels],
+        sensors: Mapping[int, SensorRole],
         *,
         every_s: float,
         announced_s: float = 0.0,

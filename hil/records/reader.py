@@ -210,9 +210,11 @@ def refuse(folder: Path, damage: Sequence[str]) -> None:
 
 def is_night(folder: Path) -> bool:
     """Tell whether the folder holds a night, or what is left of one that has lost its journal."""
-    return any(os.path.lexists(folder / name) for name in (JOURNAL_NAME, HEAD_NAME)) or bool(
-        next(folder.glob(f"{BLOCKS}/*{SUFFIXES[SAMPLES]}"), None)
-    )
+    return os.path.lexists(folder / JOURNAL_NAME) or _written_beside(folder)
+
+
+def _written_beside(folder: Path) -> bool:
+    return os.path.lexists(folder / HEAD_NAME) or any(folder.glob(f"{BLOCKS}/*{SUFFIXES[SAMPLES]}"))
 
 
 def refuse_existing(folder: Path) -> None:
@@ -230,8 +232,9 @@ def journal_of(folder: Path) -> Path:
     path = folder / JOURNAL_NAME
     if path.is_file() and path.stat().st_size:
         return path
-    if not is_night(folder):
-        raise InputError(f"{folder}: holds no night (there is no {JOURNAL_NAME} in it)")
+    if not _written_beside(folder) and (path.is_file() or not os.path.lexists(path)):
+        what = f"{JOURNAL_NAME} is empty, and nothing is beside it" if path.is_file() else f"there is no {JOURNAL_NAME}"
+        raise InputError(f"{folder}: holds no night ({what} in it)")
     raise Damaged(
         f"{path}: {'is empty' if path.is_file() else 'is gone'}; {HEAD_NAME} or {BLOCKS} beside it say that there was "
         "a night. Without it nothing is proven: put it back from a copy. Whether the chamber is safe cannot be told: "

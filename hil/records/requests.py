@@ -23,6 +23,7 @@ from hil.files.strict import one_line
 from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, open_readonly
 from hil.records.rows import Event, RequestRow
+from hil.records.troubles import made_safe
 from procedures.requests import RequestKind
 
 __all__ = ["RequestKind", "request", "standing_prompt", "user", "wait_for_answer", "who_asks"]
@@ -91,16 +92,13 @@ def who_asks() -> str:
 
 
 def forsaken_chamber(journal: JournalReader) -> str:
-    """Say in what state a controller that died left its chamber, and what to do; empty where the last one has ended."""
-    controllers, beat, folder = journal.controllers(), journal.last_heartbeat(), journal.folder
+    """Say in what state a controller that died left its chamber; empty where the last one has ended."""
+    controllers, beat = journal.controllers(), journal.last_heartbeat()
     if not controllers or controllers[-1].ended is not None:
         return ""
     setpoint = None if beat is None else beat.readings.get("setpoint_degC")
     where = "" if setpoint is None else f", at {setpoint:.1f} °C when it was last heard of"
-    return (
-        f"THE CHAMBER MAY STILL BE CONDITIONING{where}; hil watchdog {folder} brings it to its safe state, hil resume "
-        f"{folder} carries on"
-    )
+    return f"THE CHAMBER MAY STILL BE CONDITIONING{where}"
 
 
 def _require_controller(folder: Path, kind: RequestKind) -> None:
@@ -112,6 +110,6 @@ def _require_controller(folder: Path, kind: RequestKind) -> None:
         controllers, forsaken = journal.controllers(), forsaken_chamber(journal)
     nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
     if forsaken:
-        raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}")
+        raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}; {made_safe(folder)}")
     how = f" (the last one ended: {controllers[-1].ended})" if controllers else ""
     raise InputError(f"{nobody}{how}; hil status {folder} says what became of it, hil resume {folder} carries on")

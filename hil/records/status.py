@@ -39,13 +39,14 @@ STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
 _KEPT_FREE_BYTES = 20e6
+_NOT_TOLD = "whether the chamber is safe cannot be told from a damaged journal: look at it"
 _MISSING = {
     StepKind.IDENTIFY: "identification of the devices",
     StepKind.SETPOINT: "setpoint {0.temperature_degC:.1f} °C",
     StepKind.RESTABILISE: "restabilisation",
     StepKind.INDEX: "index to position {0.position}",
     StepKind.COLLECT: "collect at position {0.position}",
-    StepKind.SAFE_STATE: "safe state of the chamber at the end",
+    StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
 _WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
@@ -64,11 +65,9 @@ class _Facts:
 
     journal: JournalReader
     owner: Owner | None
-    plan: Plan
     attempts: Sequence[Attempt]
     done: Mapping[str, Attempt]
     controller: Controller | None
-    damage: Sequence[str]  # what of the journal is not as it was written
     lost: Sequence[LostBlock]
     beat: Heartbeat | None  # of the living owner
     events: Sequence[Event]
@@ -81,18 +80,7 @@ class _Facts:
         done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
         beat = read_heartbeat(journal.folder)
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
-        return cls(
-            journal,
-            owner,
-            journal.plan,
-            attempts,
-            done,
-            newest,
-            journal.found,
-            lost_blocks(journal, read=False),
-            beat,
-            journal.events(),
-        )
+        return cls(journal, owner, attempts, done, newest, lost_blocks(journal, read=False), beat, journal.events())
 
     @property
     def held_by_another(self) -> bool:
@@ -118,17 +106,18 @@ class _Facts:
 
 
 def _document(facts: _Facts) -> dict[str, Any]:
-    night, plan = facts.journal.night, facts.plan
+    night, plan = facts.journal.night, facts.journal.plan
     state, reason = _state(facts)
     runs = plan.self_calibrations
     working = state in {"running", "paused"}
     present = _present(facts) if working else None
     standing, over = _troubles(facts)
-    left, forsaken = _left(facts.journal), forsaken_chamber(facts.journal) if facts.owner is None else ""
+    left, forsaken = _left(facts), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
         "schema": "hil.status/1",
         "state": state,
         "reason": reason,
+        "working": facts.owner is not None,
         "title": night.title,
         "steps_done": len(facts.done),
         "steps_total": len(plan.steps),
@@ -147,16 +136,23 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "prompt": _prompt(facts) if state == "running" else None,
         "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
         "chamber": left.word.value if left else None,
+        "chamber_in_words": forsaken or str(left or (_NOT_TOLD if facts.journal.found else "")),
         "problems": [
             *([forsaken] if forsaken else []),
-            *([f"{left}; go to the chamber"] if left and not left.safe else []),
+            *([str(left)] if left and not left.safe else []),
             *standing,
-            *facts.damage,
+            *facts.journal.found,
             *map(str, facts.lost),
             *(_filling(facts) if working else []),
         ],
         "over": over,
     }
+
+
+def without_samples(status: dict[str, Any]) -> dict[str, Any]:
+    """Return the status of a night (hil.status/1) whose samples are found damaged: it is not complete."""
+    damaged = {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
+    return status | (damaged if status["state"] == "complete" else {})
 
 
 def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
@@ -172,10 +168,10 @@ def recorded_verdict(journal: JournalReader) -> dict[str, str] | None:
     return {key: end[key] for key in ("verdict", "reason")} if end else None
 
 
-def _left(journal: JournalReader) -> Left | None:
+def _left(facts: _Facts) -> Left | None:
     """How the newest controller, or its watchdog, left the chamber; None where that has not come yet."""
-    for event in (journal.standing(_UNSAFE, "safe-state"), journal.standing("safe-state", _UNSAFE)):
-        if event is not None:
+    for kind, other in () if facts.journal.found else ((_UNSAFE, "safe-state"), ("safe-state", _UNSAFE)):
+        if (event := facts.journal.standing(kind, other)) is not None:
             usual = Word.NOT_SAFE if event.kind == _UNSAFE else Word.SAFE
             return Left(Word(event.evidence.get("chamber", usual)), event.message)
     return None
@@ -194,7 +190,7 @@ def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
 
 def _filling(facts: _Facts) -> list[str]:
     """Say where the disk has less room than the rest of the night takes, at the rate of what is done."""
-    collects = facts.plan.of_kind(StepKind.COLLECT)
+    collects = facts.journal.plan.of_kind(StepKind.COLLECT)
     done_s = sum(step.duration_s for step in collects if step.key in facts.done)
     left_s = sum(step.duration_s for step in collects) - done_s
     needed = left_s * sum(row.block.size for row in facts.journal.blocks()) / done_s if done_s else 0.0
@@ -252,9 +248,9 @@ def _prompt(facts: _Facts) -> dict[str, Any] | None:
 
 
 def _state(facts: _Facts) -> tuple[str, str]:
-    if facts.damage:
-        return "incomplete", f"ERROR: {facts.damage[0]}, so what is done and what is not cannot be told"
-    if len(facts.done) == len(facts.plan.steps):
+    if facts.journal.found:
+        return "incomplete", f"ERROR: {facts.journal.found[0]}, so what is done and what is not cannot be told"
+    if len(facts.done) == len(facts.journal.plan.steps):
         lost = sum(each.samples for each in facts.lost)
         if lost:
             return "incomplete", f"every planned step was done, but the samples of {lost} collects are lost"
@@ -282,7 +278,7 @@ def _present(facts: _Facts) -> Attempt | None:
 def _eta(facts: _Facts, present: Attempt | None) -> str:
     """Return when the rest will be done if it takes as long as planned, from the last sign of life."""
     remaining_s = 0.0
-    for step in facts.plan.steps:
+    for step in facts.journal.plan.steps:
         if step.key not in facts.done:
             gone_s = facts.last_s - present.began_s if present and present.step_key == step.key else 0.0
             remaining_s += max(step.duration_s - gone_s, 0.0)

@@ -1,14 +1,54 @@
-"""What is wrong with a night at this moment, worst first, and what was wrong and is over: in sentences.
+"""What is wrong with a night at this moment, worst first, what was wrong and is over, and what to do: in sentences.
 
     now, over = troubles(journal.night, events, last_s, trying="T1/S1/setpoint")
+    to_do(folder, status)       # "hil resume night carries on"
 
 Both come from the events of the newest controller alone. Times are of the campaign, as everywhere in a journal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from hil.records.rows import Event, Night
-from procedures.words import hours_minutes
+from procedures.words import counted, hours_minutes
+
+_BY_VERDICT = {
+    "PASS": "nothing; hil report {} has the parameters",
+    "MARGINAL": "read the reasons before its numbers are used: hil report {}",
+    "FAIL": "use no number that FAILED; hil report {} names them and why: mend that, and measure them again",
+    "INCONCLUSIVE": "measure again what could not be told; hil report {} names it and why",
+}
+
+
+def to_do(folder: Path, status: Mapping[str, Any]) -> str:
+    """Return what has to be done about a night (hil.status/1, and the `verdict` on it): first about its chamber."""
+    if status["prompt"]:
+        return f"answer it: hil confirm {folder}{' --text …' if status['prompt']['wants_words'] else ''}, or --no"
+    if status["state"] == "paused":
+        return f"hil continue {folder} carries on; until then the chamber is held"
+    if status["state"] == "running":
+        bad = status["problems"] or status["old"]
+        return "see to it; the controller tries on, or ends with the chamber safe" if bad else "nothing"
+    if status["working"]:
+        return "wait until the chamber has been made safe, and look again"
+    if status["killed"]:
+        return made_safe(folder)
+    first = "go to the chamber and stop it there; then " if status["chamber"] not in (None, "SAFE") else ""
+    if status["reason"].startswith("ERROR"):
+        return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven"
+    verdict, left = (status["verdict"] or {}).get("verdict", ""), status["steps_total"] - status["steps_done"]
+    if status["state"] == "complete":
+        return first + _BY_VERDICT.get(verdict, "hil report {} judges it").format(folder)
+    if not left:
+        return f"{first}hil resume {folder} measures again what rests on the damage; use no number of it before"
+    first += "mend what ended it; then " if status["state"] == "failed" and not first else ""
+    return f"{first}hil resume {folder} carries on: {counted(left, 'step')} left"
+
+
+def made_safe(folder: Path) -> str:
+    """Return what is to be done where nobody commands the chamber any more."""
+    return f"hil watchdog {folder} brings it to its safe state, hil resume {folder} carries on"
 
 
 def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) -> tuple[list[str], list[str]]:

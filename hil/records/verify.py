@@ -70,16 +70,8 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     except Damaged as error:  # it cannot be believed any further
         problems += [] if problems else [str(error)]
         verdict = {"verdict": "ERROR", "reason": problems[0]}
-    return {
-        "schema": "hil.verify/1",
-        "complete": complete and not problems,
-        "judgement": verdict,
-        "simulated": simulated,
-        "problems": problems,
-        "blocks_checked": len(rows),
-        "notes": notes,
-        "signature": signature,
-    }
+    told = {"complete": complete and not problems, "judgement": verdict, "simulated": simulated, "problems": problems}
+    return {"schema": "hil.verify/1", **told, "blocks_checked": len(rows), "notes": notes, "signature": signature}
 
 
 def _signature(folder: Path, path: Path | None) -> tuple[str, bool]:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
 from hil.records.status import night_status, recorded_end
+from hil.records.troubles import to_do
 from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
@@ -93,6 +95,7 @@ class NightContent:
     title: str = ""
     simulated: bool = False
     reason: str = ""
+    to_do: str = ""  # about a night that is not whole, its chamber first
     asked: str = ""
     done: str = ""
     identity: Mapping[str, str] = field(default_factory=dict)  # as `night_identity` has it
@@ -131,6 +134,7 @@ def night_content(folder: Path) -> NightContent:
             title=journal.night.title,
             simulated=journal.night.simulated,
             reason=str(status["reason"]),
+            to_do=_to_do(folder, status),
             asked=_asked(journal.plan),
             done=_done(journal, status),
             identity=status["identity"],
@@ -152,6 +156,14 @@ def night_content(folder: Path) -> NightContent:
             provenance=night_provenance(journal, identity),
             files=[(row.block.path, row.block.size, row.block.sha256) for row in journal.blocks()],
         )
+
+
+def _to_do(folder: Path, status: Mapping[str, Any]) -> str:
+    if status["state"] not in {"incomplete", "aborted", "failed"}:
+        return ""
+    chamber = status["chamber_in_words"]
+    told = "" if chamber in status["reason"] else f"{chamber}. "
+    return f"{told}To do: {to_do(Path(folder.name), {**status, 'verdict': None})}"
 
 
 def _asked(plan: Plan) -> str:

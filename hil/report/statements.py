@@ -101,8 +101,8 @@ _DO = {
 def to_do(content: ReportContent) -> Iterator[str]:
     """Yield what somebody has to do now: with a night that is not whole, with runs that are not good."""
     night = content.night
-    if night is not None and night.state in {"incomplete", "aborted", "failed"}:
-        yield "Carry the night on with hil resume; what is missing is listed below."
+    if night is not None and night.to_do:
+        yield f"{night.to_do}; what is missing is listed below."
     for verdict, do in _DO.items():
         for sensor in content.sensors:
             found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]

@@ -7,11 +7,12 @@ block. Blocks share no base parameter, so that each has its own noise.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
-from hil.solve.identifiability import independent_columns, orthonormal, project_out
+from hil.solve.identifiability import CANNOT_BE_SEEN, independent_columns, kept_shares, orthonormal, project_out
 from hil.solve.temperatures import same_temperature
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
@@ -40,6 +41,21 @@ class Block:
     def select(self, columns: FloatArray) -> FloatArray:
         """Return (n, c, p) columns of the sensor at this block's rows, shape (N, p)."""
         return np.asarray(columns[self.rows, self.channel])
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """The base's columns that are values at one temperature, (N, v); its laws of temperature are none."""
+        kept: list[int] = []
+        for place, column in enumerate(self.base.T):
+            known = orthonormal(self.at_each_temperature(self.base[:, kept]))
+            if kept_shares(known, column[:, None])[0] > CANNOT_BE_SEEN:
+                kept.append(place)
+        return self.base[:, kept]
+
+    def at_each_temperature(self, columns: FloatArray) -> FloatArray:
+        """Return columns (N, v) anew at each of S temperatures, (N, v·S)."""
+        at = np.equal.outer(self.station, np.unique(self.station)).astype(np.float64)
+        return np.asarray((columns[:, :, None] * at[:, None, :]).reshape(len(self.y), -1))
 
 
 def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: FloatArray) -> list[Block]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
+from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.neighbours import Found, compared_with_neighbours
@@ -60,10 +61,11 @@ class WrongRows:
 
 def wrong_rows(collects: Collects) -> WrongRows:
     """Return what is wrong with the rows of one sensor, and its collects with that mended or left out."""
-    collects = with_every_error(collects)
+    at_limit = clipped_rows(collects)
+    collects = with_every_error(unclipped(collects))
     neighbours = compared_with_neighbours(collects)
     rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
-    rows, judged = [], dict(neighbours.judged)
+    rows, judged = at_limit, dict(neighbours.judged)
     for found in neighbours.found:
         if found.exchanged is not None:
             one, other = found.exchanged
@@ -83,6 +85,17 @@ def wrong_rows(collects: Collects) -> WrongRows:
             rows.append(_wrong(collects, found, LEFT_OUT, why))
     used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se) if rows else collects
     return WrongRows(used, tuple(rows), judged, neighbours.not_compared)
+
+
+def clipped_rows(collects: Collects) -> list[Wrong]:
+    """Return the averages that stand at a channel's limit, run by run."""
+    conditions, out = collects.conditions, []
+    for channel, rows, why in clipped(collects):
+        name = (list(conditions.sensor.channels)[channel],)
+        for run in np.unique(conditions.run[rows]).tolist():
+            numbers = tuple(conditions.collect[rows & (conditions.run == run)].tolist())
+            out.append(Wrong(conditions.sensor.number, run, numbers, name, LEFT_OUT, why))
+    return out
 
 
 def rows_of(campaign: Campaign) -> list[dict[str, Any]]:

@@ -90,7 +90,6 @@ def simulate_devices(
         first_run=first_run,
         visited=visited,
         session=session,
-        setpoints=plant,
     )
     imu = SimulatedImu(
         description,

@@ -22,7 +22,7 @@ from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKin
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
 from hil.config.faults import Fault
-from hil.files.durable import Disk, RealDisk
+from hil.files.durable import RealDisk
 from hil.twin.devices import SimulatedBench
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
@@ -72,7 +72,7 @@ class FaultInjector(Silent):
         self._disk = FullDisk(clock)
 
     @property
-    def disk(self) -> Disk:
+    def disk(self) -> RealDisk:
         """The disk for the night's blocks."""
         return self._disk
 

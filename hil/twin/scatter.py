@@ -5,9 +5,9 @@ point, both in time order; run-to-run scatter is drawn by the number of the self
 """
 
 from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Scatter
@@ -23,8 +23,8 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
 
 def _correlated(keep: float, steps: FloatArray, before: FloatArray) -> FloatArray:
     """Return x_k = keep x_(k-1) + steps_k, (m, p), from the x before the first, (p,): the same wherever interrupted."""
-    values, _ = lfilter([1.0], [1.0, -keep], steps, axis=0, zi=keep * before[None])
-    return np.asarray(values)
+    columns = zip(steps.T.tolist(), before.tolist(), strict=True)
+    return np.array([[*accumulate(own, lambda x, s: keep * x + s, initial=x)][1:] for own, x in columns]).T
 
 
 class WhiteNoise:

@@ -1,7 +1,5 @@
 """The chamber's air together with what the chamber was told, for effects that depend on the last change of setpoint."""
 
-from bisect import bisect_right
-
 import numpy as np
 
 from drivers.simulators.chambers.plant import ChamberPlant, FloatArray
@@ -24,9 +22,5 @@ class LoggedPlant(ChamberPlant):
 
     def setpoint_at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the setpoint in force at each time and for how long, °C and s, (n,) each; NaN before the first."""
-        setpoints, since_s = np.full(len(times_s), np.nan), np.full(len(times_s), np.nan)
-        for row, time_s in enumerate(times_s.tolist()):
-            last = bisect_right(self._commanded_s, time_s) - 1
-            if last >= 0:
-                setpoints[row], since_s[row] = self._setpoints[last], time_s - self._commanded_s[last]
-        return setpoints, since_s
+        last = np.searchsorted(self._commanded_s, times_s, side="right")
+        return np.array([np.nan, *self._setpoints])[last], times_s - np.array([np.nan, *self._commanded_s])[last]

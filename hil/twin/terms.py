@@ -8,7 +8,6 @@ each, with a history of one row for every stay and every group before. Each grid
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -21,17 +20,11 @@ from hil.twin.grid import CASE, ROTOR, SlowGrid
 from hil.twin.motion import Leg
 from hil.twin.scatter import NamedNoise
 from hil.twin.sensor import SimulatedSensor
+from hil.twin.setpoints import LoggedPlant
 from hil.twin.thermal import GRID_S
 
 _GROUP = 60  # grid points per evaluation: five minutes
 _SPAN_S = 2.0 * 86400.0  # for which 1/f noise is made of processes: a long night
-
-
-class Setpoints(Protocol):
-    """Whatever knows what the chamber was told."""
-
-    def setpoint_at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the setpoint in force at each time and for how long, °C and s, (n,) each; NaN before the first."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +39,8 @@ class Rest:
 class GridRows:
     """What a campaign would know of a sensor at grid points."""
 
-    def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, setpoints: Setpoints | None) -> None:
-        self.sensor, self._grid, self._spun_up_s, self._setpoints = sensor, grid, spun_up_s, setpoints
+    def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, plant: LoggedPlant) -> None:
+        self.sensor, self._grid, self._spun_up_s, self._plant = sensor, grid, spun_up_s, plant
         self.begins_s = float(grid.time_of(np.array([0]))[0])
 
     def node_of(self, time_s: float) -> int:
@@ -68,8 +61,7 @@ class GridRows:
             "time_since_index_s": np.maximum(begins_s - here.leg.ends_s, 0.0) if known else np.full(len(nodes), np.nan),
             **self._grid.conditions(self.sensor.sensor.number, nodes),
         }
-        if self._setpoints is not None:
-            columns["setpoint_degC"], columns["time_since_setpoint_s"] = self._setpoints.setpoint_at(begins_s)
+        columns["setpoint_degC"], columns["time_since_setpoint_s"] = self._plant.setpoint_at(begins_s)
         n = len(nodes)
         return Conditions(
             self.sensor.sensor,

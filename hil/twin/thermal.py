@@ -16,10 +16,10 @@ yet: whoever asks, however often, finds the same temperatures.
 """
 
 import math
-from typing import Protocol
 
 import numpy as np
 
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.simulation import ThermalSection
 
@@ -27,18 +27,11 @@ GRID_S = 5.0
 """Spacing of the grid. Within it a rotor that follows a ramp of 3 °C/min departs from its slope by less than 1 m°C."""
 
 
-class Air(Protocol):
-    """Whatever knows the temperature of the chamber's air, up to now."""
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        """Return the air temperature at times up to now, shape (n,), °C."""
-
-
 class ThermalUnit:
     """Case and rotor temperatures of a unit that was at `start_degC` throughout at `begins_s`."""
 
     def __init__(
-        self, settings: ThermalSection, air: Air, *, start_degC: float, begins_s: float, powered_for_s: float
+        self, settings: ThermalSection, air: ChamberPlant, *, start_degC: float, begins_s: float, powered_for_s: float
     ) -> None:
         self._settings = settings
         self._air = air

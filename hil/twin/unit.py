@@ -30,8 +30,9 @@ from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor
-from hil.twin.terms import GridRows, Rest, ScatterRates, Setpoints, TermRates
-from hil.twin.thermal import Air, ThermalUnit
+from hil.twin.setpoints import LoggedPlant
+from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
+from hil.twin.thermal import ThermalUnit
 
 _COLD_DEGC = 5.0  # below it the bearings settle slowly
 _SETTLED_AFTER = 25.0  # time constants after which nothing is left of the settling
@@ -60,14 +61,13 @@ class SimulatedUnit:
         bench: Bench,
         model: Model,
         roles: Roles,
-        air: Air,
+        plant: LoggedPlant,
         *,
         sample_rate_hz: float,
         begins_s: float = 0.0,
         first_run: int = 1,
         visited: Sequence[str] = (),
         session: int = 0,
-        setpoints: Setpoints | None = None,
     ) -> None:
         settings = bench.simulation
         if settings is None:
@@ -83,7 +83,7 @@ class SimulatedUnit:
         self._columns: FieldColumns = field_columns(self._sensors, roles)
         thermal = ThermalUnit(
             settings.thermal,
-            air,
+            plant,
             start_degC=settings.start.temperature,
             begins_s=begins_s,
             powered_for_s=settings.start.powered_for,
@@ -106,7 +106,7 @@ class SimulatedUnit:
         )
         self._white = WhiteNoise(settings.seed, session, len(self._columns.names))
         spun_up_s = begins_s - settings.start.powered_for
-        self._rows = {n: GridRows(one, self._grid, spun_up_s, setpoints) for n, one in self._sensors.items()}
+        self._rows = {n: GridRows(one, self._grid, spun_up_s, plant) for n, one in self._sensors.items()}
         self._terms = {n: TermRates(rows) for n, rows in self._rows.items() if model.terms_for(rows.sensor.sensor)}
         self._scatters = [n for n, one in self._sensors.items() if one.scattering]
         self._scatter: dict[int, ScatterRates] = {}  # once there is a grid point

@@ -17,7 +17,8 @@ from drivers.chambers.chamber import ChamberIdentity
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.frames.counts import StreamCounts
-from drivers.imu import ImuIdentity, SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import ImuIdentity, SampleBlock
 from procedures.devices import BenchDevices
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, make_plan
@@ -113,7 +114,12 @@ class FakeImu:
     def __init__(self, clock: VirtualClock, chamber: FakeChamber, table: FakeTable) -> None:
         self.clock, self.chamber, self.table = clock, chamber, table
         self.sensors = {
-            2: SensorChannels({"RA": "rate_A2"}, {"A": "accel_A2"}, "rotor_2_degC", {"spin_period_us": "spin_2_us"})
+            2: SensorRole(
+                rates={"RA": "rate_A2"},
+                accelerations={"A": "accel_A2"},
+                temperature="rotor_2_degC",
+                conditions={"spin_period_us": "spin_2_us"},
+            )
         }
         self.serial = "7"
         self.port, self.unsure = "sim://imu", False

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import SampleBlock
 from procedures.collect import join, reduce_collect
 from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, slope_per_min
 from procedures.settings import CollectSettings
@@ -17,8 +18,13 @@ from procedures.settings import CollectSettings
 N, HZ = 1200, 20.0
 IMU = SimpleNamespace(
     sensors={
-        2: SensorChannels({"RA": "ra", "RB": "rb"}, {"A": "aa", "S": "as"}, "t2", {"spin_period_us": "spin"}),
-        1: SensorChannels({"RA": "ra1"}),
+        2: SensorRole(
+            rates={"RA": "ra", "RB": "rb"},
+            accelerations={"A": "aa", "S": "as"},
+            temperature="t2",
+            conditions={"spin_period_us": "spin"},
+        ),
+        1: SensorRole(rates={"RA": "ra1"}),
     },
     conditions={"supply_V": "supply"},
     sample_rate_hz=HZ,

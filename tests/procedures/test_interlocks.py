@@ -9,7 +9,8 @@ import pytest
 
 from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import SampleBlock
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.runaway import rate_interlocks
 from procedures.settings import InterlockSettings
@@ -157,7 +158,7 @@ def test_in_a_pause_the_stream_may_be_unplugged_and_the_chamber_may_not():
 
 def test_a_rate_that_never_changes_is_timed_and_noise_is_not():
     """Across drains; a change anywhere begins it anew."""
-    sensors = {2: SensorChannels({"RA": "rate_A2", "RB": "rate_B2"}, {}, None)}
+    sensors = {2: SensorRole(rates={"RA": "rate_A2", "RB": "rate_B2"})}
     unchanged = Unchanged(sensors)
 
     def block(b_deg_per_hr):

@@ -133,7 +133,7 @@ def test_the_result_says_what_decided_with_temperatures_slopes_and_restarts(benc
 
 def test_a_unit_without_a_thermometer_relies_on_chamber_and_time_and_says_so(bench):
     """No silent assumption."""
-    bench.imu.sensors = {2: replace(bench.imu.sensors[2], temperature=None)}
+    bench.imu.sensors = {2: bench.imu.sensors[2].model_copy(update={"temperature": None})}
     bench.run()
     data = bench.record.results["T1/S1/restabilise"].data
     assert data["verdict"] == "PASS"

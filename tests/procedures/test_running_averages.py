@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.imu import SampleBlock, SensorChannels
+from drivers.frames.roles import SensorRole
+from drivers.imu import SampleBlock
 from procedures.collect import _Running
 
-SENSORS = {2: SensorChannels({"RA": "s2_ra", "RB": "s2_rb"})}
+SENSORS = {2: SensorRole(rates={"RA": "s2_ra", "RB": "s2_rb"})}
 POLLS, PER_POLL, SIGMA = 240, 50, 40.0
 
 

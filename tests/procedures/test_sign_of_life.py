@@ -21,7 +21,7 @@ class Heard:
 def test_no_two_signs_are_further_apart_than_the_silence_that_was_asked_for(bench):
     """Over a whole night: soaks, collects, moves; the interval between two polls is asked for as well."""
     heard = Heard(bench.clock)
-    assert bench.run(vital=heard).state is SweepState.COMPLETE
+    assert bench.run(vital=heard.alive).state is SweepState.COMPLETE
     for (before_s, silent_s), (after_s, _) in zip(heard.signs, heard.signs[1:], strict=False):
         assert after_s - before_s <= silent_s + 1e-6
     assert {silent_s for _, silent_s in heard.signs} >= {60.0}  # an index move may take its time-out
@@ -32,7 +32,7 @@ def test_a_safe_state_that_has_to_be_tried_again_and_again_is_no_silence(bench):
     bench.chamber.safe_fails = 20
     bench.chamber.alarm = lambda t: ("HIGH",) if t > 700.0 else ()
     heard = Heard(bench.clock)
-    outcome = bench.run(vital=heard)
+    outcome = bench.run(vital=heard.alive)
     assert outcome.left.safe
     leaving = [silent_s for time_s, silent_s in heard.signs if time_s > 700.0 + bench.interlocks.alarm_grace_s]
     assert len(leaving) >= 20

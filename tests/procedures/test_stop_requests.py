@@ -79,7 +79,7 @@ def test_a_second_interrupt_does_not_skip_the_safe_state(bench):
     with bench.stop.on_signals():
         outcome = bench.run(progress=Impatient())
     assert outcome.state is SweepState.ABORTED
-    assert outcome.reason == "stopped by SIGINT"
+    assert outcome.reason == "stopped by Ctrl-C, SIGINT"
     assert bench.chamber.safe
     assert bench.chamber.safe_calls == 4
 

@@ -12,7 +12,7 @@ question without a reply the line is listened to for 3 s. Temperatures in °C; t
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Unit, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Unit, Which
 from drivers.chambers.controllers.description import BoxDescription, Command, Quantity, Question
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
@@ -25,7 +25,7 @@ TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 _LATE_S = 3.0
 
 
-class SetpointBox(OnOnePort):
+class SetpointBox(Controller):
     """A `Controller` as a description says."""
 
     def __init__(self, transport: Transport, clock: Clock, description: BoxDescription) -> None:

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Which
 from drivers.chambers.controllers.espec_replies import ReplyParser
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
@@ -35,7 +35,7 @@ _LETTER = {"low": "L", "setpoint": "S", "high": "H"}
 _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}
 
 
-class Espec(OnOnePort):
+class Espec(Controller):
     """A `Controller` of one chamber. `address` is for RS-485 only."""
 
     native_limits: NativeLimits = "alarm"

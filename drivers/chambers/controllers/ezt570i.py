@@ -18,7 +18,7 @@ ramp for a setpoint without a profile, and no timer that stops a chamber left al
 baud, 8 data bits, even parity, address 1. At least 0.5 s between exchanges; reply awaited 1.5 s. Limits: 16 bits.
 """
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
@@ -40,7 +40,7 @@ _CHAMBER_ALARMS = {
 }
 
 
-class Ezt570i(OnOnePort):
+class Ezt570i(Controller):
     """A `Controller` of loop 1 of an EZT-570i."""
 
     native_limits: NativeLimits = "setpoint"

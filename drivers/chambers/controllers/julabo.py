@@ -21,7 +21,7 @@ Line: 4800 baud, even parity; hardware handshake is the factory's setting and mu
 import re
 from typing import Literal
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, NativeLimits, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, NativeLimits, Which
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, ProtocolError
 from drivers.transports import Transport
@@ -32,7 +32,7 @@ _ABOUT_COMMANDS = range(-13, -7)
 WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
 
 
-class Julabo(OnOnePort):
+class Julabo(Controller):
     """A `Controller` of a bath. `warning_limits` says under which parameters its model has them, high and low."""
 
     def __init__(self, transport: Transport, clock: Clock, *, warning_limits: WarningLimits = "SP_03/04") -> None:

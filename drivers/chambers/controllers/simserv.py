@@ -19,7 +19,7 @@ Temperatures in 0.1 °C, gradients 0.01 to 5 °C/min up and to 3.5 down; reply a
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
@@ -48,7 +48,7 @@ _MEANINGS = {
 }
 
 
-class SimServ(OnOnePort):
+class SimServ(Controller):
     """A `Controller` behind SimServ: control variable 1 is the air's temperature."""
 
     def __init__(self, transport: Transport, clock: Clock) -> None:

@@ -19,7 +19,7 @@ s.
 
 import re
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
@@ -30,7 +30,7 @@ _PROGRAM = 1 | 8 | 32  # runs, is held, or will start
 _ALARMS = {0: "low deviation", 1: "high deviation", 4: "low process", 5: "high process"}
 
 
-class Thermotron(OnOnePort):
+class Thermotron(Controller):
     """A `Controller` of channel 1. `terminator` is CR on serial lines, LF or CR LF on TCP."""
 
     def __init__(self, transport: Transport, clock: Clock, *, terminator: bytes = b"\r") -> None:

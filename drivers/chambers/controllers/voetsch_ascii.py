@@ -21,8 +21,10 @@ listened to for 3 s.
 
 from dataclasses import dataclass
 
+from pydantic import NonNegativeInt, PositiveInt
+
 from drivers.chambers.chamber import ChamberLimits
-from drivers.chambers.controller import ControllerIdentity, ControllerState, OnOnePort, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Which
 from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
@@ -37,13 +39,13 @@ class AsciiLayout:
     Raises `ValueError` where it contradicts itself.
     """
 
-    pairs: int = 5
+    pairs: PositiveInt = 5
     nominal_first: bool = True
-    written: int = 5  # nominal values in a write
-    bits: int = 16
-    start_bit: int = 1
-    channel_bit: int | None = 3  # that of the temperature, None where the start bit is enough
-    error_bit: int = 2
+    written: PositiveInt = 5  # nominal values in a write
+    bits: PositiveInt = 16
+    start_bit: NonNegativeInt = 1
+    channel_bit: NonNegativeInt | None = 3  # that of the temperature, None where the start bit is enough
+    error_bit: NonNegativeInt = 2
 
     def __post_init__(self) -> None:
         if not 1 <= self.written <= self.pairs:
@@ -53,7 +55,7 @@ class AsciiLayout:
             raise ValueError(f"start_bit, channel_bit and error_bit must be different bits from 0 to {self.bits - 1}")
 
 
-class VoetschAscii(OnOnePort):
+class VoetschAscii(Controller):
     """A `Controller` behind ASCII-2.
 
     `limits` bound the setpoint that is written back with a stop: somebody may have left one outside.

@@ -17,7 +17,7 @@ itself, but a static setpoint is ignored while one runs. Line: 8N1, 9600 (TestEq
 30 ms, reply awaited 1 s; a frame with a wrong checksum is answered with silence. Limits of values: a 16-bit register.
 """
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
@@ -34,7 +34,7 @@ _EVENT_1, _EVENT_STRIDE = 2000, 10
 _TERMINATE = 1217
 
 
-class WatlowF4(OnOnePort):
+class WatlowF4(Controller):
     """A `Controller` of channel 1 of an F4.
 
     `enable_event` is the event output that switches the chamber, None where the line cannot switch it: it is then taken

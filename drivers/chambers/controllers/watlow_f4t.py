@@ -16,7 +16,7 @@ unit 1; SCPI port 5025, LF. Pause 30 ms; reply awaited 1 s (SCPI 2 s, and 0.5 s 
 rates in 0.1 °C/min.
 """
 
-from drivers.chambers.controller import ControllerIdentity, ControllerState, Mode, NativeLimits, OnOnePort, Unit, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Unit, Which
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
@@ -39,7 +39,7 @@ def _scpi(port: Transport, clock: Clock) -> LineExchange:
     return LineExchange(port, clock, device=f"chamber on {port.name}", terminator=b"\n", timing=timing)
 
 
-class WatlowF4t(OnOnePort):
+class WatlowF4t(Controller):
     """A `Controller` of loop 1 of an F4T. `ramp_port` is its other port, where the ramp is wanted."""
 
     native_limits: NativeLimits = "setpoint"

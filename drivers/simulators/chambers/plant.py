@@ -18,26 +18,14 @@ The slope never exceeds the ramp limit. The form is a simulator's convenience, n
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 FloatArray = NDArray[np.float64]
 
 _OVERSHOOT_OF_A_STEP = 0.3
 _FASTEST_SETTLING_S = 5.0
-
-
-class _Segment(Protocol):
-    """A stretch of the history; `elapsed_s` counts from its beginning, scalar or array."""
-
-    def at(self, elapsed_s: FloatArray) -> FloatArray: ...
-
-    def at_one(self, elapsed_s: float) -> float: ...
-
-    def slope_per_s(self, elapsed_s: float) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -48,13 +36,9 @@ class _Leak:
     ambient_degC: float
     time_constant_s: float
 
-    def at(self, elapsed_s: FloatArray) -> FloatArray:
+    def at(self, elapsed_s: FloatArray | float) -> FloatArray:
         excess = self.begins_degC - self.ambient_degC
         return np.asarray(self.ambient_degC + excess * np.exp(-elapsed_s / self.time_constant_s), dtype=np.float64)
-
-    def at_one(self, elapsed_s: float) -> float:
-        excess = self.begins_degC - self.ambient_degC
-        return self.ambient_degC + excess * math.exp(-elapsed_s / self.time_constant_s)
 
     def slope_per_s(self, elapsed_s: float) -> float:
         excess = self.begins_degC - self.ambient_degC
@@ -70,20 +54,18 @@ class _Ramp:
     initial_per_s: float
     response_s: float
 
-    def at(self, elapsed_s: FloatArray) -> FloatArray:
+    def at(self, elapsed_s: FloatArray | float) -> FloatArray:
         lag = (self.rate_per_s - self.initial_per_s) * self.response_s
         gone = -np.expm1(-elapsed_s / self.response_s)
         return np.asarray(self.begins_degC + self.rate_per_s * elapsed_s - lag * gone, dtype=np.float64)
-
-    def at_one(self, elapsed_s: float) -> float:
-        lag = (self.rate_per_s - self.initial_per_s) * self.response_s
-        return self.begins_degC + self.rate_per_s * elapsed_s + lag * math.expm1(-elapsed_s / self.response_s)
 
     def slope_per_s(self, elapsed_s: float) -> float:
         return self.rate_per_s + (self.initial_per_s - self.rate_per_s) * math.exp(-elapsed_s / self.response_s)
 
     def duration_to(self, setpoint_degC: float) -> float:
         """Return when the setpoint is reached (the last time, where the air still moves the other way at first)."""
+        from scipy.optimize import brentq  # imported late: it is slow, and only a simulated chamber needs it
+
         distance = abs(setpoint_degC - self.begins_degC)
         if distance == 0.0:
             return 0.0
@@ -91,7 +73,7 @@ class _Ramp:
         behind_s = (1.0 + abs(self.initial_per_s / self.rate_per_s)) * self.response_s
         latest_s = distance / abs(self.rate_per_s) + behind_s + 1.0
         sign = math.copysign(1.0, self.rate_per_s)
-        return float(brentq(lambda u: sign * (self.at_one(u) - setpoint_degC), 0.0, latest_s, xtol=1e-9))
+        return float(brentq(lambda u: sign * (self.at(u) - setpoint_degC), 0.0, latest_s, xtol=1e-9))
 
 
 @dataclass(frozen=True)
@@ -104,18 +86,16 @@ class _Settled:
     ripple_degC: float
     ripple_period_s: float
 
-    def at(self, elapsed_s: FloatArray) -> FloatArray:
+    def at(self, elapsed_s: FloatArray | float) -> FloatArray:
         fade = np.exp(-elapsed_s / self.settling_s)
         ripple = self.ripple_degC * (1.0 - fade) * np.sin(2.0 * np.pi * elapsed_s / self.ripple_period_s)
         return np.asarray(self.setpoint_degC + self.initial_per_s * elapsed_s * fade + ripple, dtype=np.float64)
 
-    def at_one(self, elapsed_s: float) -> float:
-        fade = math.exp(-elapsed_s / self.settling_s)
-        ripple = self.ripple_degC * (1.0 - fade) * math.sin(2.0 * math.pi * elapsed_s / self.ripple_period_s)
-        return self.setpoint_degC + self.initial_per_s * elapsed_s * fade + ripple
-
     def slope_per_s(self, elapsed_s: float) -> float:
         return self.initial_per_s * (1.0 - elapsed_s / self.settling_s) * math.exp(-elapsed_s / self.settling_s)
+
+
+_Segment = _Leak | _Ramp | _Settled  # a stretch of the history; `elapsed_s` counts from its beginning
 
 
 class ChamberPlant:
@@ -187,7 +167,7 @@ class ChamberPlant:
         """Move the present to `to_s` and return the air temperature there, °C."""
         self._now_s = max(self._now_s, to_s)
         number = max(bisect_right(self._begins, to_s) - 1, 0)
-        return self._segments[number].at_one(max(to_s - self._begins[number], 0.0))
+        return float(self._segments[number].at(max(to_s - self._begins[number], 0.0)))
 
     def air_degC(self, times_s: FloatArray) -> FloatArray:
         """Return the air temperature at `times_s`, any shape, °C: the whole history can be asked for again."""

@@ -68,8 +68,11 @@ export class Detail {
     $("progress").max = Math.max(head.steps_total, 1);
     $("progress").value = head.steps_done;
     put("about", [head.bench && `bench ${head.bench}`, identityOf(head), `began ${dateTime(head.began_utc)}`].filter(Boolean).join(" · "));
-    put("verdict", head.verdict ? `${head.verdict.verdict}: ${sentence(head.verdict.reason)}` : "");
+    const why = head.verdict && head.verdict.verdict !== "ERROR" ? `: ${sentence(head.verdict.reason)}` : ""; // the line at the top says that
+    put("verdict", head.verdict ? `${head.verdict.verdict}${why}` : "");
     $("verdict").className = `verdict ${head.verdict ? head.verdict.verdict : ""}`;
+    put("to-do", `To do: ${head.to_do}`);
+    put("chamber", head.problems.includes(head.chamber_in_words) ? "" : sentence(head.chamber_in_words));
     put("over", (head.over || []).map((line) => `Over: ${sentence(line)}`).join(" · "));
     const report = reportLink(this.id, head, this.reports);
     $("report").replaceChildren(...(report ? [report] : head.working ? [] : [`hil report makes the report of this night.`]));
@@ -212,7 +215,6 @@ export class Detail {
 function ending(head) {
   if (head.working) return "beginning …";
   if (head.killed) return "interrupted";
-  if (head.state === "complete" && head.verdict?.verdict === "PASS") return `nothing has to be done: ${head.reason}`;
   return head.state === "failed" ? "ended early" : head.reason;
 }
 

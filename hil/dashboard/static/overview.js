@@ -37,10 +37,11 @@ function card(id, head, reports) {
   link.append(text("span", "where", head.bench && head.bench !== id ? `${head.bench} · ${id}` : id), badges);
   const trouble = troubleOf(head);
   if (trouble && trouble.bad) link.className = "card bad";
-  if (head.verdict) badges.append(" ", text("span", `verdict ${head.verdict.verdict}`, head.verdict.verdict));
+  if (head.verdict && !word.includes(head.verdict.verdict)) badges.append(" ", text("span", `verdict ${head.verdict.verdict}`, head.verdict.verdict));
   const what = capital(sentence(head.step || (trouble ? "" : head.reason || head.title)));
   if (what) link.append(text("span", "what", what));
   if (trouble) link.append(text("span", "trouble", trouble.text));
+  if (head.to_do && head.to_do !== "nothing") link.append(text("span", "to-do", `To do: ${head.to_do}`));
   if (head.prompt) link.append(text("span", "asks", `Asks: ${head.prompt.question}`));
   for (const line of head.over || []) link.append(text("span", "small", `Over: ${sentence(line)}`));
   link.append(text("span", "small", facts(head)));

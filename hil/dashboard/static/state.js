@@ -17,12 +17,6 @@ export function stateOf(head) {
 export function troubleOf(head) {
   const problems = (head.problems || []).map(sentence).join(" · ");
   if (head.state === "unreadable") return { bad: true, text: `This night cannot be read: ${head.reason}` };
-  if (head.killed) {
-    return {
-      bad: true,
-      text: "The controller is dead: it was killed, or lost its power. The chamber may still be conditioning; hil watchdog makes it safe, hil resume carries on.",
-    };
-  }
   if (head.reason.startsWith("ERROR: ")) return { bad: true, text: head.reason };
   if (head.working && head.old) {
     return {

@@ -123,12 +123,13 @@ class Described(ABC):
     """What every entry of the catalogue says about itself, whatever it acts on."""
 
     id: ClassVar[str]
-    family: ClassVar[str]
+    family: ClassVar[str]  # by default as the file is called in which the class stands
     title: ClassVar[str]
     equation: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     shapes: ClassVar[tuple[ShapeParameter, ...]] = ()
     per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
+    rotor_only: ClassVar[bool] = False  # exists only in a two-channel rotor sensor
     named_by_data: ClassVar[bool] = False  # which parameters there are depends on positions or power cycles
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
@@ -140,9 +141,13 @@ class Described(ABC):
     idealises: ClassVar[str] = ""
     """By what its column in recorded conditions differs from what a unit does by more than 1 %; empty where nothing."""
 
+    def __init_subclass__(cls) -> None:
+        if "family" not in vars(cls):
+            cls.family = cls.__module__.rpartition(".")[2].replace("_", "-")
+
     def applies_to(self, sensor: Sensor) -> bool:
         """Whether the effect can exist in a sensor of this layout."""
-        return True
+        return sensor.is_rotor or not self.rotor_only
 
     def missing(self, conditions: Conditions) -> tuple[str, ...]:
         """Return the condition columns that the data lacks (absent or all empty), without which it cannot be asked."""
@@ -154,15 +159,12 @@ class Described(ABC):
 
     def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return the parameters as they are for these rows, one per column of `columns`, in that order."""
-        sensor = conditions.sensor
-        declared = [parameter.for_sensor(sensor) for parameter in self.parameters]
-        if not self.per_channel:
-            return tuple(declared)
-        return tuple(
-            replace(parameter, name=f"{parameter.name}_{label}")
-            for parameter in declared
-            for label in channel_labels(sensor)
-        )
+        declared, labels = [each.for_sensor(conditions.sensor) for each in self.parameters], self.labels_for(conditions)
+        return tuple(replace(each, name=f"{each.name}{label}") for each in declared for label in labels)
+
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return what follows the name of each parameter that is declared, once for each that there is of it."""
+        return [f"_{label}" for label in channel_labels(conditions.sensor)] if self.per_channel else [""]
 
     def known_amplitudes(
         self, conditions: Conditions, site: Mapping[str, float]

@@ -18,7 +18,6 @@ class EarthRateFrame(Effect):
     """A component of the earth rate was used with the wrong sign: the data then differs by twice that component."""
 
     id = "frame"
-    family = "data"
     follows = "heading"
     title = "Earth-rate sign or frame defect"
     equation = "R -= 2 w_used of the component whose sign is wrong"
@@ -53,7 +52,6 @@ class Mislabelled(Effect):
     """Two positions, or the two channels, of one run (or of all) were exchanged in the record."""
 
     id = "swap"
-    family = "data"
     follows = "run"
     title = "Mislabelled collect or axis"
     equation = "R(p) becomes R(q) and R(q) becomes R(p) in one run; or RA and RB change places"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import (
     Base,
     Effect,
@@ -23,7 +23,6 @@ class IndexSettling(Effect):
     """A remainder of the index move's disturbance is inside the collect; larger after a larger slew."""
 
     id = "settle"
-    family = "dynamics"
     title = "Settling after index"
     equation = "R += S (slew/90 deg) exp(-t_index/tau)"
     per_channel = True
@@ -49,21 +48,17 @@ class SpinSpeed(Effect):
     """The rotor turns at another speed: the gain of the rate signal and its phase follow."""
 
     id = "spin"
-    family = "dynamics"
     follows = "spin_period_us"
     title = "Spin-speed error"
     equation = "R += gain (dN/N) R + turn (dN/N) (-RB, RA); dN/N = nominal/period - 1"
     parameters = (Parameter("gain", "1", (0.5, 3.0)), Parameter("turn", "rad", (0.1, 10.0)))
     needs = frozenset({"spin_period_us"})
+    rotor_only = True
     needs_base = True
     common_to_sensors = True
     signature = "Scale and phase together, in step with the logged spin period."
     confusable_with = ("scale", "phase", "supply")
     experiment = "Log the spin period and step the speed."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only in a rotor sensor."""
-        return sensor.is_rotor
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the nominal period: the median of these rows."""

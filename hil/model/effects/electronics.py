@@ -1,7 +1,6 @@
 """Effects of the electronics and its surroundings: quadrature, supply voltage, magnetic field."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,7 +28,6 @@ class QuadratureLeakage(Effect):
     """Quadrature leaks into the rate by the demodulator's phase, which follows the electronics' temperature."""
 
     id = "demod"
-    family = "electronics"
     follows = "temperature"
     title = "Quadrature leakage"
     equation = "B += Q dphi/dT (T_case - 25 degC)"
@@ -49,7 +47,6 @@ class SupplyVoltage(Effect):
     """Bias that follows the supply or reference voltage."""
 
     id = "supply"
-    family = "electronics"
     follows = "supply"
     title = "Supply voltage"
     equation = "B += K_V 100 (V/nominal - 1)"
@@ -75,7 +72,6 @@ class MagneticSensitivity(Effect):
     """The rates follow the magnetic field along the sensor's axes; the earth's is mostly vertical."""
 
     id = "mag"
-    family = "electronics"
     follows = "heading"
     title = "Magnetic sensitivity"
     equation = "R += K_m b, b = the earth's field along the sensor's axes"
@@ -88,11 +84,9 @@ class MagneticSensitivity(Effect):
     incidental = True
     experiment = "Change the heading; a Helmholtz coil; the chamber's heater off during collects."
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
         """Return one sensitivity per channel and axis: mAA, mAB, mAS, mBA, …."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
-        labels = (row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes)
-        return tuple(replace(unit, name=f"m{label}") for label in labels)
+        return [row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes]
 
     def accepts(self, parameter: str) -> bool:
         """Whether it looks like m, a channel and an axis."""

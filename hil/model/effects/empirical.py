@@ -21,7 +21,6 @@ EARTH_RATE = "w"
 class EmpiricalTerm(Effect):
     """Base parameter × driver: certain that it is there, not what it is. One instance per pair."""
 
-    family = "empirical"
     needs_base = False
     signature = "The parameter follows the driver; no effect of the catalogue does so."
     experiment = "Vary the driver alone."

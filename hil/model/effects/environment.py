@@ -16,7 +16,6 @@ class Frost(VarianceEffect):
     """Condensation or ice near 0 °C: irregular offsets that last for a run."""
 
     id = "frost"
-    family = "environment"
     follows = "temperature"
     title = "Condensation or ice around 0 °C"
     equation = "B of run k += N(0, s_f) exp(-(T - 0 degC)^2 / (2 (5 degC)^2))"
@@ -37,7 +36,6 @@ class BaseMotion(VarianceEffect):
     """The pier turns slowly: real rates, the same in both sensors once turned into the room's axes."""
 
     id = "base"
-    family = "environment"
     follows = "time"
     title = "Base motion"
     equation = "R += w_base(t) . channel axis"

@@ -11,19 +11,10 @@ from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_co
 _MATRIX_TYPICAL = {"RLG": (0.0, 0.01), "FOG": (0.0, 0.01), "DTG": (0.5, 20.0), "MEMS": (10.0, 500.0)}
 
 
-class _RotorEffect(Effect):
-    """An effect of the two-channel rotor sensor."""
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only in a two-channel rotor sensor."""
-        return sensor.is_rotor
-
-
 class Bias(Effect):
     """The bias of each channel: part of every model."""
 
     id = "bias"
-    family = "g-linear"
     title = "Bias"
     equation = "R += B"
     per_channel = True
@@ -43,13 +34,13 @@ class Bias(Effect):
         return bias_columns(conditions)
 
 
-class RotorSensitivity(_RotorEffect):
+class RotorSensitivity(Effect):
     """Lateral-acceleration drift of a rotor sensor: one complex number, in phase and in quadrature."""
 
     id = "GS"
-    family = "g-linear"
     title = "Lateral-acceleration drift (GSA, GSB)"
     equation = "RA += GSA fA + GSB fB; RB += GSA fB - GSB fA"
+    rotor_only = True
     parameters = (Parameter("GSA", "deg/hr/g", (20.0, 200.0)), Parameter("GSB", "deg/hr/g", (5.0, 100.0)))
     signature = "Collects 1 and 2 move oppositely, the bias stays."
     confusable_with = ("earth", "mag", "convection", "drift")
@@ -62,13 +53,13 @@ class RotorSensitivity(_RotorEffect):
         return gs_columns(conditions)
 
 
-class AxialDrift(_RotorEffect):
+class AxialDrift(Effect):
     """Drift proportional to the acceleration along the spin axis: what the contractor took for zero."""
 
     id = "MU_real"
-    family = "g-linear"
     title = "Axial-acceleration drift (MUA, MUB)"
     equation = "RA += MUB fS; RB -= MUA fS"
+    rotor_only = True
     parameters = (
         Parameter("MUA", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
         Parameter("MUB", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
@@ -84,9 +75,10 @@ class AxialDrift(_RotorEffect):
         return mu_columns(conditions)
 
 
-class _TemperatureDependent(_RotorEffect):
+class _TemperatureDependent(Effect):
     """Two coefficients, each with a linear and a quadratic term about 25 °C."""
 
+    rotor_only = True
     needs = frozenset({"temperature_degC"})
 
     @staticmethod
@@ -99,7 +91,6 @@ class RotorSensitivityTemperature(_TemperatureDependent):
     """GS that follows temperature."""
 
     id = "GS_T"
-    family = "g-linear"
     follows = "temperature"
     title = "GSA, GSB temperature dependence"
     equation = "GS += GS1 (T - 25 degC) + GS2 (T - 25 degC)^2, for GSA and GSB"
@@ -124,7 +115,6 @@ class AxialDriftTemperature(_TemperatureDependent):
     """MU that follows temperature."""
 
     id = "MU_T"
-    family = "g-linear"
     follows = "temperature"
     title = "MUA, MUB temperature dependence"
     equation = "MU += MU1 (T - 25 degC) + MU2 (T - 25 degC)^2, for MUA and MUB"
@@ -148,31 +138,27 @@ class AxialDriftScatter(VarianceEffect):
     """MU that differs from one self-calibration to the next: balls reseat in the bearing."""
 
     id = "MU_rr"
-    family = "g-linear"
     follows = "run"
     title = "Run-to-run MU change"
     equation = "MU of run k = MU(T) + N(0, s_mu)"
+    rotor_only = True
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
     signature = "MU and the contractor's bias scatter equally while the matrix bias is quiet: sigmas 1 : 0 : 1."
     confusable_with = ("index", "settle", "jump", "drift")
     experiment = "Repeat collect 3 three times without indexing between, then with."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only in a two-channel rotor sensor."""
-        return sensor.is_rotor
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return an independent MUA and MUB of unit deviation per run."""
         return (Scatter(mu_columns(conditions), group=conditions.run),)
 
 
-class AnisotropicSensitivity(_RotorEffect):
+class AnisotropicSensitivity(Effect):
     """GS that is not the same for both axes, against the rotor's isotropy."""
 
     id = "noniso"
-    family = "g-linear"
     title = "Anisotropy of GS"
     equation = "RA += d fA; RB -= e fA"
+    rotor_only = True
     parameters = (Parameter("d", "deg/hr/g", (1.0, 10.0)), Parameter("e", "deg/hr/g", (1.0, 10.0)))
     signature = "None while the index axis stays level: fB is nearly zero, so GS absorbs it."
     confusable_with = ("GS",)
@@ -189,7 +175,6 @@ class LinearSensitivity(Effect):
     """The full acceleration-sensitivity matrix, not symmetric; a rotor's GS and MU are what its isotropy leaves."""
 
     id = "g_sensitivity"
-    family = "g-linear"
     title = "Linear acceleration sensitivity"
     equation = "R += G f"
     parameters = (Parameter("G", "deg/hr/g", (10.0, 200.0), _MATRIX_TYPICAL),)
@@ -201,10 +186,9 @@ class LinearSensitivity(Effect):
         "Two headings, and orientations that turn the vertical axis: earth rate's vertical part is along gravity."
     )
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return GXX, GXY, …: row by channel, column by axis."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
-        return tuple(Parameter(name, unit.unit, unit.typical) for name in sensitivity_names(conditions.sensor))
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return XX, XY, … of GXX, GXY, …: row by channel, column by axis."""
+        return [name[1:] for name in sensitivity_names(conditions.sensor)]
 
     def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
         """Not beside a rotor's GS: its isotropy says what else there is."""
@@ -233,11 +217,9 @@ class LinearSensitivityTemperature(LinearSensitivity):
     searched, known_as = False, "g_sensitivity"  # of which it is a form
     experiment = "The same orientations at two temperatures at least, revisited."
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return G1_XX, G1_XY, …: row by channel, column by axis."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
-        labels = (row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes)
-        return tuple(Parameter(f"G1_{label}", unit.unit, unit.typical) for label in labels)
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return _XX, _XY, … of G1_XX, G1_XY, …: row by channel, column by axis."""
+        return [f"_{row}{axis}" for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return f ΔT for each channel, shape (n, c, 3c)."""

@@ -14,7 +14,6 @@ class SquaredAcceleration(Effect):
     """Terms in the products of acceleration components: even, so turning the unit upside down leaves them."""
 
     id = "k2"
-    family = "g-squared"
     title = "Anisoelastic (g squared) terms"
     equation = "R += kAA fA^2 + kSS fS^2 + kAS fA fS, per channel (all six products for a triad)"
     per_channel = True

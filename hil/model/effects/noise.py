@@ -1,7 +1,6 @@
 """Effects of time and chance on averages: drift, ageing, jumps; and those that only scatter them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -33,7 +32,6 @@ class Drift(Effect):
     """
 
     id = "drift"
-    family = "noise"
     follows = "time"
     title = "Linear drift between collects"
     equation = "R += d k, k = -1, 0, 1 in the order taken within the run"
@@ -63,7 +61,6 @@ class Ageing(Effect):
     """Bias that grows in proportion to time over the whole campaign."""
 
     id = "ageing"
-    family = "noise"
     follows = "time"
     title = "Ageing of the bias"
     equation = "B += a t"
@@ -87,7 +84,6 @@ class Jump(Effect):
     """
 
     id = "jump"
-    family = "noise"
     follows = "time"
     title = "Bearing or retainer jump"
     equation = "B += J from run r on, or in run r alone"
@@ -160,7 +156,6 @@ class AngleRandomWalk(VarianceEffect):
     """White noise of the rate: averages scatter with one over the root of the averaging time."""
 
     id = "arw"
-    family = "noise"
     follows = "duration_s"
     title = "Angle random walk"
     equation = "sigma = N / sqrt(duration)"
@@ -185,7 +180,6 @@ class Quantisation(VarianceEffect):
     """Angle increments are rounded."""
 
     id = "quant"
-    family = "noise"
     follows = "duration_s"
     title = "Quantisation"
     equation = "sigma = Q / duration"
@@ -203,7 +197,6 @@ class BiasInstability(VarianceEffect):
     """Flicker noise: slow wander that averaging does not remove."""
 
     id = "flicker"
-    family = "noise"
     follows = "time"
     title = "Bias instability"
     equation = "Allan deviation floor 0.664 B_f"
@@ -230,7 +223,6 @@ class RateRandomWalk(VarianceEffect):
     """The bias walks at random."""
 
     id = "rrw"
-    family = "noise"
     follows = "time"
     title = "Rate random walk"
     equation = "variance of B(t2) - B(t1) = K^2 (t2 - t1)"
@@ -252,7 +244,6 @@ class GaussMarkovBias(VarianceEffect):
     """
 
     id = "markov"
-    family = "noise"
     follows = "time"
     title = "Bias that wanders, correlated over a time"
     equation = "cov(B(t1), B(t2)) = sigma_m^2 exp(-|t2 - t1| / tau)"
@@ -279,7 +270,6 @@ class TurnOnBias(VarianceEffect):
     """Bias that differs from one power cycle to the next (run to run where power cycles are not recorded)."""
 
     id = "turnon"
-    family = "noise"
     follows = "run"
     title = "Turn-on bias"
     equation = "B of power cycle k = B + N(0, s_b)"
@@ -307,7 +297,6 @@ class PowerCycleBias(Effect):
     """A bias of its own after each power-on, where several power cycles of several runs each are recorded."""
 
     id = "turnon"
-    family = "noise"
     follows = "run"
     title = "Turn-on bias, one per power cycle"
     equation = "B of power cycle k = B + b_k"
@@ -334,13 +323,10 @@ class PowerCycleBias(Effect):
         several = _FEWEST_CYCLES <= count <= 0.6 * len(np.unique(conditions.run))
         return (ShapeParameter("power_cycles", "", (float(count),) if several else ()),)
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return b_1_A, b_1_B, b_2_A, …: one per power cycle and channel."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return _1_A, _1_B, _2_A, …: one per power cycle and channel."""
         cycles = range(1, len(np.unique(power_cycles(conditions))) + 1)
-        return tuple(
-            replace(unit, name=f"b_{cycle}_{label}") for cycle in cycles for label in channel_labels(conditions.sensor)
-        )
+        return [f"_{cycle}_{label}" for cycle in cycles for label in channel_labels(conditions.sensor)]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return 1 in the rows of each power cycle, for each channel."""
@@ -358,7 +344,6 @@ class RetainerNoise(VarianceEffect):
     """Ball retainer and stiff lubricant: white noise that appears in the cold."""
 
     id = "hash"
-    family = "noise"
     follows = "temperature"
     title = "Ball-retainer noise"
     equation = "sigma = N_c max(0, 5 degC - T)/30 degC / sqrt(duration)"

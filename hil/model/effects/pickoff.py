@@ -1,7 +1,6 @@
 """Effects of the pickoff: phase of the spin reference, scale factor, misaligned input axes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -23,21 +22,17 @@ class PhaseError(Effect):
     """The spin-phase reference is off by psi: every (A, B) pair turns by the same angle."""
 
     id = "phase"
-    family = "pickoff"
     title = "Pickoff phase error"
     equation = "RA -= psi RB; RB += psi RA; psi = psi0 + dpsi_dT (T - 25 degC)"
     parameters = (
         Parameter("psi", "mrad", (1.0, 20.0), {"CVG": (2.0, 90.0)}),
         Parameter("dpsi_dT", "mrad/degC", (0.05, 0.3)),
     )
+    rotor_only = True  # whose axes come from one signal by phase
     needs_base = True
     signature = "GS, MU and B + w all turn by one common angle; their moduli stay."
     confusable_with = ("GS_T", "demod", "spin")
     experiment = "Rate about A alone on a turntable, seen in B; |GS| and |MU| constant while the angle moves."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only in a rotor sensor, whose axes come from one signal by phase."""
-        return sensor.is_rotor
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return (−RB, RA) per mrad, then times ΔT (zero without temperature), shape (n, 2, 2)."""
@@ -49,7 +44,6 @@ class ScaleFactor(Effect):
     """The rate is read too large by a fraction: common to a rotor's channels, of each channel's own in a triad."""
 
     id = "scale"
-    family = "pickoff"
     title = "Scale-factor error"
     equation = "R += (e + de_dT (T - 25 degC)) R"
     parameters = (
@@ -68,13 +62,10 @@ class ScaleFactor(Effect):
     confusable_with = ("earth", "GS_T", "misalign")
     experiment = "Two headings, or a rate table."
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return e and de_dT, once for a rotor, else once per channel."""
-        declared = super().parameters_for(conditions)
-        if conditions.sensor.is_rotor:
-            return declared
-        labels = channel_labels(conditions.sensor)
-        return tuple(replace(item, name=f"{item.name}_{label}") for item in declared for label in labels)
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return e and de_dT once for a rotor, else once per channel."""
+        sensor = conditions.sensor
+        return [""] if sensor.is_rotor else [f"_{label}" for label in channel_labels(sensor)]
 
     def known_amplitudes(
         self, conditions: Conditions, site: Mapping[str, float]
@@ -103,7 +94,6 @@ class Misalignment(Effect):
     """Each input axis leans toward the two others and sees their part of the earth rate."""
 
     id = "misalign"
-    family = "pickoff"
     title = "Input-axis misalignment"
     equation = "RA += mAB wB + mAS wS; RB += mBA wA + mBS wS"
     parameters = (Parameter("m", "mrad", (1.0, 5.0), {"RLG": (0.05, 1.0), "FOG": (0.05, 1.0), "MEMS": (1.0, 20.0)}),)
@@ -112,10 +102,9 @@ class Misalignment(Effect):
     odds = OUTSIDE
     experiment = "Change the heading: G stays, W turns. A rate table settles it."
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return mAB, mAS, mBA, mBS (for a triad mXY, mXZ, …): channel's axis, then the axis it leans toward."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
-        return tuple(replace(unit, name=f"m{label}{axis}") for _, label, _, axis in _leanings(conditions.sensor))
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
+        """Return AB, AS, BA, BS (for a triad XY, XZ, …): channel's axis, then the axis it leans toward."""
+        return [label + axis for _, label, _, axis in _leanings(conditions.sensor)]
 
     def accepts(self, parameter: str) -> bool:
         """Whether it looks like m and two axes."""

@@ -9,19 +9,17 @@ and widen their errors by the correlation that is left. A p-value is NaN where t
 """
 
 import math
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import fdtrc, ndtr, stdtr
 
-from hil.campaign import FloatArray, Sensor, Series
+from hil.campaign import FloatArray, Series
 from hil.model.effects.base import Parameter
-from hil.model.effects.inside import SeriesEffect, SeriesFinding
+from hil.model.effects.inside import FEWEST, SeriesEffect
 
 _BLOCKS = 60
 _FEWEST_TOGETHER = 8  # collects below which nothing is asked of all of them together
-_FEWEST = 16  # samples (or blocks) below which nothing is asked
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
 _FEWEST_BESIDE = 6  # ordinates on a side below which nothing is asked: a tone has at least so many cycles in a collect
@@ -71,28 +69,7 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     return index, float(sizes[index]), min(p_value, 1.0)
 
 
-class _ChannelwiseTest(SeriesEffect):
-    """Tests every channel by itself."""
-
-    def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
-        """Test every channel of one collect's series."""
-        findings = []
-        for index, channel in enumerate(sensor.channels):
-            known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
-            if known < _FEWEST:
-                sentence = f"{channel}: {known} samples are too few to ask"
-                findings.append(SeriesFinding(self.id, channel, math.nan, {}, sentence))
-                continue
-            p_value, estimates, sentence = self._test_channel(series, index)
-            findings.append(SeriesFinding(self.id, channel, p_value, estimates, f"{channel}: {sentence}"))
-        return tuple(findings)
-
-    @abstractmethod
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
-        """Return p-value, estimates and a sentence for one channel."""
-
-
-class SettlingInCollect(_ChannelwiseTest):
+class SettlingInCollect(SeriesEffect):
     """An exponential at the beginning of the collect, beside level and slope."""
 
     id = "settle"
@@ -107,7 +84,7 @@ class SettlingInCollect(_ChannelwiseTest):
     def summary(self, series: Series, channel: int) -> FloatArray:
         """Return the duration in s, then S in deg/hr at each time constant, fitted beside level and slope, (k,)."""
         times, rates = blocked(series, channel)
-        if len(rates) < _FEWEST:
+        if len(rates) < FEWEST:
             return np.empty(0)
         basis, _ = np.linalg.qr(_level_and_slope(times))
         shapes = np.exp(-times[:, None] / self.taus_s(times)[None, :])
@@ -134,7 +111,7 @@ class SettlingInCollect(_ChannelwiseTest):
         """Return the time constants that are tried, s, (k,)."""
         return _SETTLING_TAUS * float(times[-1] - times[0])
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         times, rates = blocked(series, channel)
         taus = self.taus_s(times)
         candidates = np.exp(-times[:, None] / taus[None, :])
@@ -143,7 +120,7 @@ class SettlingInCollect(_ChannelwiseTest):
         return p_value, estimates, f"begins {size:+.3g} deg/hr off and settles in about {taus[index]:.3g} s"
 
 
-class Ramp(_ChannelwiseTest):
+class Ramp(SeriesEffect):
     """A straight slope through the collect."""
 
     id = "drift"
@@ -155,13 +132,13 @@ class Ramp(_ChannelwiseTest):
     confusable_with = ("settle", "jump", "bias_Tdot", "warmup", "soak_insufficient")
     experiment = "Collect again after a longer soak."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         times, rates = blocked(series, channel)
         _, slope, p_value = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
         return p_value, {"slope_deg_per_hr_per_min": 60.0 * slope}, f"drifts by {60.0 * slope:+.3g} deg/hr per minute"
 
 
-class JumpInCollect(_ChannelwiseTest):
+class JumpInCollect(SeriesEffect):
     """A step of the level at some instant of the collect, beside level and slope."""
 
     id = "jump"
@@ -173,7 +150,7 @@ class JumpInCollect(_ChannelwiseTest):
     confusable_with = ("settle", "drift")
     experiment = "Repeat the collect."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         times, rates = blocked(series, channel)
         edges = np.arange(3, len(times) - 2)
         candidates = (np.arange(len(times))[:, None] >= edges[None, :]).astype(np.float64)
@@ -182,7 +159,7 @@ class JumpInCollect(_ChannelwiseTest):
         return p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s"
 
 
-class Tone(_ChannelwiseTest):
+class Tone(SeriesEffect):
     """A spectral line above its surroundings: the largest ratio of a periodogram ordinate to its neighbours' mean."""
 
     id = "beat"
@@ -194,7 +171,7 @@ class Tone(_ChannelwiseTest):
     confusable_with = ("arw", "vre")
     experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         step, power = _periodogram(series, channel)
         if len(power) < 2 * _NEIGHBOURS:
             return math.nan, {}, "too few samples for a spectrum"
@@ -221,7 +198,7 @@ class Tone(_ChannelwiseTest):
         return self._line(step, alike[:, 1:].mean(axis=0), len(alike))
 
     @staticmethod
-    def _line(step: float, power: FloatArray, averaged: int) -> tuple[float, Mapping[str, float], str]:
+    def _line(step: float, power: FloatArray, averaged: int) -> tuple[float, dict[str, float], str]:
         """Return the strongest line of a spectrum, averaged over so many collects."""
         samples = 2 * len(power) + 1
         background, neighbours = _surroundings(power)
@@ -237,7 +214,7 @@ class Tone(_ChannelwiseTest):
         return min(float(p_values[index]) * len(power), 1.0), estimates, sentence
 
 
-class Lattice(_ChannelwiseTest):
+class Lattice(SeriesEffect):
     """Values that are multiples of a step which is coarse beside the noise."""
 
     id = "quant"
@@ -249,7 +226,7 @@ class Lattice(_ChannelwiseTest):
     confusable_with = ("saturation",)
     experiment = "Average longer, or add a dither."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         rates = _known(series, channel)
         step = lattice_step(rates)
         share = step**2 / 12.0 / max(float(np.var(rates)), 1e-300)
@@ -261,7 +238,7 @@ class Lattice(_ChannelwiseTest):
         return (0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart"
 
 
-class Saturation(_ChannelwiseTest):
+class Saturation(SeriesEffect):
     """Too many samples at exactly the largest or the smallest value."""
 
     id = "saturation"
@@ -273,7 +250,7 @@ class Saturation(_ChannelwiseTest):
     confusable_with = ("quant", "jump")
     experiment = "A wider range, or less vibration."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         rates = _known(series, channel)
         sides = [(self._pile(rates), float(rates.max())), (self._pile(-rates), float(rates.min()))]
         (p_value, count), limit = min(sides, key=lambda side: side[0][0])
@@ -297,7 +274,7 @@ class Saturation(_ChannelwiseTest):
         return stays ** (count - 1), count
 
 
-class Bursts(_ChannelwiseTest):
+class Bursts(SeriesEffect):
     """Noise that comes in bursts: the variance differs between parts of the collect (Levene's test about medians)."""
 
     id = "hash"
@@ -309,7 +286,7 @@ class Bursts(_ChannelwiseTest):
     confusable_with = ("saturation", "jump")
     experiment = "Spin-motor current beside the rates."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, Mapping[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
         rates = np.diff(_known(series, channel))[::2]  # disjoint differences: blind to level and slope
         parts = np.array_split(rates, min(12, len(rates) // 8))
         if len(parts) < 2 or np.ptp(rates) == 0.0:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
 from hil.model.effects.geometry import local_frame, turned_about_index_axis
@@ -28,17 +28,13 @@ class _IndexedRotorEffect(Effect):
     """Acts through K at a rotor sensor that is indexed about its B axis, as on the report's bench."""
 
     needs_base = True
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only for the rotor sensor: where a triad's fixture tilts, its own f shows it."""
-        return sensor.is_rotor
+    rotor_only = True  # where a triad's fixture tilts, its own f shows it
 
 
 class Tilt(_IndexedRotorEffect):
     """The bench leans: gravity has components G2 and G3 that were taken as zero."""
 
     id = "tilt"
-    family = "setup"
     title = "Unmodelled tilt G2, G3"
     equation = "R += K df, df = (0, G2, G3), (0, G2, -G3), (G3, G2, 0) in collects 1, 2, 3"
     parameters = (Parameter("G2", "mg", (1.0, 20.0)), Parameter("G3", "mg", (5.0, 20.0)))
@@ -56,7 +52,6 @@ class AccelerometerError(_IndexedRotorEffect):
     """The accelerometers that measured G are off: the same columns as a tilt, of the other sign."""
 
     id = "accel"
-    family = "setup"
     title = "Accelerometer error in measured G"
     equation = "R -= K df for an error (b2, b3) of the measured G2, G3"
     parameters = (
@@ -77,7 +72,6 @@ class IndexPositionError(_IndexedRotorEffect):
     """Index positions are not where they should be, each by its own angle about the index axis."""
 
     id = "index"
-    family = "setup"
     title = "Index position error"
     equation = "theta_i += d_i: RA += GSA d fS - MUB d fA + d wS; RB -= GSB d fS - MUA d fA"
     parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
@@ -87,10 +81,9 @@ class IndexPositionError(_IndexedRotorEffect):
     odds = OUTSIDE
     experiment = "Measure the angle or G in every collect; approach each position from both sides."
 
-    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
+    def labels_for(self, conditions: Conditions) -> Sequence[str]:
         """Return one angle per position of these rows: d_1, d_2, d_3."""
-        unit = self.parameters[0].for_sensor(conditions.sensor)
-        return tuple(Parameter(f"d_{label}", unit.unit, unit.typical) for label in np.unique(conditions.position))
+        return [f"_{label}" for label in np.unique(conditions.position)]
 
     def accepts(self, parameter: str) -> bool:
         """Whether it is the angle of a position."""
@@ -109,7 +102,6 @@ class EarthRateError(Effect):
     """The earth rate that was subtracted is wrong: latitude, heading, or a mount that is not where the map says."""
 
     id = "earth"
-    family = "setup"
     follows = "heading"
     title = "Earth-rate knowledge error"
     equation = "R -= dW . channel axis, dW = used - true, along up, north and east"

@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Conditions, FloatArray
 from hil.errors import InputError
 from hil.model.effects.base import (
     ROOM_DEGC,
@@ -30,7 +30,6 @@ class BiasTemperature(Effect):
     """Bias that follows the sensor's temperature, to second order about 25 °C."""
 
     id = "bias_T"
-    family = "thermal"
     follows = "temperature"
     title = "Bias temperature coefficient"
     equation = "B += b1 (T - 25 degC) + b2 (T - 25 degC)^2"
@@ -70,7 +69,6 @@ class TemperatureRateBias(Effect):
     """Bias proportional to how fast the sensor's temperature changes."""
 
     id = "bias_Tdot"
-    family = "thermal"
     follows = "temperature_rate"
     title = "Temperature-rate bias"
     equation = "B += K_Tdot dT/dt"
@@ -93,7 +91,6 @@ class GradientBias(Effect):
     """Bias proportional to the temperature difference between case and rotor."""
 
     id = "bias_grad"
-    family = "thermal"
     follows = "temperature_rate"
     title = "Case-to-rotor gradient bias"
     equation = "B += K_g (T_case - T)"
@@ -116,7 +113,6 @@ class ThermometerLag(Effect):
     """The thermometer is late: the element is already at T + lag·dT/dt, and every term has its value there."""
 
     id = "T_lag"
-    family = "thermal"
     follows = "temperature_rate"
     title = "Thermometer lag"
     equation = "R += (dB/dT + k_share dK/dT f) dT/dt lag"
@@ -151,7 +147,6 @@ class Hysteresis(Effect):
     """Bias that depends on the turning points of temperature, not on its rate: a play operator."""
 
     id = "hyst"
-    family = "thermal"
     follows = "temperature_history"
     title = "Rate-independent thermal hysteresis"
     equation = "B += h (T - play(T, half_width)) / half_width"
@@ -181,7 +176,6 @@ class InsufficientSoak(Effect):
     """The element has not reached the new temperature: a remainder of the setpoint's step is left in the bias."""
 
     id = "soak_insufficient"
-    family = "thermal"
     follows = "temperature_history"
     title = "Incomplete restabilisation"
     equation = "B += b step exp(-t_setpoint/tau)"
@@ -208,7 +202,6 @@ class WarmUp(Effect):
     """Bias that decays after power-on."""
 
     id = "warmup"
-    family = "thermal"
     follows = "time"
     title = "Warm-up since power-on"
     equation = "B += W exp(-t_on/tau)"
@@ -235,10 +228,10 @@ class GasConvection(Effect):
     """Gas moves in the cavity according to orientation: an acceleration sensitivity that builds up after each index."""
 
     id = "convection"
-    family = "thermal"
     follows = "temperature"
     title = "Orientation-dependent gas convection"
     equation = "R += (c1 fA + c3 fS) (298 K / T) (1 - exp(-t_index/tau))"
+    rotor_only = True  # whose cavity is filled with gas
     per_channel = True
     parameters = (
         Parameter("c1", "deg/hr/g", (0.1, 2.0), {"gas": (0.01, 0.5)}),
@@ -250,10 +243,6 @@ class GasConvection(Effect):
     confusable_with = ("MU_real", "GS", "MU_T", "GS_T", "mag")
     incidental = True
     experiment = "Dwell ten minutes or more per position and look for a slow approach; change the self-heating."
-
-    def applies_to(self, sensor: Sensor) -> bool:
-        """Only in a sensor with a gas-filled rotor cavity."""
-        return sensor.is_rotor
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return fA, then fS, each built up and thinned, for each channel."""

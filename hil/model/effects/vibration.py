@@ -12,7 +12,6 @@ class VibrationRectification(Effect):
     """Bias proportional to the mean square of the vibration."""
 
     id = "vre"
-    family = "vibration"
     follows = "vibration_rms_g"
     title = "Vibration rectification"
     equation = "B += K_v a_rms^2"

@@ -19,6 +19,7 @@ from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.problem import SensorProblem
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -139,6 +140,17 @@ def described(
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
     )
+
+
+def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[str]:
+    """Say of which sensors the values follow temperature in another way than their form states."""
+    laws = {b.search.block.sensor: sensors[b.search.block.sensor].form for b in fit.blocks if b.calibrated}
+    return [
+        f"sensor {number}: its values are no {form.reason}, as {form.name} takes them to be; they were calibrated at "
+        "each temperature"
+        for number, form in sorted(laws.items())
+        if form.reference_degC is not None
+    ]
 
 
 def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:

@@ -113,6 +113,7 @@ def improved(
         noise[found.sensor] = present.model_copy(update={"scatter": (*present.scatter, entry)})
     changes: dict[str, Any] = {"terms": (*model.terms, *added), "noise": noise, "version": model.version + 1}
     if comparable:
+        changes["form"] = "matrix-6" if calibrated and model.form == "matrix-6-thermal" else model.form
         changes["sensors"] = {**model.sensors, **base}
     return model.model_copy(update=changes)
 
@@ -144,14 +145,16 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     numbers, temperature = same_temperature(conditions), conditions.columns["temperature_degC"]
     stations = [k for k in range(numbers.max() + 1) if np.any(numbers == k)]
     centres = [float(np.nanmean(temperature[numbers == k])) for k in stations]
+    powers = 1 if form.reference_degC is None else 3
     own = []
-    for k in stations:
+    for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        own.append(whole + least_squares(columns[here], left)[: len(whole)])
+        law = whole + least_squares(columns[here], left)[: len(whole)]
+        own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
-        for i, (name, unit) in enumerate(zip(form.names, form.units, strict=True))
+        for i, (name, unit) in enumerate(zip(form.names[::powers], form.units[::powers], strict=True))
     }
 
 

@@ -5,15 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Conditions
+from hil.campaign.plausibility import clipped
 from hil.reconcile.naming import Reading
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.problem import Problem
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, Wrong
+from hil.solve.wrong_rows import MENDED, Wrong, clipped_rows
 
 
 def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
@@ -122,21 +124,36 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
             if term.name != "row":
                 continue
             conditions = campaign.sensors[n].conditions
-            row, channels = int(term.candidate.shape["row"]), list(conditions.sensor.channels)
-            single = term.candidate.shape.get("channel")
+            row, single = int(term.candidate.shape["row"]), term.candidate.shape.get("channel")
             for column, (value, error) in values_of(posterior, fit, n, j).items():
-                out.append(
-                    {
-                        "sensor": n,
-                        "channel": channels[column if single is None else int(single)],
-                        "collect": int(conditions.collect[row]),
-                        "run": int(conditions.run[row]),
-                        "position": str(conditions.position[row]),
-                        "size_deg_per_hr": value,
-                        "score": abs(value) / max(error, 1e-9),
-                    }
-                )
+                out.append(_row(n, conditions, column if single is None else int(single), row, value, error))
     return out
+
+
+def at_limits(campaign: Campaign, problem: Problem) -> list[dict[str, Any]]:
+    """Return the averages that stand at a channel's limit, each with how far the model is from it."""
+    out = []
+    for n, collects in campaign.sensors.items():
+        conditions, off = collects.conditions, collects.rates_deg_per_hr - problem.sensors[n].predicted
+        for channel, rows, _ in clipped(collects):
+            both = off[:, channel], collects.rates_se_deg_per_hr[:, channel]
+            out += [
+                _row(n, conditions, channel, row, *(of[row] for of in both)) for row in np.flatnonzero(rows).tolist()
+            ]
+    return out
+
+
+def _row(number: int, conditions: Conditions, channel: int, row: int, size: float, error: float) -> dict[str, Any]:
+    """Return one rate that was left out, by the campaign's own names."""
+    return {
+        "sensor": number,
+        "channel": [*conditions.sensor.channels][channel],
+        "collect": int(conditions.collect[row]),
+        "run": int(conditions.run[row]),
+        "position": str(conditions.position[row]),
+        "size_deg_per_hr": size,
+        "score": abs(size) / max(error, 1e-9),
+    }
 
 
 def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -163,6 +180,7 @@ def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[
         off = ", ".join(f"{each['channel']} by {each['size_deg_per_hr']:.4g} deg/hr" for each in several)
         names = tuple(each["channel"] for each in several)
         found.append(Wrong(n, run, (collect,), names, OMITTED, f"collect {collect} is off: {off}"))
+    found += [row for collects in campaign.sensors.values() for row in clipped_rows(collects)]
     return [each.document() for each in found]
 
 

@@ -27,14 +27,15 @@ _ACT = {
     "ambiguous": "Measure what is said below before the name is relied upon.",
     "empirical": "Look for the cause: what it follows is known, what it is is not.",
     "unresolved": "Do not predict with this model; take more runs.",
+    "untested": "Take more runs before anything is concluded.",
     "labels": "Put the labels right where they were recorded; the model stays.",
 }
 
 
 def what_to_do(result: Reconciliation) -> tuple[str, str]:
-    """Return the verdict, "labels" where only those were wrong, and what somebody has to do now."""
+    """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was."""
     only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
-    kind = "labels" if only else result.verdict
+    kind = "labels" if only else result.verdict if result.tested else "untested"
     return kind, _ACT[kind]
 
 
@@ -78,8 +79,11 @@ def summary(result: Reconciliation) -> list[str]:
     """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
     added = [effect for effect in result.effects if not effect.mends_labels and LEFT_OUT not in effect.shape]
     swapped = [effect for effect in result.effects if effect.mends_labels]
+    model = result.input_model.full_title
     per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
     if not result.effects:
+        if not result.tested:
+            return ["These collects leave nothing over by which the model could be told from another."]
         if result.verdict == "none":
             how = per_temperature or " fitted to these collects"
             more = result.gap.standardised_after
@@ -88,16 +92,16 @@ def summary(result: Reconciliation) -> list[str]:
                 if not more > _MORE_THAN_NOISE
                 else (f"nothing that can be told from noise, of {more:.2g} times the variance that the fit gives it")
             )
-            nothing = f"The model {result.model_before},{how}, leaves {noise}."
+            nothing = f"The model {model},{how}, leaves {noise}."
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
-        return [f"{result.model_before} does not describe these collects, and nothing that was tried mends it."]
+        return [f"{model} does not describe these collects, and nothing that was tried mends it."]
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}. They were left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
         same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
         alike = [rival.id for rival in same]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
-        sentence = f"{effect.title} ({effect.id}){when} is missing from {result.model_before}"
+        sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
         if effect.kind == "ambiguous" and alike:
             others = " or ".join(_titled(result, each) for each in alike[:3])
             sentence += f", or {others}: these collects cannot tell them apart"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import gammaln
@@ -121,28 +122,33 @@ class Beside:
         """Return columns (t, N, k), whitened but for what follows temperature, less what the base can do."""
         return _less(self.basis, _less(self.values, white))
 
-    def student(self, left: FloatArray, half_log_det: FloatArray, scale: int) -> FloatArray:
-        """Log evidence for a quadratic form `left` (t, …) under one of the scales' priors, prior of the point apart."""
-        shape = (len(self.rss),) + (1,) * (left.ndim - 1)
-        return student(left, self.log_base.reshape(shape), self.scales[scale], self.freedom) - half_log_det
+    def student(self, left: FloatArray, half_log_det: FloatArray) -> FloatArray:
+        """Log evidence (s, t, …) of quadratic forms `left` (s, t, …) under every scale, prior of the point apart."""
+        shape = (len(self.rss),) + (1,) * (left.ndim - 2)
+        return student(left, self.log_base.reshape(shape), self.scales, self.freedom) - half_log_det
 
-    def scale_left(self, left: FloatArray, scale: int) -> FloatArray:
-        """Return what s² most probably is where a fit leaves `left`."""
-        a, b, _ = self.scales[scale]
+    def scale_left(self, left: FloatArray) -> FloatArray:
+        """Return what s² most probably is under every scale where a fit leaves `left` (…), (s, …)."""
+        a, b, *_ = _under(self.scales, self.freedom, left.ndim)
         return np.asarray((b + 0.5 * left) / (a + 0.5 * self.freedom))
 
     def log_null(self) -> FloatArray:
         """Log evidence of the base alone at every point, (t,), the point's prior apart."""
-        zero = np.zeros(len(self.rss))
-        return log_sum(np.array([self.student(self.rss, zero, k) for k in range(len(self.scales))]))
+        return log_sum(self.student(self.rss[None], np.zeros(1)))
 
 
-def student(left: FloatArray, log_base: FloatArray, scale: Scale, freedom: int) -> FloatArray:
-    """Return the log evidence (t, …) of quadratic forms `left` (t, …), with log determinants, under a scale's prior."""
-    a, b, weight = scale
-    power = a + 0.5 * freedom
-    constant = a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
+def student(left: FloatArray, log_base: FloatArray, scales: Sequence[Scale], freedom: int) -> FloatArray:
+    """Return the log evidence (s, …) of quadratic forms `left` (s or 1, …), with log determinants, by scale."""
+    _, b, power, constant = _under(scales, freedom, left.ndim - 1)
     return np.asarray(constant + log_base - power * np.log(b + 0.5 * left))
+
+
+@cache
+def _under(scales: Sequence[Scale], freedom: int, further: int) -> tuple[FloatArray, ...]:
+    """Return a, b, power and constant of every scale's prior, (s, 1, …) with so many further axes."""
+    a, b, weight = np.array(scales).T.reshape(3, -1, *(1,) * further)
+    power = a + 0.5 * freedom
+    return a, b, power, a * np.log(b) - gammaln(a) + gammaln(power) + np.log(weight)
 
 
 def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
@@ -243,15 +249,14 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
         rss = beside.rss[:, None]
     values, z = decoupled(gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation)
     least = np.maximum(rss - explained(values, z), LEAST)
+    variance = beside.scale_left(least)[..., None]
     terms = []
-    for k in range(len(beside.scales)):
-        variance = beside.scale_left(least, k)[..., None]
-        for u in range(group.sizes.shape[1]):
-            ratio = group.sizes[:, u, None] ** 2 / variance
-            shrunk = 1.0 + values * ratio
-            left = np.maximum(rss - np.sum(z**2 * ratio / shrunk, axis=-1), LEAST)
-            terms.append(group.log_weights[:, u] + beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=-1), k))
-    return log_sum(np.array(terms))
+    for u in range(group.sizes.shape[1]):
+        ratio = group.sizes[:, u, None] ** 2 / variance
+        shrunk = 1.0 + values * ratio
+        left = np.maximum(rss - np.sum(z**2 * ratio / shrunk, axis=-1), LEAST)
+        terms.append(group.log_weights[:, u] + beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=-1)))
+    return log_sum(np.concatenate(terms))
 
 
 def decoupled(gram: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:

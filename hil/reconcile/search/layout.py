@@ -1,5 +1,6 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ from hil.model.effects.base import Effect, VarianceEffect
 from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
-from hil.reconcile.search.sets import BlockSearch, SensorSearch
+from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.spoiled import MANY as MANY_PLACES
 from hil.reconcile.search.spoiled import runs_to_ask, wrong_rows
 from hil.reconcile.search.terms import terms
@@ -72,10 +73,24 @@ def _search(
 
 
 def may_be_calibrated(problem: Problem) -> bool:
-    """Whether the base may have values at each temperature: neither its form nor its model says anything of it."""
-    says = any(sensor.given or sensor.form.reference_degC is not None for sensor in problem.sensors.values())
+    """Whether the base may have values at each temperature: no values that stand say anything of it."""
+    says = any(sensor.given for sensor in problem.sensors.values())
     several = any(len(np.unique(block.station)) > 2 for block in problem.blocks)
     return several and not says and not problem.model.terms
+
+
+def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found: Mapping[int, Set]) -> bool:
+    """Whether values that follow temperature make a block's rows likelier in ordinary noise, alone or beside a set."""
+    for number, search in searched.items():
+        conditions = problem.sensors[number].collects.conditions
+        stated = problem.model.stated_scatter(conditions)
+        noises = [Noise(own.block, conditions, (), calibrated=True, stated=stated) for own in search.blocks]
+        other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
+        for chosen, (b, own) in itertools.product({(), found[number]}, enumerate(search.blocks)):
+            ordinary = search.in_block(chosen, b).by_kind(len(own.noise.kinds))[0]
+            if other.in_block(chosen, b).by_kind(0)[0] > ordinary:
+                return True
+    return False
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:

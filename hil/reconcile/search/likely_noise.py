@@ -75,7 +75,7 @@ class _Rows:
         log_base = -np.sum(np.log(triangle[..., :-1]), axis=-1) - half_log_det
         rss = np.maximum(triangle[..., -1] ** 2, LEAST)
         freedom = len(self.noise.order) - len(columns)
-        return log_sum(np.array([student(rss, log_base, scale, freedom) for scale in self.scales]))
+        return log_sum(student(rss[None], log_base, self.scales, freedom))
 
     def climb(self, v: int) -> tuple[list[Profile], FloatArray]:
         """Return the likeliest profiles of one variant, the likeliest first, and the heights (κ,) beside that."""

@@ -109,10 +109,10 @@ class Noise:
         self.offset = grouped(apart, run)
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
-        self.calibrated = calibrated and len(np.unique(block.station)) > 2 and bool(block.base.shape[1])
+        self.calibrated = calibrated and len(np.unique(block.station)) > 2 and bool(block.values.shape[1])
         self.by_station, self._shapes = _by_station(block, conditions, self.order)
         self._known: dict[int, FloatArray] = {}
-        self.profiles: list[Profile] = [(FIXED,) * block.base.shape[1]]
+        self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
         runs = len(np.unique(run))
         self.has_offsets = runs >= FEWEST_RUNS and len(rows) / runs / apart.shape[1] > 1.5
         self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
@@ -236,19 +236,17 @@ def _log_offset(offset: float) -> float:
 
 
 def _by_station(block: Block, conditions: Conditions, order: IntArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the base's columns anew at each temperature (N, r), and factors (S, S) of every shape over temperature.
+    """Return the base's values anew at each temperature (N, r), and factors (S, S) of every shape over temperature.
 
     Where nobody knows the temperature, all shapes but the last are one value.
     """
     stations = np.unique(block.station)
-    columns = block.base / np.maximum(np.sqrt(np.mean(block.base**2, axis=0)), 1e-12)
-    here = np.equal.outer(block.station, stations).astype(np.float64)
-    laid = (columns[:, :, None] * here[:, None, :]).reshape(len(block.y), -1)[order]
+    laid = block.at_each_temperature(block.values / np.sqrt(np.mean(block.values**2, axis=0)))[order]
     temperature = conditions.columns.get("temperature_degC")
     known = temperature is not None and bool(np.all(np.isfinite(temperature[block.rows])))
     own = temperature[block.rows] if known and temperature is not None else np.zeros(len(block.y))
     centre = np.array([np.mean(own[block.station == k]) for k in stations])
-    mean, spread = float(np.average(centre, weights=here.sum(axis=0))), float(own.std())
+    mean, spread = float(np.mean(own)), float(own.std())
     line = (centre - mean) / max(spread, 1.0)
     curve = np.exp(-0.5 * (np.subtract.outer(centre, centre) / SMOOTH_DEGC) ** 2)
     of_all = [np.outer(line, line), curve, np.eye(len(stations))]

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Beside, Options, decoupled, explained, log_sum, shrunk
+from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk
 from hil.reconcile.search.noise import Points
 from hil.reconcile.search.terms import Part
 from hil.reconcile.search.tied import AtBest
@@ -22,7 +22,10 @@ CLOSE = 0.01
 
 @dataclass
 class SetInBlock:
-    """A set of terms in one block: inner products (t, k, k) and (t, k), log evidence (t,), the sizes that are best."""
+    """A set of terms in one block: inner products (t, k, k) and (t, k), log evidence (t,), the sizes that are best.
+
+    `inverse` (t, k, k) turns scores into amplitudes that are free.
+    """
 
     beside: Beside
     points: Points
@@ -35,7 +38,8 @@ class SetInBlock:
     terms_log: FloatArray
     best: list[int]
     slack: Sequence[FloatArray]
-    variance: Sequence[FloatArray]
+    variance: FloatArray
+    inverse: FloatArray
 
     @classmethod
     def of(cls, beside: Beside, points: Points, members: Sequence[tuple[int, Part, Options, FloatArray]]) -> SetInBlock:
@@ -48,7 +52,10 @@ class SetInBlock:
         places = [np.arange(first, end) for first, end in pairwise(ends)]
         options = [own for _, _, own, _ in members]
         at = [j for j, *_ in members]
-        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], [])
+        unit = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), LEAST))
+        both = unit[:, :, None] * unit[:, None, :]
+        inverse = np.linalg.pinv(gram / both, rcond=1e-9, hermitian=True) / both
+        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], np.zeros(0), inverse)
         out._weigh()
         return out
 
@@ -58,10 +65,9 @@ class SetInBlock:
             self.terms_log = self.beside.log_null()
             return
         # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
-        free = self._free()
-        scales = range(len(self.beside.scales))
-        self.variance = [self.beside.scale_left(free, k) for k in scales]
-        with_all = log_sum(np.array([self.beside.student(free, np.zeros(len(free)), k) for k in scales]))
+        free = self._left()
+        self.variance = self.beside.scale_left(free)
+        with_all = log_sum(self.beside.student(free[None], np.zeros(1)))
         either = (self.beside.log_null(), with_all)
         starts = np.array([self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in either])
         heights = self._at(starts)
@@ -96,15 +102,14 @@ class SetInBlock:
         out[np.arange(len(changes)), changes[:, 0]] = changes[:, 1]
         return out
 
-    def _free(self) -> FloatArray:
+    def _left(self) -> FloatArray:
         """Return what is left where all amplitudes are free, (t,)."""
-        unit = np.sqrt(np.maximum(np.diagonal(self.gram, axis1=1, axis2=2), LEAST))
-        values, z = decoupled(self.gram / (unit[:, :, None] * unit[:, None, :]), self.score / unit)
-        return np.maximum(self.beside.rss - explained(values, z), LEAST)
+        explained = np.einsum("tk,tkl,tl->t", self.score, self.inverse, self.score)
+        return np.asarray(np.maximum(self.beside.rss - explained, LEAST))
 
     def _best_sizes(self, t: int) -> list[int]:
         """Return the sizes that a free fit at one point of the noise makes most probable."""
-        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
+        inverse = self.inverse[t]
         fit = inverse @ self.score[t]
         freedom = max(self.beside.freedom - len(fit), 1)
         values = np.diag(inverse) * max((self.beside.rss[t] - fit @ self.score[t]) / freedom, 1e-9)
@@ -134,12 +139,10 @@ class SetInBlock:
         if np.any(mean):
             pull = np.einsum("tpq,oxq->otp", gram, mean)
             rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=-1), score - pull
-        terms = []
-        for k, variance in enumerate(self.variance):
-            root = deviation / np.sqrt(variance[at])[:, None]
-            left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
-            terms.append(beside.student(left.T, half_log_det.T, k).T)
-        return np.asarray(log_weights[:, None] + log_sum(np.array(terms)))
+        root = deviation / np.sqrt(self.variance[:, None, at, None])
+        left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
+        by_point = beside.student(np.swapaxes(left, 1, 2), np.swapaxes(half_log_det, 1, 2))
+        return np.asarray(log_weights[:, None] + log_sum(by_point).T)
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (v,), ordinary noise first."""
@@ -150,20 +153,14 @@ class SetInBlock:
 
     def left_at(self, t: int) -> tuple[float, float]:
         """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
-        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
-        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
-        scales = range(len(self.beside.scales))
-        best = max(
-            scales, key=lambda k: float(self.beside.student(np.full(len(self.beside.rss), left), np.zeros(1), k)[t])
-        )
-        return left, float(self.beside.scale_left(np.array(left), best))
+        left = float(self._left()[t])
+        best = int(np.argmax(self.beside.student(np.full((1, len(self.beside.rss)), left), np.zeros(1))[:, t]))
+        return left, float(self.beside.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
         """Return what the set says at its most probable point, in units of the noise there."""
         t = int(np.argmax(self.terms_log + self.points.log_prior))
-        inverse = np.linalg.pinv(self.gram[t], rcond=1e-8, hermitian=True)
-        left = max(float(self.beside.rss[t] - self.score[t] @ inverse @ self.score[t]), LEAST)
-        variance = left / max(self.beside.freedom - len(self.owner), 1)
+        variance = float(self._left()[t]) / max(self.beside.freedom - len(self.owner), 1)
         slack = {j: float(own[t]) for j, own in zip(self.members, self.slack, strict=True)}
         scaled = (self.gram[t] / variance, self.score[t] / variance)
         return AtBest(*scaled, self.owner, self.members, self.options, self.best, slack)

@@ -97,7 +97,10 @@ def terms(
     `known` are amplitudes that physics fixes, by effect: weight, mean (p,) and deviation (p,).
     With a base that is `calibrated` at each temperature, what such values can do is no term.
     """
-    bases = [orthonormal(_by_temperature(block) if calibrated else block.base) for block in blocks]
+    bases = [
+        orthonormal(np.hstack([block.base, block.at_each_temperature(block.values)]) if calibrated else block.base)
+        for block in blocks
+    ]
     scales = [_root_mean_square(c.columns) for c in candidates]
     laid = [
         (c, scale, [_part(c, scale, block, base) for block, base in zip(blocks, bases, strict=True)])
@@ -162,12 +165,6 @@ def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
 def _form_weight(candidate: Candidate) -> float:
     plain = "constant" if candidate.effect is None else candidate.effect.plain_form
     return PLAIN if candidate.form == plain else 1.0
-
-
-def _by_temperature(block: Block) -> FloatArray:
-    """The base's columns, anew at each temperature."""
-    at = (block.station[:, None] == np.unique(block.station)).astype(np.float64)
-    return np.asarray((block.base[:, :, None] * at[:, None, :]).reshape(len(block.y), -1))
 
 
 def _root_mean_square(columns: FloatArray) -> FloatArray:

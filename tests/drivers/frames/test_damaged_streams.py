@@ -176,6 +176,17 @@ def test_items_that_do_not_fill_their_frame_make_it_a_bad_one() -> None:
     assert (outcome.counts.ok, outcome.counts.bad_checksum) == (2, 1)
 
 
+def test_frames_of_one_length_with_other_items_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that follow one another without a flaw are read at once only as far as their items are the same."""
+    monkeypatch.setattr(decoder_module, "_FEW", 0)
+    frames = [long(bytes([known, 2, 0x12, 0x34])) for known in (7, 7, 9, 9, 7)]
+    decoded = StreamDecoder(weak()).feed(b"".join(frames) + long(b"\x07\x05\x12\x34") + frames[0] + fixed(0))
+    assert decoded["long"].column("a").tolist() == pytest.approx(
+        [0x1234] * 2 + [np.nan] * 2 + [0x1234] * 2, nan_ok=True
+    )
+    assert decoded.counts == StreamCounts(ok=7, bad_checksum=1, skipped_bytes=8, resyncs=1)
+
+
 def test_a_line_with_other_than_its_numbers_is_a_bad_one() -> None:
     """Too many, none, and what is not a number."""
     for text in (b"1,2", b"", b"x", b"1e", b"--1", b"1 2"):

@@ -173,30 +173,6 @@ def test_a_failure_is_not_forgotten_where_bytes_overflow(port: Port, reader: Liv
         reader.read_available()
 
 
-def test_a_port_that_cannot_wait_is_asked_again_and_again() -> None:
-    """As a transport in between may not pass waiting on."""
-
-    class Asked:
-        name = "test://asked"
-
-        def __init__(self) -> None:
-            self.arriving = [b"", b"a", b"", b"b"]
-
-        def read(self, size: int, timeout_s: float) -> bytes:
-            time.sleep(0.001)
-            return self.arriving.pop(0) if self.arriving else b""
-
-        def read_available(self) -> bytes:
-            return b"+"
-
-        def close(self) -> None:
-            pass
-
-    reader = LiveReader(Asked(), SystemClock())  # type: ignore[arg-type]
-    assert reader.read(4, timeout_s=5.0) == b"a+b+"
-    reader.close()
-
-
 def test_a_closed_reader_stays_closed(port: Port) -> None:
     """Its thread has ended, the port is released, and reading says so."""
     before = set(threading.enumerate())

@@ -67,6 +67,7 @@ def test_a_counter_and_a_checksum_before_its_payload_are_found(tmp_path: Path) -
     path.write_bytes(b"".join(frames))
     document = guess_file(path)
     assert document["checksum"]["at"] == 4
+    assert "sample_rate_hz: 100  # TO DO: no recording tells it" in document["description"]
     assert document["checksum"]["span"] == [[0, 4], [6, None]]
     assert (document["length"], document["repeats_every"], document["counter"]["step"]) == (82, 82, 8)
     assert decode_all(parse_description(document["description"]), path.read_bytes())[1].lost == 0

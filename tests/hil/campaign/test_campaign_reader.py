@@ -303,7 +303,7 @@ WARNED_TABLES = {
         table(*(",".join([*row.split(",")[:12], "5", *row.split(",")[13:]]) for row in ROWS)),
         r"rows 2-7, column RA_deg_per_hr: the channel never changes \(always 5",
     ),
-    "not chronological": (cell(5, "start_s", "100"), "row 5, column start_s: earlier"),
+    "not chronological": (cell(6, "start_s", "305"), "row 6, column start_s: earlier"),
     "one error column gone": (
         without("RB_se_deg_per_hr") + "\n",
         "there is no column RB_se_deg_per_hr: no standard error",

@@ -11,6 +11,7 @@ from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
 from hil.campaign.reader import read_campaign, read_series
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
+from procedures.verdict import Verdict
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"}, "MEMS")
@@ -109,6 +110,39 @@ def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path) -> None:
     read = read_series(back, 7)
     assert read is not None
     np.testing.assert_array_equal(read.temperature_degC, first.temperature_degC)
+
+
+def test_series_that_were_written_and_are_gone_are_said(campaign: Campaign, tmp_path: Path) -> None:
+    """MARGINAL for the runs whose averages nothing proves any more; a folder that never had series stays as it was."""
+    own = {
+        n: rows.rates_deg_per_hr[i] for rows in campaign.sensors.values() for i, n in enumerate(rows.conditions.collect)
+    }
+    samples = [(n, Series(np.arange(2.0), np.stack([rates, rates]))) for n, rates in own.items()]
+    folder = write_campaign(campaign, tmp_path / "out", samples)
+    whole = read_campaign(folder)
+    assert (whole.verdicts, [line for line in whole.warnings if "no series" in line]) == ({}, [])
+    first, *others = sorted((folder / "series").iterdir())
+    run = {
+        int(n): int(r)
+        for rows in whole.sensors.values()
+        for n, r in zip(rows.conditions.collect, rows.conditions.run, strict=True)
+    }
+    first.unlink()
+    one = read_campaign(folder)
+    said = f"collect {int(first.stem)}: no series ({len(own)} were written, {len(own) - 1} are here)"
+    assert one.verdicts.keys() == {run[int(first.stem)]}
+    assert all(each.verdict is Verdict.MARGINAL and said in each.reason for each in one.verdicts.values())
+    assert any(said in line for line in one.warnings)
+    for path in others:
+        path.unlink()
+    assert read_campaign(folder).verdicts.keys() == set(run.values())
+    header = folder / "campaign.yaml"
+    header.write_text(
+        header.read_text().replace(f"  collects: {len(own)}\n", "")
+    )  # as it was written before it counted
+    assert (read_campaign(folder).verdicts, "no series, so" in str(read_campaign(folder).warnings)) == ({}, True)
+    header.write_text(header.read_text().replace("series:\n  block_s: 0.5\n", ""))
+    assert not any("series" in line for line in read_campaign(folder).warnings)
 
 
 def test_a_place_where_no_folder_can_be_made_is_bad_input(campaign: Campaign, tmp_path: Path) -> None:

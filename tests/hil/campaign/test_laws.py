@@ -14,7 +14,7 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.physics import CATALOGUE
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
-from hil.campaign.plausibility import judged_by_its_records
+from hil.campaign.plausibility import judged_by_its_records, unclipped
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from procedures.verdict import Verdict
@@ -150,6 +150,43 @@ def test_one_collect_alone_has_no_other_earth_rate(
     assert list(judged.contradicted) == [(run, 2) for run in failed]
 
 
+def test_a_run_without_an_earth_rate_is_contradicted_by_the_others() -> None:
+    """0 where it is unknown: in all rows, but not in one run of a site where the others have it."""
+    made, up = campaign(), 15.041067 * np.sin(np.deg2rad(34.6))
+    w = up * made.sensors[2].conditions.f_g
+    for factor, failed in ((1.0, []), (RUN[:, None] != 2, [(2, 2)]), (0.0, [])):
+        rows = replace(made.sensors[2], conditions=replace(made.sensors[2].conditions, w_deg_per_hr=w * factor))
+        judged = judged_by_its_records(replace(made, sensors={2: rows}, site={"latitude_deg": 34.6}))
+        assert list(judged.contradicted) == failed
+
+
+def test_a_run_is_taken_in_one_go() -> None:
+    """The second collects of two runs at one temperature exchanged: another run lies between what is called one."""
+    made = campaign()
+    run = RUN.copy()
+    run[[1, 4]] = run[[4, 1]]
+    rows = replace(made.sensors[2], conditions=replace(made.sensors[2].conditions, run=run))
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert sorted(judged.contradicted) == [(1, 2), (2, 2)]
+    assert "the number of parts of its run is 3, where at most 1 belongs" in judged.contradicted[1, 2].reason
+
+
+@pytest.mark.parametrize(("size", "turned"), [(50.0, [6, 7]), (50.0, [0, 1]), (5.0, [])])
+def test_a_sign_that_turns_for_good_is_contradicted_by_the_other_runs(size: float, turned: list[int]) -> None:
+    """Every run of that temperature agrees with its neighbours; where changes are of noise's size, nothing is said."""
+    made, runs = campaign(), 8
+    part = np.tile(np.arange(3), runs)
+    one = made.sensors[2].rows(part)
+    rates = np.array([-1.0, 1.0, 0.1])[part, None] * [size, 20.0] + np.random.default_rng(4).normal(0.0, 0.7, (24, 2))
+    rates[np.isin(np.repeat(np.arange(runs), 3), turned or [6, 7]), 0] *= -1.0
+    run, start_s = np.repeat(np.arange(runs), 3), 3600.0 * np.repeat(np.arange(runs), 3) + 120.0 * part
+    conditions = replace(one.conditions, run=run, start_s=start_s, collect=np.arange(24), columns={})
+    rows = Collects(conditions, rates, one.rates_se_deg_per_hr)
+    judged = judged_by_its_records(replace(made, sensors={2: rows}))
+    assert list(judged.contradicted) == [(each, 2) for each in turned]
+    assert ("the likeness of RA's changes between positions is -" in str(judged.warnings)) is bool(turned)
+
+
 def test_f_that_is_not_that_of_its_position_fails() -> None:
     """With no accelerometers to contradict it."""
     made = campaign()
@@ -176,6 +213,25 @@ def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> 
     assert sorted({run for run, _ in judged.contradicted}) == [1, 2, 3]
 
 
+@pytest.mark.parametrize(("digits", "side", "said"), [(6, -1.0, True), (6, 1.0, True), (-1, 1.0, False)])
+def test_averages_that_pile_up_on_the_last_value_are_clipped(digits: int, side: float, said: bool) -> None:
+    """Three of nine stand at the limit: their runs fail. Of rates in steps of ten as many agree anywhere."""
+    rates = np.outer(np.array([3.1, -7.4, 41.0, 12.9, -8.8, 42.3, 2.2, -6.1, 40.2]), [side, 1.0])
+    rates[:, 0] = side * np.minimum(side * rates[:, 0], 40.0) if said else rates[:, 0]
+    judged = judged_by_its_records(campaign(rates=np.round(rates, digits)))
+    words = [each for each in judged.warnings if "clipped" in each]
+    assert bool(words) == said
+    if said:
+        limit = f"{side * 40.0:g}"
+        assert words == [f"collects 6, 12, 18: sensor 2: RA goes no further than {limit} deg/hr: it is clipped"]
+        assert {key for key, found in judged.contradicted.items() if found.verdict is Verdict.FAIL} == {
+            (1, 2), (2, 2), (3, 2),
+        }  # fmt: skip
+        left = unclipped(judged.sensors[2]).rates_deg_per_hr
+        assert np.isnan(left[[2, 5, 8], 0]).all()
+        assert np.isnan(left).sum() == 3
+
+
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
     """It would carry the whole solution of its run."""
     errors = np.full((9, 2), 0.7)
@@ -186,16 +242,26 @@ def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counted", "off", "said"),
+    ("counted", "old", "new", "said"),
     [
-        ("20", 0.0, ""),
-        ("19", 0.0, "n_samples is 1200, where 1139 "),
-        ("20", 3e-6, "RA is 14.250003, where 14.24999"),
-        ("", 0.6, ""),
-        ("", 1.0, "RA is 15.25, where 13."),
+        ("20", "", "", ""),
+        ("20", ",7320,60,", ",7320,1,", "duration_s is 1, where 28.5 to 89.5 belongs"),
+        (
+            "20",
+            ",14.25,8.25,0.7,",
+            ",14.25,8.25,0.0002,",
+            "the standard error of RA is 0.0002, where 0.03628 to 8.7072",
+        ),
+        ("20", ",14.25,8.25,0.7,", ",14.25,8.25,20,", "the standard error of RA is 20, where 0.03628 to 8.7072"),
+        ("19", "", "", "n_samples is 1200, where 1139 "),
+        ("20", ",14.25,", ",14.250003,", "RA is 14.250003, where 14.24999"),
+        ("", ",14.25,", ",14.85,", ""),
+        ("", ",14.25,", ",15.25,", "RA is 15.25, where 13."),
     ],
 )
-def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, counted: str, off: float, said: str) -> None:
+def test_an_average_that_its_own_samples_do_not_give_fails(
+    tmp_path: Path, counted: str, old: str, new: str, said: str
+) -> None:
     """Exactly where the series counts all its samples; else by what rows of unequal weight, or missing ones, can do."""
     write_campaign(campaign(), tmp_path / "campaign")
     series = tmp_path / "campaign" / "series"
@@ -205,7 +271,8 @@ def test_an_average_that_its_own_samples_do_not_give_fails(tmp_path: Path, count
     lines = [f"{t},{14.25 + a:.9f},{8.25 + b:.9f},{counted}" for t, (a, b) in enumerate(noise)]
     (series / "0010.csv").write_text("\n".join(["t_s,RA_deg_per_hr,RB_deg_per_hr,n_samples", *lines]))
     table = tmp_path / "campaign" / "collects.csv"
-    table.write_text(table.read_text().replace(",14.25,8.25,", f",{14.25 + off},8.25,"))
+    head, *rows = table.read_text().splitlines()
+    table.write_text("\n".join([head, *(row.replace(old, new) if row.startswith("10,") else row for row in rows)]))
     judged = read_campaign(tmp_path / "campaign")
     assert list(judged.contradicted) == ([(2, 2)] if said else [])
     assert ("in series" in " ".join(judged.warnings)) is bool(said)

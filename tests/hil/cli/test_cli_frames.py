@@ -59,6 +59,13 @@ def test_a_recording_of_an_unknown_unit_is_looked_at(hil: Any, raw: Path, tmp_pa
     assert not (tmp_path / "first.yaml").exists()
 
 
+def test_a_guess_says_one_length_and_one_number_of_frames(hil: Any, reference_data: Path) -> None:
+    """At which distance bytes come again says nothing more once frames are found."""
+    told = hil("frames", "guess", reference_data / "captures" / "stim300-125hz.bin").stdout
+    assert "length: 40 bytes, in 523 frames in a row" in told
+    assert "repeats every" not in told
+
+
 def test_what_cannot_be_decoded_is_refused(hil: Any, raw: Path, tmp_path: Path) -> None:
     """An unknown description, a file that is not there, a table of an unknown kind, a setting without a value."""
     for arguments in (

@@ -133,15 +133,23 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
         "verdict": None,
         "identity": {"serial": "014"},
         "step_in_words": "soaking",
+        "chamber_in_words": "",
+        "to_do": "nothing",
     }
     monkeypatch.setattr("hil.cli.watch.look_at", lambda _folder: (told, None))
     running = hil("status", tmp_path)
     assert running.returncode == 0
-    assert "now: soaking\nexpected end 2026-03-01 05:59 UTC\nserial: 014\nto do: self-calibration 1" in running.stdout
-    told |= {"state": "aborted", "reason": "stopped by SIGTERM", "eta_utc": None}
+    assert (
+        "now: soaking\nexpected end 2026-03-01 05:59 UTC\nserial: 014\nstill to come: self-calibration 1"
+        in running.stdout
+    )
+    safe = "THE CHAMBER IS SAFE: the air is at 23.0 °C"
+    told |= {"state": "aborted", "reason": "stopped by SIGTERM", "eta_utc": None, "chamber_in_words": safe}
+    told["to_do"] = "hil resume carries on"
     stopped = hil("status", tmp_path)
     assert stopped.returncode == 4
-    assert "aborted: stopped by SIGTERM\n" in stopped.stdout
+    first = f"{tmp_path}: aborted\nto do: hil resume carries on\n{safe}\naborted: stopped by SIGTERM\n"
+    assert stopped.stdout.startswith(first)
     assert "missing: self-calibration 1" in stopped.stdout
 
 

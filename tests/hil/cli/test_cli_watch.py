@@ -16,6 +16,7 @@ from hil.cli.watch import look_at, say, watch
 from hil.records import SqliteJournal
 from hil.records.live import LiveFiles
 from hil.records.rows import Night
+from hil.records.troubles import to_do
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, make_plan
 from procedures.progress import Snapshot
@@ -80,7 +81,9 @@ def test_a_pipe_gets_a_line_with_the_time_for_every_change_and_no_more(journal: 
     assert told[1].startswith("0/10  paused SIMULATED: checking who is connected: paused by ann: tea")
     assert told[2] == told[0]
     assert told[3] == "1/10  running SIMULATED"
-    assert "ASKS: Bring the unit to position 1 (hil confirm" in told[4]
+    assert told[4].endswith(
+        f"ASKS: Bring the unit to position 1; to do: answer it: hil confirm {journal.folder}, or --no"
+    )
     assert len(told) == 5
 
 
@@ -141,8 +144,9 @@ def test_what_is_wrong_is_said_first_and_in_red_then_what_it_does(journal: Sqlit
     console.width, console._highlight = 300, False
     status, now = look_at(journal.folder)
     say(journal.folder, status, now, console)
-    first, second, *rest = console.file.getvalue().splitlines()
-    assert first.endswith(": running  SIMULATED")
+    first, do, second, *rest = console.file.getvalue().splitlines()
+    assert ": running  SIMULATED" in first
+    assert "to do: see to it; the controller tries on" in do
     assert second.startswith("\x1b[1;31mPROBLEM: the chamber does not answer: xxx")
     assert " … " in second
     assert "since 17:00:00 UTC" in second
@@ -157,11 +161,11 @@ def test_a_chamber_that_is_not_safe_is_the_first_line_and_nothing_is_said_twice(
     """Before the state; what a later line repeats of an earlier one is left out of it."""
     danger, why = "THE CHAMBER IS NOT SAFE: the air stays at 60.0 °C", "standby was acknowledged and is not carried out"
     status = look_at(journal.folder)[0] | {"state": "failed", "reason": f"{why}; {danger}", "missing": [f"end ({why})"]}
-    status |= {"problems": [f"{danger}; go to the chamber"], "verdict": {"verdict": "ERROR", "reason": "records"}}
+    status |= {"problems": [danger], "verdict": {"verdict": "ERROR", "reason": "records"}, "to_do": "go there"}
     console = _console(terminal=False)
     say(journal.folder, status, None, console)
     said = console.file.getvalue().splitlines()
-    assert said[:2] == [f"{journal.folder}: {danger}; go to the chamber", f"{journal.folder}: failed, ERROR  SIMULATED"]
+    assert said[:3] == [f"{journal.folder}: {danger}", "to do: go there", f"{journal.folder}: failed, ERROR  SIMULATED"]
     assert [line for line in said if "…" in line] == [f"failed: {why}; …", "missing: end (…)"]
     assert "ERROR: records" in said
     assert said[-1].startswith(f"hil verify {journal.folder} shows it all")
@@ -172,8 +176,9 @@ def test_a_damaged_journal_counts_no_steps_and_is_not_carried_on(
     journal: SqliteJournal, reason: str, told: bool
 ) -> None:
     """`hil resume` refuses it: what is said to do is what works."""
-    console = _console(terminal=False)
-    say(journal.folder, look_at(journal.folder)[0] | {"state": "incomplete", "reason": reason}, None, console)
+    console, status = _console(terminal=False), look_at(journal.folder)[0]
+    status |= {"state": "incomplete", "reason": reason, "working": False}
+    say(journal.folder, status | {"to_do": to_do(journal.folder, status)}, None, console)
     said = console.file.getvalue()
     assert ("hil resume" in said) is told
     assert (" steps, " in said) is told

@@ -138,7 +138,7 @@ def terminate(at: Terminal) -> None:
 @pytest.mark.parametrize(
     ("leave", "reason"),
     [
-        (interrupt_twice, "stopped by SIGINT"),
+        (interrupt_twice, "stopped by Ctrl-C, SIGINT"),
         pytest.param(terminate, "stopped by SIGTERM", marks=pytest.mark.slow),
         pytest.param(Terminal.close, "stopped by SIGHUP", marks=pytest.mark.slow),
     ],

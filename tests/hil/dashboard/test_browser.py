@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import VirtualClock
-from drivers.imu import SensorChannels
+from drivers.frames.roles import SensorRole
 from hil.dashboard.access import Access
 from hil.records import SqliteJournal, open_readonly
 from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
@@ -242,7 +242,7 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     assert time.monotonic() - began < 6.5  # 4 s old at the earliest, then a look
     controller.send_signal(signal.SIGKILL)
     began = time.monotonic()
-    shown(page, "#banner", "The controller is dead")
+    shown(page, "#banner", "THE CHAMBER MAY STILL BE CONDITIONING")
     assert time.monotonic() - began < 5.0
     shown(page, "#state", "controller dead")
     assert violations(page) == []
@@ -252,7 +252,7 @@ def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_co
     shown(page, "#link", "no connection")
     nights.dashboard.begin()
     shown(page, "#link", "live")
-    shown(page, "#banner", "The controller is dead")
+    shown(page, "#banner", "THE CHAMBER MAY STILL BE CONDITIONING")
 
 
 @pytest.mark.slow
@@ -343,7 +343,7 @@ def test_a_page_that_fails_says_so_and_does_not_blame_the_connection(nights: Nig
     context.close()
 
 
-SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
+SENSORS = {number: SensorRole(rates={"RA": "a", "RB": "b"}, temperature="t") for number in (1, 2)}
 
 
 def during(step: Step, elapsed_s: float) -> Snapshot:

@@ -20,7 +20,7 @@ import pytest
 import yaml
 
 from drivers.clock import SystemClock, VirtualClock
-from drivers.imu import SensorChannels
+from drivers.frames.roles import SensorRole
 from hil.config import load_bench, load_sweep
 from hil.dashboard.facts import NightFacts
 from hil.dashboard.watcher import MOST_NIGHTS, Watcher
@@ -46,7 +46,7 @@ SWEEP = {
     "restabilisation": {"at_least": "20 min", "ceiling": "4 h"},
     "collect": {"settle": "30 s", "duration": "60 s"},
 }
-SENSORS = {number: SensorChannels({"RA": "a", "RB": "b"}, temperature="t") for number in (2, 1)}
+SENSORS = {number: SensorRole(rates={"RA": "a", "RB": "b"}, temperature="t") for number in (2, 1)}
 
 
 Watched = tuple[Path, dict[str, Any], NightFacts]

@@ -53,7 +53,7 @@ def test_three_words_have_three_ends(tmp_path: Path, fault: str, status: int, wo
     assert last.evidence == {"chamber": word}
     if status:
         assert word in ended.reason
-        assert any(word in line and "go to the chamber" in line for line in found["problems"])
+        assert any(word in line for line in found["problems"])
     else:
         assert (found["state"], found["problems"]) == ("complete", [])
         assert last.message == "the air has shown that it is in its safe state"

@@ -69,6 +69,15 @@ def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
         assert others.max() < (climbed + weighed.points.log_prior).max() + 2.0 * CLOSE
 
 
+@pytest.mark.parametrize(("size", "kind"), [(11.0, "ambiguous"), (12.0, "named")])
+def test_a_name_is_sure_only_where_nothing_is_ruled_out_as_well(size: float, kind: str) -> None:
+    """One name at .95 and .98: noise may get a name on the averages in one of a hundred nights, not in one of ten."""
+    campaign = hidden_campaign(7, lambda r: both(r.supply - 28.0, size, -size), thermal=False)
+    result = reconcile(campaign, "matrix-6", prove=False)
+    assert [(e.id, e.kind) for e in result.effects] == [("supply", kind)]
+    assert result.effects[0].probability > 0.9
+
+
 def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
     """MU of its own at each setpoint is called scatter of MU here; the floor is what runs at one setpoint differ by."""
     rng = np.random.default_rng(3)
@@ -81,11 +90,13 @@ def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> 
 
 
 @pytest.mark.slow
-def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration() -> None:
-    """No name for what differs at each temperature; beside one set of values the same data would get several."""
-    result = reconcile(turning(), "matrix-6", prove=False)
+@pytest.mark.parametrize("model", ["matrix-6", "matrix-6-thermal"])
+def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration(model: str) -> None:
+    """No name for what differs at each temperature, beside one set or beside quadratics, which are said to fail."""
+    result = reconcile(turning(), model, prove=False)
     assert result.calibration == "per temperature"
     assert [effect.id for effect in result.effects if effect.acts_on == "mean"] == []
+    assert any("no quadratics" in note for note in result.notes) == (model == "matrix-6-thermal")
 
 
 def test_what_the_base_has_is_no_law_for_having_a_value_at_each_setpoint() -> None:

@@ -12,6 +12,7 @@ from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.search.problem import pose
 from tests.hil.reconcile.hidden_effects import (
@@ -66,11 +67,15 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
 
 
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
-    """One run alone: none, and a note that it means nothing."""
+    """One run alone: none, and the first words are that it means nothing."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
     result = reconcile(only(full, full.sensors[2].conditions.run == 1), "matrix-6")
     assert result.verdict == "none"
-    assert any("nothing could be tested" in note for note in result.notes)
+    assert not result.tested
+    assert not result.document()["tested"]
+    assert what_to_do(result) == ("untested", "Take more runs before anything is concluded.")
+    assert "Nobody has to act" not in page(result)
+    assert "nothing but noise" not in page(result)
 
 
 def test_a_missing_first_collect_does_not_move_the_others() -> None:

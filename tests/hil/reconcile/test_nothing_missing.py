@@ -224,7 +224,7 @@ def test_a_screen_finds_the_units_with_the_fault_and_no_others() -> None:
 @pytest.mark.slow
 def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     """A fleet with nothing missing: no more small p-values than stated (Ville's bound is a bound), none discovered."""
-    units = fleet(150, 0.0, 1, seed=900)
+    units = fleet(80, 0.0, 1, seed=900)
     screen = Screen.of(units, "matrix-6-thermal")
     findings = screen.units(units)
     p_values = np.array([finding.p_value for finding in findings])

@@ -46,6 +46,22 @@ def changed(
     return out
 
 
+def test_rates_that_were_clipped_get_no_name() -> None:
+    """What a channel cannot show is left out, with how far beyond the model expects it; k2 would explain it as well."""
+    rows = layout()
+    rates = measured(rows)
+    limit = float(np.quantile(rates[:, 1], 0.8))
+    beyond = np.flatnonzero(rates[:, 1] > limit)
+    rates[beyond, 1] = limit
+    campaign = campaign_of(rows, rates)
+    result = reconcile(campaign, "matrix-6", prove=False)
+    assert (result.verdict, len(result.effects)) == ("none", 0)
+    collects = campaign.sensors[2].conditions.collect[beyond].tolist()
+    assert sorted(row["collect"] for row in result.outliers) == collects
+    assert sorted(n for row in result.rows for n in row["collects"]) == collects
+    assert np.isfinite([row["size_deg_per_hr"] for row in result.outliers]).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.0, 3.6, 0.5])
 def test_runs_that_were_written_wrongly_are_found(factor: float) -> None:
@@ -123,9 +139,9 @@ def glitch(rows: Rows, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [heavy, walk, reseating, power_cycle, jump, glitch])
 def test_noise_and_what_has_a_name_are_no_bad_runs(kind: Callable[[Rows, np.random.Generator], np.ndarray]) -> None:
-    """Three nights of each, of eight to twenty-four runs."""
-    for seed in range(3):
-        rows = layout((25.0,), (8, 12, 24)[seed], seed)
+    """Two nights of each, of eight and of twenty-four runs."""
+    for seed, runs in enumerate((8, 24)):
+        rows = layout((25.0,), runs, seed)
         assert found(rows, base_rates(rows) + kind(rows, np.random.default_rng(seed))) == []
 
 

@@ -12,12 +12,12 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.frames.counts import StreamCounts
-from drivers.imu import SensorChannels
+from drivers.frames.roles import SensorRole
 from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
 from procedures.plan import Step, StepKind
 from procedures.progress import Audience, Silent, Snapshot
 
-SENSORS = {2: SensorChannels({"RA": "s2_ra"}, temperature="s2_t")}
+SENSORS = {2: SensorRole(rates={"RA": "s2_ra"}, temperature="s2_t")}
 STEP = Step(5, "T1/S1/C2/collect", StepKind.COLLECT, 0.0, 60.0, 23.4, 1, "2")
 COLUMNS = ["t_s", "chamber_degC", "setpoint_degC", "unit_2_degC", "2.RA", "2.RA mean", "2.RA se"]
 

@@ -76,7 +76,7 @@ def killed(new_night: Path, plan: Plan, clock: VirtualClock, do: Do, tmp_path: P
     return folder
 
 
-@pytest.mark.parametrize("places", [25, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("places", [25, pytest.param(300, marks=pytest.mark.slow)])
 def test_a_bit_flipped_in_the_write_ahead_log_is_damage_wherever_it_is(
     killed: Path, tmp_path: Path, places: int
 ) -> None:

@@ -41,7 +41,7 @@ def test_a_night_that_stopped_at_the_last_step_is_not_complete(
         journal.finish("complete: or so somebody says")
     status = night_status(new_night)
     assert status["state"] == "incomplete"
-    assert status["missing"] == ["safe state of the chamber at the end"]
+    assert status["missing"] == ["the last step, which brings the chamber to its safe state"]
 
 
 def test_while_a_controller_is_at_work_the_night_is_running(
@@ -110,7 +110,7 @@ def test_a_watchdog_at_work_is_no_running_night(new_night: Path, clock: VirtualC
     assert status["state"] == "failed"
     assert status["reason"].startswith("chamber-lost: no answer; ")
     assert "is at work here" in status["reason"]
-    assert status["problems"] == ["THE CHAMBER IS NOT SAFE: the chamber does not answer; go to the chamber"]
+    assert status["problems"] == ["THE CHAMBER IS NOT SAFE: the chamber does not answer"]
     assert status["eta_utc"] is None
 
 

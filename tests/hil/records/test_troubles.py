@@ -13,6 +13,7 @@ from drivers.clock import VirtualClock
 from hil.records import SqliteJournal
 from hil.records.live import LiveFiles
 from hil.records.status import night_status
+from hil.records.troubles import to_do
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, StepKind
 from procedures.progress import Snapshot
@@ -113,4 +114,36 @@ def test_a_controller_that_was_killed_leaves_a_chamber_that_nobody_looks_after(j
     status = night_status(journal.folder)
     assert status["killed"] is True
     assert status["problems"][0].startswith("THE CHAMBER MAY STILL BE CONDITIONING")
-    assert f"hil watchdog {journal.folder}" in status["problems"][0]
+    assert status["chamber_in_words"] == status["problems"][0]
+    assert to_do(journal.folder, status | {"verdict": None}).startswith(f"hil watchdog {journal.folder} brings it to")
+
+
+# What stands of a night, and what is to be done: words that must be in it, and words that must not.
+STANDING = [
+    ({}, "nothing; hil report n", "resume"),
+    ({"verdict": {"verdict": "FAIL"}}, "use no number that FAILED; hil report n names them and why", "nothing"),
+    ({"verdict": {"verdict": "INCONCLUSIVE"}}, "measure again", "nothing"),
+    ({"verdict": {"verdict": "MARGINAL"}}, "read the reasons", "nothing"),
+    ({"verdict": None}, "hil report n judges it", "nothing"),
+    ({"state": "aborted", "steps_done": 6}, "hil resume n carries on: 4 steps left", "mend"),
+    ({"state": "failed", "steps_done": 9}, "mend what ended it; then hil resume n carries on: 1 step left", "chamber"),
+    ({"state": "failed", "chamber": "NOT KNOWN", "steps_done": 9}, "go to the chamber and stop it there; then", "mend"),
+    ({"state": "incomplete", "verdict": {"verdict": "ERROR"}}, "measures again what rests on the damage", "nothing"),
+    ({"state": "incomplete", "reason": "ERROR: row 3"}, "use no number of it: hil repair n --out NEW", "resume"),
+    ({"state": "incomplete", "working": True}, "wait until the chamber has been made safe", "resume"),
+    ({"state": "incomplete", "killed": True}, "hil watchdog n brings it to its safe state, hil resume n", "report"),
+    ({"state": "running", "working": True}, "nothing", "see to it"),
+    ({"state": "running", "working": True, "problems": ["lost"]}, "see to it; the controller tries on", "nothing"),
+    ({"state": "running", "prompt": {"wants_words": True}}, "answer it: hil confirm n --text …, or --no", "nothing"),
+    ({"state": "paused", "working": True}, "hil continue n carries on", "nothing"),
+]
+
+
+@pytest.mark.parametrize(("standing", "said", "never"), STANDING, ids=str)
+def test_whoever_asks_how_it_stands_is_told_what_to_do(standing: dict[str, Any], said: str, never: str) -> None:
+    """Every state has its sentence, with the command that works there."""
+    status = {"state": "complete", "reason": "", "verdict": {"verdict": "PASS"}, "steps_done": 10, "steps_total": 10}
+    status |= {"prompt": None, "working": False, "killed": False, "chamber": "SAFE", "problems": [], "old": ""}
+    told = to_do(Path("n"), status | standing)
+    assert said in told
+    assert never not in told
