@@ -196,8 +196,8 @@ def _result(
         follows=reading.follows,
         noise=noise,
         rows=rows,
-        values=values,
         tested=any(search.terms for search in posterior.searches.values()),
+        values=values,
     )
 
 
