@@ -54,7 +54,7 @@ class RotorSensitivity(Effect):
 
 
 class AxialDrift(Effect):
-    """Drift proportional to the acceleration along the spin axis: what the contractor took for zero."""
+    """Drift proportional to the acceleration along the spin axis: easily taken for zero, and then it is in the bias."""
 
     id = "MU_real"
     title = "Axial-acceleration drift (MUA, MUB)"
@@ -64,7 +64,7 @@ class AxialDrift(Effect):
         Parameter("MUA", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
         Parameter("MUB", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
     )
-    signature = "Only the collect with the spin axis vertical moves; the contractor's bias is off by +MUB, -MUA."
+    signature = "Only the collect with the spin axis vertical moves; a bias solved without MU is off by +MUB, -MUA."
     confusable_with = ("k2", "MU_rr", "tilt", "index", "earth", "convection", "settle", "mag")
     may_follow_temperature = True
     odds = 5.0
@@ -143,7 +143,7 @@ class AxialDriftScatter(VarianceEffect):
     equation = "MU of run k = MU(T) + N(0, s_mu)"
     rotor_only = True
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
-    signature = "MU and the contractor's bias scatter equally while the matrix bias is quiet: sigmas 1 : 0 : 1."
+    signature = "MU and a bias solved without it scatter equally, one beside it is quiet: sigmas 1 : 0 : 1."
     confusable_with = ("index", "settle", "jump", "drift")
     experiment = "Repeat collect 3 three times without indexing between, then with."
 

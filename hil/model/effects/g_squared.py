@@ -18,7 +18,7 @@ class SquaredAcceleration(Effect):
     equation = "R += kAA fA^2 + kSS fS^2 + kAS fA fS, per channel (all six products for a triad)"
     per_channel = True
     parameters = tuple(Parameter(name, "deg/hr/g^2", (0.1, 1.0), _OTHER) for name in ("kAA", "kSS", "kAS"))
-    signature = "Matrix bias and MU move oppositely (+kAA, kSS - kAA) and the contractor's bias hardly at all."
+    signature = "Bias and MU move oppositely (+kAA, kSS - kAA), and a bias solved without MU hardly at all."
     confusable_with = ("MU_real", "bias")
     may_follow_temperature = True
     experiment = "Collect 4 gives the contrast kSS - kAA; the sum needs a centrifuge."

@@ -167,7 +167,7 @@ class AngleRandomWalk(VarianceEffect):
             {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)},
         ),
     )
-    signature = "Sigmas of contractor's bias, matrix bias and MU as 1 : 0.707 : 1.225; nothing correlates."
+    signature = "Sigmas of a bias solved without MU, one beside it, and MU as 1 : 0.707 : 1.225; nothing correlates."
     confusable_with = ("hash", "beat", "base")
     experiment = "Longer collects: the scatter falls with the root of the time."
 
