@@ -172,10 +172,11 @@ def test_a_temperature_that_was_visited_twice_is_not_said_to_have_been_visited_o
     assert once in render(gather(read_campaign(folder)))
     table = folder / "collects.csv"
     header, *rows = table.read_text().splitlines()
-    again = [
-        ",".join([str(900 + place), str(90 + int(run)), *cells])
-        for place, row in enumerate(rows[:9])
-        for _, run, *cells in [row.split(",")]
-    ]
+    again = []
+    for row in rows[:9]:
+        cells = dict(zip(header.split(","), row.split(","), strict=True))
+        later = {"collect": 900 + int(cells["collect"]), "run": 90 + int(cells["run"])}
+        later |= {name: 2e5 + float(cells[name]) for name in ("start_s", "time_since_power_on_s") if name in cells}
+        again.append(",".join(map(str, (cells | later).values())))
     table.write_text("\n".join([header, *rows, *again]) + "\n")
     assert once not in render(gather(read_campaign(folder)))
