@@ -177,6 +177,7 @@ def test_a_temperature_that_was_visited_twice_is_not_said_to_have_been_visited_o
         cells = dict(zip(header.split(","), row.split(","), strict=True))
         later = {"collect": 900 + int(cells["collect"]), "run": 90 + int(cells["run"])}
         later |= {name: 2e5 + float(cells[name]) for name in ("start_s", "time_since_power_on_s") if name in cells}
+        later |= {name: 0.37 + float(cells[name]) for name in ("RA_deg_per_hr", "RB_deg_per_hr")}
         again.append(",".join(map(str, (cells | later).values())))
     table.write_text("\n".join([header, *rows, *again]) + "\n")
     assert once not in render(gather(read_campaign(folder)))
