@@ -80,6 +80,7 @@ def held_out(
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
+    inverses: dict[tuple[object, ...], FloatArray] = {}  # of the noise, which most sets share
     for number, b, found in (
         (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
     ):
@@ -88,7 +89,10 @@ def held_out(
             continue
         block = fitted_block(number, posterior.searches[number], found.terms[number], found.kind, b)
         wrong = _wrong_rows(posterior, lead, number, b)
-        precision = np.asarray(np.linalg.inv(block.predictive()), dtype=np.float64)
+        noise = (number, b, *block.point.values())
+        if noise not in inverses:
+            inverses[noise] = np.asarray(block.scale * np.linalg.inv(block.covariance), dtype=np.float64)
+        precision = block.precision(inverses[noise] / block.scale)
         for own, cut in zip(known, folds, strict=True):
             own[key] = dict(_predicted(block, precision, cut(block), wrong))
     return [_together(posterior, sets, own) for own in known]

@@ -48,12 +48,16 @@ class FittedBlock:
         values = own.by_temperature(int(point["profile"]))
         return np.asarray(self.covariance - own.unit * self.scale * values)
 
-    def predictive(self) -> FloatArray:
-        """Return the covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes."""
+    def precision(self, inverse: FloatArray) -> FloatArray:
+        """Return the inverse covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes.
+
+        `inverse` (N, N) is that of the noise; what else there is, is few columns (Woodbury).
+        """
         base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(np.diag(self.covariance)))
-        scaled = base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit
-        own = self.columns * self.deviation
-        return np.asarray(self.covariance + scaled @ scaled.T + own @ own.T)
+        columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * self.deviation])
+        pulled = inverse @ columns
+        inner = np.eye(columns.shape[1]) + columns.T @ pulled
+        return np.asarray(inverse - pulled @ np.linalg.solve(inner, pulled.T))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ from hil.solve.rows import Block
 
 SCANNED = 10
 """Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
+GLANCED = 4
+"""Points at which the terms are tried beside which the noise is then looked at anew."""
 DENSE = 400
 """Rows up to which whitening is one matrix: from there on the filter costs less."""
 LEADING = 6
@@ -67,6 +69,7 @@ class BlockSearch:
         nothing = Beside(scales, cube, cube, flat, line, line, 0)
         out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
+        out.scanned = out.scanned[:GLANCED]
         return out
 
     def choose(self, extras: Sequence[FloatArray], units: Sequence[FloatArray] = ()) -> None:

@@ -266,7 +266,7 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
     seen = 0
-    for fold, predicted in _predicted(block, np.linalg.inv(block.predictive()), folds, set()):
+    for fold, predicted in _predicted(block, block.precision(np.linalg.inv(noise)), folds, set()):
         out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
         if len(predicted.error) != len(out):
             continue  # what the others say nothing about is left out of the fold
