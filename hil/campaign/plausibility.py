@@ -25,7 +25,7 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
-_PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any other
+_PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
 
@@ -135,7 +135,7 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         levels, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
         for end in (0, -1) if len(levels) > _PILED else ():
-            if counts[end] > max(_PILED - 1, _PILED_RATIO * np.delete(counts, end).max()):
+            if counts[end] > max(_PILED - 1, _PILED_RATIO * counts[1:-1].max()):
                 name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
                 yield (
                     channel,

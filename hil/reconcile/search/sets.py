@@ -43,6 +43,8 @@ DENSE = 400
 """Rows up to which whitening is one matrix: from there on the filter costs less."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
+TOGETHER = 3
+"""Of these the likeliest, together."""
 Set = tuple[int, ...]
 
 
@@ -114,19 +116,25 @@ class SensorSearch:
     _scannable: int = 0
     _members: dict[tuple[int, int], tuple[Options, FloatArray]] = field(default_factory=dict)
 
-    def leading(self) -> list[int]:
-        """Return the places of the terms that explain most, one of each name."""
+    def leading(self, given: Set = ()) -> list[int]:
+        """Return the places of the terms that explain most beside a set, one of each name."""
         first: dict[str, int] = {}
-        for j in np.argsort(-(self.scan(()) + self.log_odds)).tolist():
+        for j in np.argsort(-(self.scan(given) + self.log_odds)).tolist():
             first.setdefault(self.terms[j].name, j)
         return list(first.values())[:LEADING]
 
     def refine(self) -> None:
-        """Choose the points of the noise anew, so that they serve the leading terms as well as the base alone."""
-        leading = self.leading()
+        """Choose the points of the noise anew, so that they serve leading terms and sets as well as the base alone.
+
+        Sets, because what a wrong row hides of the noise another term may hide as well.
+        """
+        asked: list[Set] = [(j,) for j in self.leading()]
+        for _ in range(TOGETHER - 1 if asked else 0):
+            given = asked[-1] if len(asked[-1]) > 1 else asked[0]
+            asked.append((*given, self.leading(given)[0]))
         for b, block in enumerate(self.blocks):
-            parts = [self.terms[j].parts[b] for j in leading]
-            block.choose([np.zeros((len(block.y), 0)), *(p.columns for p in parts if p is not None)])
+            sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]
+            block.choose([np.zeros((len(block.y), 0)), *(np.hstack(columns) for columns in sets if columns)])
         self.forget()
 
     def forget(self) -> None:

@@ -78,6 +78,20 @@ def test_a_name_is_sure_only_where_nothing_is_ruled_out_as_well(size: float, kin
     assert result.effects[0].probability > 0.9
 
 
+def test_a_wrong_rate_gives_nothing_else_a_name() -> None:
+    """Where a row and a missing term hide the noise together, it is chosen beside both: else steps stand in for it."""
+    rng = np.random.default_rng(0)
+    rows = lay_out(rng, EIGHT, 3)
+    place, run = (np.unique(of, return_inverse=True)[1] for of in (rows.setpoint, rows.run))
+    bias = rng.normal(0.0, 4.0, (8, 2))[place]
+    mu = np.array([20.0, -15.0]) + rng.normal(0.0, 4.0, (24, 2))[run]
+    rates = bias + mu * rows.f[:, 2:] + 40.0 * rows.f[:, :1] + rows.w[:, :2] + rng.normal(0.0, 0.9, mu.shape)
+    rates[20, 0] += 100.0
+    result = reconcile(campaign_of(rows, rates), "collins-4", prove=False)
+    assert [e.id for e in result.effects] == ["MU_real", "MU_rr"]
+    assert [round(row["size_deg_per_hr"], -1) for row in result.outliers] == [100.0]
+
+
 def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
     """MU of its own at each setpoint is called scatter of MU here; the floor is what runs at one setpoint differ by."""
     rng = np.random.default_rng(3)
