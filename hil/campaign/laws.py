@@ -72,6 +72,7 @@ class Law:
         near = min(abs(shown - low), abs(shown - high)) < _NEAR * abs(shown)
         is_, least, most = (f"{each:.{10 if near else 5}g}" for each in (shown, low, high))
         ends = f"at most {most}" if np.isinf(low) else f"at least {least}" if np.isinf(high) else f"{least} to {most}"
+        ends = least if least == most else ends
         return f"{self.record} is {is_}, where {ends} belongs by {self.by}"
 
 

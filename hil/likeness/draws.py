@@ -105,7 +105,8 @@ def likeness(
         if pool:
             pool.shutdown(wait=False, cancel_futures=True)
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
-    return {**head, "model": model.title, "draws": draws, "seed": seed, **verdict(nights, _ASSUMED if assumed else 1.0)}
+    asked = {"model": model.full_title, "draws": draws, "seed": seed}
+    return {**head, **asked, **verdict(nights, _ASSUMED if assumed else 1.0)}
 
 
 def end_with_parent() -> None:

@@ -165,7 +165,8 @@ def _result(
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
-    notes += [*values_off(standing, gap), *scatter.in_words(noise)]
+    tested = any(search.terms for search in posterior.searches.values())
+    notes += [*values_off(standing, gap), *(scatter.in_words(noise) if tested else ())]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)
@@ -196,7 +197,7 @@ def _result(
         follows=reading.follows,
         noise=noise,
         rows=rows,
-        tested=any(search.terms for search in posterior.searches.values()),
+        tested=tested,
         values=values,
     )
 

@@ -14,7 +14,7 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.physics import CATALOGUE
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
-from hil.campaign.plausibility import judged_by_its_records, unclipped
+from hil.campaign.plausibility import clipped, judged_by_its_records, unclipped
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from procedures.verdict import Verdict
@@ -230,6 +230,13 @@ def test_averages_that_pile_up_on_the_last_value_are_clipped(digits: int, side: 
         left = unclipped(judged.sensors[2]).rates_deg_per_hr
         assert np.isnan(left[[2, 5, 8], 0]).all()
         assert np.isnan(left).sum() == 3
+
+
+@pytest.mark.parametrize(("low", "found"), [([-9.0, -9.0, -8.0], [4]), ([-9.0, -9.0, -9.0], [3, 4])])
+def test_both_limits_of_a_channel_are_seen(low: list[float], found: list[int]) -> None:
+    """However often the other one is reached."""
+    rates = np.stack([[9.0, 9.0, 9.0, 9.0, 2.0, 1.0, *low], np.arange(9.0) ** 2], axis=1)
+    assert [rows.sum() for _, rows, _ in clipped(campaign(rates=rates).sensors[2])] == found
 
 
 def test_an_error_that_is_far_too_small_weighs_nothing() -> None:
