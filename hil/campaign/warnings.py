@@ -7,7 +7,7 @@ import numpy as np
 from hil.campaign.data import Collects
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.table import Table, rows_in_words
-from procedures.words import listed
+from procedures.words import listed, numbered
 
 F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
@@ -74,9 +74,11 @@ def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
     names = dict.fromkeys(
         f"{channel}_se_deg_per_hr" for collects in sensors.values() for channel in collects.conditions.sensor.channels
     )
-    lacking = [name for name in names if name not in table.header]
+    lacking = [name for name in names if name not in table.header or not np.any(table.numbers(name) > 0.0)]
     if 0 < len(lacking) < len(names):
-        found.append(f"{table.path}: there is no column {listed(lacking)}: no standard error of that sensor is used")
+        channels = {n: {f"{c}_se_deg_per_hr" for c in own.conditions.sensor.channels} for n, own in sensors.items()}
+        whose = numbered("sensor", [n for n, columns in channels.items() if columns & {*lacking}])
+        found.append(f"{table.path}: there is nothing in {listed(lacking)}: no standard error of {whose} is used")
     for name in names:
         if name not in table.header:
             continue

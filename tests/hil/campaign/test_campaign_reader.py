@@ -306,7 +306,11 @@ WARNED_TABLES = {
     "not chronological": (cell(6, "start_s", "305"), "row 6, column start_s: earlier"),
     "one error column gone": (
         without("RB_se_deg_per_hr") + "\n",
-        "there is no column RB_se_deg_per_hr: no standard error",
+        "there is nothing in RB_se_deg_per_hr: no standard error of sensor 2 is used",
+    ),
+    "one error column empty": (
+        table(*(",".join([*row.split(",")[:15], "", *row.split(",")[16:]]) for row in ROWS)),
+        "there is nothing in RB_se_deg_per_hr: no standard error of sensor 2 is used",
     ),
     "error of zero": (cell(5, "RA_se_deg_per_hr", "0"), "row 5, column RA_se_deg_per_hr: a standard error of 0"),
     "faster than the Earth": (
