@@ -46,7 +46,7 @@ class Table:
 
     def require(self, columns: Sequence[str]) -> None:
         """Raise `InputError` where one of `columns` is missing."""
-        missing = [name for name in columns if name not in self._index]
+        missing = [name for name in dict.fromkeys(columns) if name not in self._index]
         if missing:
             raise InputError(
                 f"{self.path}, row {self.header_row}: {plural('column', len(missing))} {', '.join(missing)} "

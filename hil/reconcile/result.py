@@ -223,6 +223,7 @@ class Reconciliation:
     values: Sequence[Mapping[str, Any]] = ()
     twin: Mapping[str, Any] | None = None
     tested: bool = True
+    contradicted: Sequence[int] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -234,6 +235,7 @@ class Reconciliation:
             "model_after": "model.yaml",
             "verdict": self.verdict,
             "tested": self.tested,
+            "contradicted_runs": list(self.contradicted),
             "p_value": self.p_value,
             "calibration": self.calibration,
             "disagreements": [d.document() for d in self.disagreements],

@@ -198,6 +198,7 @@ def _result(
         noise=noise,
         rows=rows,
         tested=tested,
+        contradicted=sorted({run for run, _ in campaign.contradicted}),
         values=values,
     )
 

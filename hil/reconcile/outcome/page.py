@@ -36,7 +36,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was."""
     only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
-    return kind, _ACT[kind]
+    first = "First see to what its own records contradict (notes): " if result.contradicted else ""
+    return kind, f"{first}{numbered('run', result.contradicted)}. {_ACT[kind]}" if first else _ACT[kind]
 
 
 def page(result: Reconciliation) -> str:

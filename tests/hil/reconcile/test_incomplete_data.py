@@ -76,6 +76,8 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert what_to_do(result) == ("untested", "Take more runs before anything is concluded.")
     assert "Nobody has to act" not in page(result)
     assert "nothing but noise" not in page(result)
+    failed = replace(result, contradicted=(3, 4))
+    assert what_to_do(failed)[1].startswith("First see to what its own records contradict (notes): runs 3–4. Take")
 
 
 def test_a_missing_first_collect_does_not_move_the_others() -> None:
