@@ -1,7 +1,7 @@
 """Whether a chamber is safe: its air says so, not its acknowledgement.
 
     left = watch_air(chamber, clock, chamber.safe_state(), Polling(), waiting=print)
-    left.word, left.reason       # SAFE, "the air has moved from 60.0 to 58.1 °C in 3 min"
+    left.word, left.reason       # SAFE, "the air has moved from 60.0 to 58.1 °C in 3 min, towards …"
 
 A chamber can take STANDBY, show STANDBY and go on heating. So after the command its air is looked at until it is where
 it harms nobody and would stay there, or goes where nothing but the safe state sends it.
@@ -100,6 +100,8 @@ class _Seen:
         held = safe.temperature_degC
         self._low, self._high = ROOM_DEGC if held is None else (held - _HELD_WITHIN_DEGC, held + _HELD_WITHIN_DEGC)
         self._goal = 0.5 * (self._low + self._high)
+        where = "the room's" if held is None else f"{held:g} °C"
+        self._towards = f"towards {where}; before a door is opened, see that it is there"
         self._slow_per_s = _SLOW * ramp_degC_per_min / 60.0
         self._air: list[tuple[float, float]] = []
         self.words = ""
@@ -122,5 +124,5 @@ class _Seen:
         leaves = (setpoint - air) * (self._goal - air) < 0.0
         passed_s = now_s - began_s
         slow = passed_s >= _SLOW_S and abs(air - first) < self._slow_per_s * passed_s
-        moved = f"the air has moved from {farthest:.1f} to {air:.1f} °C in {passed_s / 60.0:.0f} min"
+        moved = f"the air has moved from {farthest:.1f} to {air:.1f} °C in {passed_s / 60.0:.0f} min, {self._towards}"
         return moved if harmless or leaves or slow else ""

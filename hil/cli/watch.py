@@ -84,7 +84,9 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         alarm("PROBLEM", "" if line in danger else line)
     alarm("OLD", status["old"])
     alarm(status["state"], "" if working or status["state"] == "complete" else status["reason"])
-    alarm(judged[2:], verdict["reason"] if judged not in ("", ", PASS") else "")
+    # Why a night is not judged that is not whole, its state has said.
+    if verdict and verdict["verdict"] != "PASS" and (status["state"] == "complete" or verdict["verdict"] == "ERROR"):
+        alarm(verdict["verdict"], verdict["reason"])
     for line in (*_asked(status), *(f"over: {line}" for line in status["over"])):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]

@@ -171,6 +171,16 @@ def test_a_chamber_that_is_not_safe_is_the_first_line_and_nothing_is_said_twice(
     assert said[-1].startswith(f"hil verify {journal.folder} shows it all")
 
 
+@pytest.mark.parametrize(("state", "told"), [("aborted", False), ("complete", True)])
+def test_why_a_night_is_not_judged_is_said_of_one_that_is_whole(journal: SqliteJournal, state: str, told: bool) -> None:
+    """Of another one its state says so in fewer words."""
+    console, status = _console(terminal=False), look_at(journal.folder)[0]
+    status |= {"state": state, "reason": "stopped", "verdict": {"verdict": "INCONCLUSIVE", "reason": "collect missing"}}
+    say(journal.folder, status | {"to_do": "read"}, None, console)
+    assert f"{state}, INCONCLUSIVE" in console.file.getvalue()
+    assert ("INCONCLUSIVE: collect missing" in console.file.getvalue()) is told
+
+
 @pytest.mark.parametrize(("reason", "told"), [("ERROR: row 3, so nothing can be told", False), ("killed", True)])
 def test_a_damaged_journal_counts_no_steps_and_is_not_carried_on(
     journal: SqliteJournal, reason: str, told: bool

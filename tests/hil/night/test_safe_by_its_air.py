@@ -58,6 +58,7 @@ def test_three_words_have_three_ends(tmp_path: Path, fault: str, status: int, wo
         assert (found["state"], found["problems"]) == ("complete", [])
         assert last.message == "the air has shown that it is in its safe state"
         assert "THE CHAMBER IS SAFE: the air has moved from 60" in told
+        assert "before a door is opened, see that it is there" in told
 
 
 def test_an_abort_over_a_chamber_that_does_not_obey_is_not_safe_until_it_does(tmp_path: Path) -> None:
