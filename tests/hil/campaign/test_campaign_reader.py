@@ -28,6 +28,7 @@ HEADER = (
     "collect,run,sensor,position,start_s,duration_s,f_A_g,f_B_g,f_S_g,w_A_deg_per_hr,w_B_deg_per_hr,w_S_deg_per_hr,"
     "RA_deg_per_hr,RB_deg_per_hr,RA_se_deg_per_hr,RB_se_deg_per_hr,temperature_degC,supply_V"
 )
+NO_ERROR = "there is nothing in RB_se_deg_per_hr: no standard error of sensor 2 is used"
 ROWS = [
     "1,1,2,1,0,60,-1,0,0,-8.54,10.72,6.19,-30.1,-46.2,0.9,0.9,23.4,28.0",
     "2,1,2,2,120,60,1,0,0,8.54,10.72,-6.19,80.3,-10.5,0.9,0.9,23.5,28.1",
@@ -304,13 +305,10 @@ WARNED_TABLES = {
         r"rows 2-7, column RA_deg_per_hr: the channel never changes \(always 5",
     ),
     "not chronological": (cell(6, "start_s", "305"), "row 6, column start_s: earlier"),
-    "one error column gone": (
-        without("RB_se_deg_per_hr") + "\n",
-        "there is nothing in RB_se_deg_per_hr: no standard error of sensor 2 is used",
-    ),
+    "one error column gone": (without("RB_se_deg_per_hr") + "\n", NO_ERROR),
     "one error column empty": (
-        table(*(",".join([*row.split(",")[:15], "", *row.split(",")[16:]]) for row in ROWS)),
-        "there is nothing in RB_se_deg_per_hr: no standard error of sensor 2 is used",
+        table(*(",".join([*r.split(",")[:15], "", *r.split(",")[16:]]) for r in ROWS)),
+        NO_ERROR,
     ),
     "error of zero": (cell(5, "RA_se_deg_per_hr", "0"), "row 5, column RA_se_deg_per_hr: a standard error of 0"),
     "faster than the Earth": (
