@@ -15,7 +15,7 @@ import numpy as np
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, Series
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
-_FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
+FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
 _HEADING_DEG_PER_HR = 1.0  # five degrees of heading
 _SOAKED_S = 1200.0  # after the setpoint: before, a unit may be anywhere between its last temperature and the air's
 _STEADY_DEGC_PER_MIN, _TO_COME_MIN = 0.05, 30.0  # a slope beyond this is of a soak that goes on, for about so long
@@ -177,13 +177,19 @@ def soaked(c: Conditions) -> BoolArray:
     return np.asarray(c.columns.get("time_since_setpoint_s", np.zeros(len(c))) > _SOAKED_S)
 
 
+def from_the_usual_g(c: Conditions) -> FloatArray:
+    """Return how far f is from what it usually is at the position that each collect is labelled with, (n,)."""
+    usual = np.empty_like(c.f_g)
+    for label in np.unique(c.position):
+        usual[c.position == label] = np.median(c.f_g[c.position == label], axis=0)
+    return np.asarray(np.linalg.norm(c.f_g - usual, axis=1))
+
+
 def _by_position(c: Conditions) -> Iterator[Law]:
     """What the collects at one position have in common: f, and w at one heading, of which a run has more than one."""
     _, label = np.unique(c.position, return_inverse=True)
-    f, w = c.f_g, c.w_deg_per_hr
-    usual, nearest = np.empty_like(f), np.empty_like(w)
+    w, nearest = c.w_deg_per_hr, np.empty_like(c.w_deg_per_hr)
     for rows in (np.flatnonzero(label == each) for each in range(label.max(initial=-1) + 1)):
-        usual[rows] = np.median(f[rows], axis=0)
         for k in range(3):
             order = rows[np.argsort(w[rows, k], kind="stable")]
             gaps = np.diff(w[order, k], prepend=-np.inf, append=np.inf)
@@ -192,7 +198,7 @@ def _by_position(c: Conditions) -> Iterator[Law]:
     same = off <= _HEADING_DEG_PER_HR
     told = np.isin(label, label[same]) & np.isin(c.run, c.run[same]) & np.isfinite(off)
     for record, apart, most in (
-        ("f, g, from the usual,", np.linalg.norm(f - usual, axis=1), _FIXTURE_G),
+        ("f, g, from the usual,", from_the_usual_g(c), FIXTURE_G),
         ("w, deg/hr, from the nearest,", np.where(told, off, np.nan), _HEADING_DEG_PER_HR),
     ):
         yield Law(

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from hil.campaign import BoolArray, Collects, FloatArray, IntArray
+from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.solve.temperatures import level_degC, same_temperature
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
@@ -30,7 +31,6 @@ FALSE_ALARM = 1e-3
 """How probable it may be that a campaign with nothing wrong has one collect of a sensor called MARGINAL."""
 
 _NEAR = 4.0  # what a cause must bring a collect back to
-_ELSEWHERE_G = 0.3  # of f from that of the label: no setting of a pose is as rough
 _REPEATED = 3  # collects at one position and temperature tell of each other
 _ENOUGH = 6  # departures of a kind that tell how large they usually are
 _MOST = 0.2  # of the collects: where more stand out, the scatter is not what stands out from it
@@ -82,10 +82,8 @@ class _Departures:
         self._collects = collects
         self._rates = collects.rates_deg_per_hr
         labels, self._label = np.unique(collects.conditions.position, return_inverse=True)
-        f_g = collects.conditions.f_g
-        usual = np.array([np.median(f_g[self._label == label], axis=0) for label in range(len(labels))])
         # A collect that lay otherwise than its label says is compared with none of that label.
-        elsewhere = np.linalg.norm(f_g - usual[self._label], axis=1) > _ELSEWHERE_G
+        elsewhere = from_the_usual_g(collects.conditions) > FIXTURE_G
         self._label[elsewhere] = len(labels) + np.arange(elsewhere.sum())
         self._level = same_temperature(collects.conditions)
         self._temperature_degC = level_degC(collects.conditions)

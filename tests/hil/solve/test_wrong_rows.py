@@ -32,6 +32,16 @@ def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
     assert (solved[5].verdict, sound[5].verdict) == (Verdict.FAIL, Verdict.PASS)
 
 
+def test_a_label_that_f_gives_the_lie_to_mends_no_rates() -> None:
+    """Two labels are exchanged and f, w and rates are right: the records say so, and the numbers stay what they are."""
+    good = made("good").sensors[2]
+    labels = good.conditions.position.copy()
+    labels[[12, 13]] = labels[[13, 12]]
+    wrong = wrong_rows(replace(good, conditions=replace(good.conditions, position=labels)))
+    np.testing.assert_array_equal(wrong.collects.rates_deg_per_hr, good.rates_deg_per_hr)
+    assert not [row for row in wrong.rows if row.done in (MENDED, LEFT_OUT)]
+
+
 def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
     """RB of collect 15: MUA is then not seen in this run, and MUB is what it was."""
     campaign = made("one rate far off")
