@@ -15,7 +15,7 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile import naming, reconcile
 from hil.reconcile.naming import Reading, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
-from hil.reconcile.search.layout import searches
+from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import CLOSE
@@ -111,6 +111,18 @@ def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration(model: str
     assert result.calibration == "per temperature"
     assert [effect.id for effect in result.effects if effect.acts_on == "mean"] == []
     assert any("no quadratics" in note for note in result.notes) == (model == "matrix-6-thermal")
+
+
+def test_values_at_each_temperature_are_asked_for_where_they_explain_something() -> None:
+    """Of values that turn from setpoint to setpoint, not of quadratics."""
+    for campaign, expected in ((turning(), True), (hidden_campaign(7, noise_of_supply), False)):
+        problem = pose(campaign, load_model("matrix-6-thermal"), ())
+        assert values_follow(problem, searches(problem, (), ()), {2: ()}) is expected
+
+
+def noise_of_supply(rows: Rows) -> np.ndarray:
+    """A supply effect: it follows no temperature."""
+    return both(rows.supply - 28.0, 10.0, -9.0)
 
 
 def test_what_the_base_has_is_no_law_for_having_a_value_at_each_setpoint() -> None:
