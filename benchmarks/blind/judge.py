@@ -28,6 +28,13 @@ _OF_DATA = {
     *("row", "rows", "run", "runs", "outlier", "outliers", "bad"),
 }
 """Words in the ids of mistakes in the data."""
+_OUTSIDE_FOLLOWS = {
+    "MU × supply": ("supply", "supply_V"),
+    "GS × dT/dt": ("temperature_rate", "dTdt_degC_per_min"),
+    "one position, cold": ("pose", "temperature", "temperature_degC"),
+    "MU step in temperature": ("temperature", "temperature_degC"),
+    "GS ripple in temperature": ("temperature", "temperature_degC"),
+}
 _FOLLOWS = {
     "time": "ageing jump warmup drift rrw markov flicker base",
     "run": "jump MU_rr turnon frost",
@@ -44,7 +51,7 @@ _FOLLOWS = {
     "temperature_degC": "bias_T GS_T demod",
     "dTdt_degC_per_min": "bias_Tdot bias_grad T_lag",
 }
-"""What each driver moves, by the equations of the effects."""
+"""What each driver moves, by the equations of the effects; what has no entry of the catalogue stands before."""
 
 
 def answers(hidden: Sequence[str]) -> tuple[str, ...]:
@@ -96,15 +103,21 @@ def on_the_mean(document: dict[str, Any], hidden: Sequence[str], sure: float | N
     return bool(found) if sure is None else any(_is_name(e) and e["probability"] >= sure for e in found)
 
 
+def in_the_noise(job: Job) -> set[str]:
+    """Return the effects on the scatter that the noise of a case has, whatever is hidden beside it."""
+    noise, has = job.noise, set[str]()
+    if job.form == "night":
+        has |= set(_NOISE.get(noise.kind, ()))
+        has |= _SLOW if noise.rho and noise.kind != "white" else set()
+        has |= {"arw"} if noise.extra or noise.stated != 1.0 else set()
+    return has
+
+
 def false_alarm(document: dict[str, Any], job: Job) -> bool | None:
     """Whether anything is found where nothing is hidden, but for scatter that the noise really has."""
     if kind_hidden(job.hidden) != "nothing":
         return None
-    noise, allowed = job.noise, set[str]()
-    if job.form == "night":
-        allowed |= set(_NOISE.get(noise.kind, ()))
-        allowed |= _SLOW if noise.rho and noise.kind != "white" else set()
-        allowed |= {"arw"} if noise.extra or noise.stated != 1.0 else set()
+    allowed = in_the_noise(job)
     found = document["effects"]
     if not found:
         return bool(document["verdict"] != "none")
@@ -138,12 +151,19 @@ def _run_of(effect: dict[str, Any]) -> int | None:
     return None if run is None else int(run)
 
 
-def followed(document: dict[str, Any], hidden: Sequence[str]) -> tuple[float, bool] | None:
-    """(probability stated for the first driver, whether a hidden effect follows it); None where nothing is said."""
+def followed(
+    document: dict[str, Any], hidden: Sequence[str], noise: Set[str] = frozenset()
+) -> tuple[float, bool] | None:
+    """(probability stated for the first driver, whether a hidden effect follows it); None where nothing is said.
+
+    `noise` are the effects that the noise itself has.
+    """
     if not document.get("follows"):
         return None
     first = max(document["follows"], key=lambda one: one["probability"])
-    return first["probability"], bool(set(answers(hidden)) & set(_FOLLOWS.get(first["driver"], "").split()))
+    moved = set(_FOLLOWS.get(first["driver"], "").split())
+    moved |= {name for name, drivers in _OUTSIDE_FOLLOWS.items() if first["driver"] in drivers}
+    return first["probability"], bool((set(answers(hidden)) | noise) & moved)
 
 
 def named_ids(document: dict[str, Any]) -> list[set[str]]:
@@ -161,30 +181,35 @@ def first_is_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
     return bool(classes) and any(name in classes[0] for name in answers(hidden))
 
 
-def all_right(document: dict[str, Any], hidden: Sequence[str]) -> bool:
-    """Whether exactly the hidden effects were found, each by its class."""
-    classes = named_ids(document)
+def all_right(document: dict[str, Any], hidden: Sequence[str], noise: Set[str] = frozenset()) -> bool:
+    """Whether exactly the hidden effects were found, each by its class, beside what the noise itself has."""
     true = answers(hidden)
+    classes = [ids for ids in named_ids(document) if ids & set(true) or not ids & noise]
     return len(classes) == len(true) and all(any(name in c for c in classes) for name in true)
 
 
-def confidently_wrong(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False) -> bool:
-    """Whether any effect is named at .8 or more whose class holds none that is hidden.
+def confidently_wrong(
+    document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False, noise: Set[str] = frozenset()
+) -> bool:
+    """Whether any effect is named at .8 or more whose class holds none that is hidden or of the noise itself.
 
     A mistake in the data under another word is no wrong name where the result points at the spoiled rows (`pointed`).
     """
     if document["verdict"] != "named":
         return False
+    right = set(answers(hidden)) | noise
     return any(
-        effect["probability"] >= CONFIDENT and not ids & set(answers(hidden)) and not (pointed and of_data(effect))
+        effect["probability"] >= CONFIDENT and not ids & right and not (pointed and of_data(effect))
         for effect, ids in zip(document["effects"], named_ids(document), strict=True)
     )
 
 
-def stated(document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False) -> list[tuple[float, bool]]:
-    """(probability stated for a catalogue name, whether that very name is hidden), one per added effect."""
+def stated(
+    document: dict[str, Any], hidden: Sequence[str], *, pointed: bool = False, noise: Set[str] = frozenset()
+) -> list[tuple[float, bool]]:
+    """(probability stated for a catalogue name, whether that very name is hidden or the noise's), one per effect."""
     return [
-        (e["probability"], e["id"] in answers(hidden) or (pointed and of_data(e)))
+        (e["probability"], e["id"] in answers(hidden) or e["id"] in noise or (pointed and of_data(e)))
         for e in document["effects"]
         if _is_name(e)
     ]

@@ -37,6 +37,7 @@ from benchmarks.blind.judge import (
     first_is_right,
     follow_up,
     followed,
+    in_the_noise,
     kind_hidden,
     listed,
     ninety_percent_classes,
@@ -151,7 +152,7 @@ def _of_job(job: Job) -> dict[str, Any]:
 
 def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
     """What one case came to, as one line of the kept file."""
-    gap, pointed = document["gap"], bool(document.get("told"))
+    gap, pointed, noise = document["gap"], bool(document.get("told")), in_the_noise(job)
     scatter = scatter_named(document, job.hidden)
     return {
         **_of_job(job),
@@ -164,14 +165,14 @@ def outcome(job: Job, document: dict[str, Any]) -> dict[str, Any]:
         "sure": on_the_mean(document, job.hidden, CONFIDENT),
         "listed": listed(document, job.hidden),
         "first": first_is_right(document, job.hidden),
-        "exact": all_right(document, job.hidden),
-        "wrong": confidently_wrong(document, job.hidden, pointed=pointed),
+        "exact": all_right(document, job.hidden, noise),
+        "wrong": confidently_wrong(document, job.hidden, pointed=pointed, noise=noise),
         "empirical": document["verdict"] == "empirical",
         "scatter": None if scatter is None else scatter[0],
         "kin": None if scatter is None else scatter[1],
         "told": document.get("told"),
-        "follows": followed(document, job.hidden),
-        "stated": stated(document, job.hidden, pointed=pointed),
+        "follows": followed(document, job.hidden, noise),
+        "stated": stated(document, job.hidden, pointed=pointed, noise=noise),
         "set": sorted(ninety_percent_set(document)),
         "classes": ninety_percent_classes(document),
         "gap_ratio": _ratio(document),
