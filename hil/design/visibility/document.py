@@ -146,4 +146,4 @@ def _seen(shown: SensorRepeats) -> NoiseLevel:
     beyond = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
     bias, mu = ([beyond[name] for name in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     size = [float(np.sqrt(np.mean(np.square(each)))) if each else 0.0 for each in (bias, mu)]
-    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1])
+    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source="its repeats")

@@ -40,12 +40,14 @@ _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), 
 class NoiseLevel:
     """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
 
-    The defaults are the report's quiet cells and its pooled run-to-run scatter.
+    The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed" or
+    "its repeats", what changes from run to run being what decides.
     """
 
     collect_deg_per_hr: float = 0.93
     run_bias_deg_per_hr: float = 1.8
     run_mu_deg_per_hr_per_g: float = 0.0
+    source: str = "assumed"
 
 
 @dataclass(frozen=True)

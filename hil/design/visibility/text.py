@@ -13,7 +13,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     lines = [str(document["title"]) + ("  SIMULATED" if document.get("simulated") else "")]
     forms = ", ".join(f"sensor {number}: {form}" for number, form in document["model"].items())
-    lines += [f"beside the parameters of the model ({forms})", ""]
+    lines += [f"beside the parameters of the model ({forms})", *_noise(document), ""]
     seen = [effect for effect in document["effects"] if effect["visible"]]
     probability = document["effects"][0]["smallest_visible"]["probability"] if document["effects"] else 0.9
     rate = document["false_alarm_rate"]
@@ -21,6 +21,18 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     lines += [_seen(effect) for effect in sorted(seen, key=_against_typical)]
     lines += ["", *_alike(seen), *_unseen(document), *_unasked(document), *_changes(document)]
     return "\n".join(lines)
+
+
+def _noise(document: Mapping[str, Any]) -> Iterator[str]:
+    """What each sensor is taken to scatter by, and whether it showed that: a planned sweep and its night may differ."""
+    for number, of in document["sensors"].items():
+        level, changes = of["noise"], []
+        if level["run_bias_deg_per_hr"]:
+            changes.append(f"the bias by {level['run_bias_deg_per_hr']:.2g} deg/hr")
+        if level["run_mu_deg_per_hr_per_g"]:
+            changes.append(f"MU by {level['run_mu_deg_per_hr_per_g']:.2g} deg/hr/g")
+        said = f"from run to run {' and '.join(changes) or 'nothing'} ({level['source']})"
+        yield f"noise, sensor {number}: {level['collect_deg_per_hr']:.2g} deg/hr in a collect; {said}"
 
 
 def _against_typical(effect: Mapping[str, Any]) -> float:

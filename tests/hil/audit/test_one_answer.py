@@ -6,13 +6,23 @@ A command that answers one of the questions joins by one line in `ANSWERS`: what
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hil.campaign import Campaign, Collects
 from hil.cli.app import run
+from hil.config import load_bench, load_sweep
+from hil.design.conditions import planned_conditions
+from hil.design.sequence.sequences import scene_of, sequence_worth
+from hil.design.visibility.document import campaign_document, sweep_document
+from hil.design.visibility.map import NoiseLevel
+from hil.model.forms import default_form
+from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, LOGS, written
 
 Answer = Mapping[Any, Any]
@@ -66,6 +76,11 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
     }
 
 
+def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
+    beyond = [each["beyond_standard_errors"] for name, each in run_to_run.items() if name.startswith("B")]
+    return math.sqrt(sum(one**2 for one in beyond) / len(beyond)) if beyond else None
+
+
 ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which rows are wrong": dict.fromkeys(("solve", "thermal", "budget", "scatter", "reconcile"), rows),
     "the mean at a temperature": {
@@ -93,6 +108,14 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "what changes from run to run": {
         "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
+    },
+    "by how much the bias changes from run to run beyond its standard errors": {
+        "solve": lambda document: {n: _rms_of_bias(of["run_to_run"]) for n, of in document["repeats"].items()},
+        "visibility": lambda document: {
+            n: of["noise"]["run_bias_deg_per_hr"]
+            for n, of in document["sensors"].items()
+            if of["noise"]["source"] == "its repeats"
+        },
     },
     "how sure one run is": {
         "budget": lambda document: {
@@ -200,3 +223,28 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
     for mean in document["repeats"]["2"]["means"]:
         assert mean["unit_degC"][1] - mean["unit_degC"][0] > 4.0
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
+
+
+@pytest.mark.parametrize("order", ["1-2-3", "1-3-2", "1-2-3-2-1"])
+def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) -> None:
+    """Of each sensor: `design` and `visibility` of the sweep, `visibility` of a campaign that has no repeats yet."""
+    bench, published = load_bench("simulated"), load_sweep("rd-gc-86-1")
+    sweep = published.model_copy(update={"positions": tuple(order.split("-")), "self_calibrations_per_temperature": 1})
+    conditions = planned_conditions(make_plan(sweep.procedure()), bench)
+    typical = NoiseLevel().collect_deg_per_hr
+    rng = np.random.default_rng(0)
+    rates = {number: rng.normal(0.0, typical, (len(own), 2)) for number, own in conditions.items()}
+    rows = {n: Collects(own, rates[n], np.full_like(rates[n], typical)) for n, own in conditions.items()}
+    maps: list[Any] = [sweep_document(sweep, bench), campaign_document(Campaign("night", "", rows))]
+    before, after = ({n: _moved_by(of, "drift") for n, of in each["sensors"].items()} for each in maps)
+    assert after == before
+    for number, own in conditions.items():
+        worth = sequence_worth(scene_of(bench, number, sweep.positions, sweep.procedure().collect), default_form(own))
+        assert worth is not None
+        spoiled = {name for name in worth.drift if not worth.immune([name])}
+        assert bool(before[str(number)]) == bool(spoiled)
+        assert {name.partition("_")[0] for name in before[str(number)]} <= spoiled
+
+
+def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
+    return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
