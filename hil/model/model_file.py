@@ -11,11 +11,11 @@ built-in (`matrix-6`, `collins-4` …) is the same object without values: they a
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from drivers.strict_yaml import first_mistake
 from hil.campaign import Conditions, FloatArray, Sensor
@@ -24,7 +24,7 @@ from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve
 from hil.model.effects.base import Base, Described, Effect, Scatter
-from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, variance_effect_by_id
+from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
 from hil.model.forms import (
@@ -52,7 +52,7 @@ class Term(_Section):
     `added` says where it came from: campaign, date, probability, gap before and after, rivals; free, for people.
     """
 
-    effect: str
+    effect: Annotated[str, AfterValidator(known_by(effect_by_id))]
     sensor: int | None = None
     parameters: Mapping[str, Curve] = Field(min_length=1)
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
@@ -218,12 +218,8 @@ def _check(path: Path, model: Model) -> None:
             names = ", ".join(sorted({effect.id for effect in SERIES_EFFECTS}))
             raise InputError(f"{path}: inside_collects.{index}.effect: {known.effect} is not one of {names}")
     for index, term in enumerate(model.terms):
-        try:
-            effect = effect_by_id(term.effect)
-        except InputError as error:
-            raise InputError(f"{path}: terms.{index}.effect: {error}") from error
-        if not effect.in_models:
-            raise InputError(f"{path}: terms.{index}.effect: {effect.id} is a mistake in a record; correct it there")
+        if not effect_by_id(term.effect).in_models:
+            raise InputError(f"{path}: terms.{index}.effect: {term.effect} is a mistake in a record; correct it there")
     _check_layout(str(path), model, _ROTOR if model.form in _ROTOR_FORMS else None)
 
 
@@ -261,10 +257,7 @@ def _check_noise(
     if mistake := noise.mistake(units):
         raise InputError(f"{where}.{mistake}")
     for index, term in enumerate(noise.scatter):
-        try:
-            effect = variance_effect_by_id(term.effect)
-        except InputError as error:
-            raise InputError(f"{where}.scatter.{index}.effect: {error}") from error
+        effect = variance_effect_by_id(term.effect)
         _check_term(f"{where}.scatter.{index}", term, effect, sensor, exact=exact)
 
 

@@ -7,16 +7,16 @@ scatter, and files that have them keep them; whatever else scatters stands in `s
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Scatter, VarianceEffect
-from hil.model.effects.catalogue import variance_effect_by_id
+from hil.model.effects.catalogue import known_by, variance_effect_by_id
 from hil.model.forms import LinearForm
 
 _OLDER = {
@@ -35,7 +35,7 @@ class ScatterTerm(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    effect: str
+    effect: Annotated[str, AfterValidator(known_by(variance_effect_by_id))]
     parameters: Mapping[str, Curve] = Field(min_length=1, max_length=1)
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     added: Mapping[str, Any] = Field(default_factory=dict)

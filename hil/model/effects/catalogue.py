@@ -4,7 +4,7 @@ effect_by_id("MU_real")
 askable(conditions, base)          # what this data can be asked about, and why not the rest
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -133,7 +133,20 @@ def variance_effect_by_id(identifier: str) -> VarianceEffect:
         if effect.id == identifier:
             return effect
     known = ", ".join(effect.id for effect in VARIANCE_EFFECTS)
-    raise InputError(f"{identifier}: no effect that scatters averages has this id; there are {known}")
+    raise InputError(f"no effect that scatters averages has the id {identifier}; there are {known}")
+
+
+def known_by(find: Callable[[str], object]) -> Callable[[str], str]:
+    """Return a check of an id in a file, by one of the above: told at its key, before what is missing beside it."""
+
+    def check(identifier: str) -> str:
+        try:
+            find(identifier)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return identifier
+
+    return check
 
 
 def named(effect: Effect) -> Effect:

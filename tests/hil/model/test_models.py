@@ -267,7 +267,8 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
             "sensors.2.BA.table: value must have as many entries",
         ),
         ({"sensors": _with("BA", {"unit": "deg/s", "value": 1.0})}, "sensors.2.BA: unit: deg/s given, deg/hr needed"),
-        ({"terms": [{**WARMUP, "effect": "warm"}]}, "terms.0.effect: no effect of the catalogue has the id warm"),
+        ({"terms": [{**WARMUP, "effect": "warm"}]}, "terms.0.effect: no effect of the catalogue"),
+        ({"terms": [{"effect": "warm", "parameters": {}}]}, "terms.0.effect: no effect of the catalogue"),
         ({"terms": [{**WARMUP, "effect": "swap"}]}, "terms.0.effect: swap is a mistake in a record"),
         ({"terms": [{**WARMUP, "effect": "arw"}]}, "terms.0.effect: effect arw has no values of its own"),
         (

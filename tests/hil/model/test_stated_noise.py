@@ -91,8 +91,8 @@ def test_a_model_that_holds_only_scatter_reads_back_equal(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("noise", "sentence"),
     [
-        ({"scatter": [{**RESEATS, "effect": "mu_rr"}]}, "scatter.0.effect: mu_rr: no effect that scatters averages"),
-        ({"scatter": [{**RESEATS, "effect": "jump"}]}, "scatter.0.effect: jump: no effect that scatters averages"),
+        ({"scatter": [{**RESEATS, "effect": "mu_rr"}]}, "scatter.0.effect: no effect that scatters averages has"),
+        ({"scatter": [{**RESEATS, "effect": "jump"}]}, "scatter.0.effect: no effect that scatters averages has"),
         ({"scatter": [{**WANDERS, "shape": {}}]}, "scatter.0.shape.tau_hr: missing; markov needs it, in hr"),
         (
             {"scatter": [{**RESEATS, "parameters": {"s": {"unit": "deg/hr/g", "value": 1.0}}}]},
