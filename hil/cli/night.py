@@ -242,15 +242,15 @@ def verify(
     as_json: JsonFlag = False,
 ) -> int:
     """Check a night's records: every step, every block, every hash."""
+    from hil.records.status import in_brief
     from hil.records.verify import verify_night
 
     document = verify_night(folder, key)
     if not printed(document, as_json):
         console = results()
-        for problem in document["problems"]:
-            console.print(f"problem: {problem}")
-        missing = any(problem.startswith("missing: ") for problem in document["problems"])
-        how = "complete" if document["complete"] else "NOT complete" if missing else "NOT as it was written"
+        lacking = [each.removeprefix("missing: ") for each in document["problems"] if each.startswith("missing: ")]
+        wrong = [each for each in document["problems"] if not each.startswith("missing: ")]
+        how = "complete" if document["complete"] else "NOT complete" if lacking else "NOT as it was written"
         judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
         checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
         console.print(
@@ -258,6 +258,8 @@ def verify(
         )
         if judged["verdict"] not in ("PASS", "ERROR"):
             console.print(f"{judged['verdict']}: {judged['reason']}")
+        for problem in [*wrong, *(f"missing: {what}" for what in in_brief(lacking))]:
+            console.print(f"problem: {problem}")
     return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
 
 

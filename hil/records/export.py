@@ -27,7 +27,7 @@ from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
-from hil.records.status import missing_in_words
+from hil.records.status import in_brief, missing_in_words
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
 from procedures.words import numbered
@@ -267,7 +267,7 @@ def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterat
         yield "SIMULATED: these are no measurements."
     missing = missing_in_words(journal.plan, journal.completed(), journal.attempts())
     if missing:
-        yield f"The night is not complete; missing: {'; '.join(missing)}."
+        yield f"The night is not complete; missing: {'; '.join(in_brief(missing))}."
     done, runs = journal.completed(), journal.plan.self_calibrations
     judged = [("Collect", r.number, r.collect.data.get("verdict"), r.collect.data.get("reason", "")) for r in rows]
     judged += [

@@ -48,6 +48,7 @@ _MISSING = {
     StepKind.COLLECT: "collect at position {0.position}",
     StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
+_SETPOINT = re.compile(r"setpoint \S+ °C")
 _WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
@@ -317,12 +318,16 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
 
 
 def in_brief(missing: Sequence[str]) -> list[str]:
-    """Return what is missing with neighbours that are wholly missing at one temperature in one line."""
+    """Return what is missing with neighbours that are wholly missing, and the setpoints between them, in one line."""
     told: list[str] = []
-    for whole, group in groupby(missing, key=lambda line: (found := _WHOLE.fullmatch(line)) and found["at"]):
+    for untouched, group in groupby(
+        missing, key=lambda line: bool(_WHOLE.fullmatch(line) or _SETPOINT.fullmatch(line))
+    ):
         lines = list(group)
-        if whole and len(lines) > 1:
-            first, last = (_WHOLE.sub(r"\g<run>", lines[place]) for place in (0, -1))
-            lines = [f"self-calibrations {first}–{last} {whole}: all of them"]
+        whole = [found for line in lines if (found := _WHOLE.fullmatch(line))]
+        if untouched and len(whole) > 1:
+            first, last = whole[0], whole[-1]
+            where = first["at"] if first["at"] == last["at"] else f"{first['at']} to {last['at'].removeprefix('at ')}"
+            lines = [f"self-calibrations {first['run']}–{last['run']} {where}: all of them"]
         told += lines
     return told

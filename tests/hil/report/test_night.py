@@ -295,8 +295,7 @@ def test_a_night_that_came_to_no_collect_has_a_report_that_says_why(tmp_path: Pa
     page = (tmp_path / "night" / "report.html").read_text()
     assert "nothing solved. The night was aborted" in page
     assert "a cable was pulled" in page
-    assert "self-calibrations 3–4 at 30.0 °C: all of them" in page
-    assert "self-calibrations 1–2 at 20.0 °C: all of them" in page
+    assert "self-calibrations 1–4 at 20.0 °C to 30.0 °C: all of them" in page
     assert "No residual is left" not in page
     assert "nothing: no collect was solved" in page
     assert "SIMULATED: no device was measured" in page
