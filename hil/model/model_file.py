@@ -203,7 +203,7 @@ def _parse(path: Path, document: dict[str, Any]) -> Model:
     if document.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema: expected {SCHEMA}, found {document.get('schema')}")
     try:
-        model = Model.model_validate(document)
+        model = Model.model_validate(document, context=str(path))
     except ValidationError as error:
         raise InputError(f"{path}: {first_mistake(error, document)}") from error
     _check(path, model)

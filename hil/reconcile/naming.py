@@ -16,12 +16,13 @@ from hil.model.effects.base import Described, VarianceEffect
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import Term
-from hil.solve.identifiability import orthonormal, project_out
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
 BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
+WANDERS = 2.0
+"""How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
 SAME = 0.95
 """Overlap from which two names look the same in these collects."""
 IDENTICAL = 0.99
@@ -31,6 +32,8 @@ EXCLUDED = 0.001
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same."""
 NO_NAME = "empirical"
+Names = tuple[frozenset[str], str]
+"""What moves averages in a set, and what scatters them ("": nothing but ordinary noise)."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +98,15 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     """
     classes = {id(f): classes_of(posterior, f) for f in posterior.sets}
     chance = float(1.0 / (1.0 + np.exp(min(posterior.log_odds, 700.0))))
-    lead = _lead(posterior, classes, alpha)
+    every: dict[Names, float] = {}
+    for f in posterior.sets:
+        together = classes[id(f)] - {f.kind}, f.kind
+        every[together] = every.get(together, 0.0) + float(np.exp(f.log_weight))
+    lead = leading(every, alpha)
     unnamed = [f for f in posterior.sets if not classes[id(f)]]
-    right = [f for f in unnamed if all(_row(posterior, n, j) for n, places in f.terms.items() for j in places)]
+    right = [
+        f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
+    ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     own = [f for f in posterior.sets if classes[id(f)] == lead]
     found = own[0] if own and (lead or chance <= alpha) else as_filed
@@ -132,27 +141,29 @@ def _mass(posterior: Posterior, holds: Callable[[Found], bool]) -> float:
     return float(sum(np.exp(f.log_weight) for f in posterior.sets if holds(f)))
 
 
-def _lead(posterior: Posterior, classes: Mapping[int, frozenset[str]], alpha: float) -> frozenset[str]:
-    """The most probable names together, less those beside which nothing more would have been called missing."""
-    weights: dict[frozenset[str], float] = {}
-    for f in posterior.sets:
-        weights[classes[id(f)]] = weights.get(classes[id(f)], 0.0) + float(np.exp(f.log_weight))
-    lead = max(weights, key=lambda names: weights[names])
-    while lead:
-        without = {name: _within(posterior, classes, lead - {name}) for name in lead}
-        weakest = max(without, key=lambda name: without[name])
-        if without[weakest] <= alpha:
-            break
-        lead = lead - {weakest}
-    return lead
+def leading(every: Mapping[Names, float], alpha: float) -> frozenset[str]:
+    """The most probable names together, less those beside which nothing more would have been called missing.
+
+    `every` has each set's probability by what moves averages in it, and what scatters them. What moves them must stand
+    against what only scatters, too: noise that wanders looks like much.
+    """
+    weights = every
+    while True:
+        names, kind = max(weights, key=lambda key: weights[key], default=(frozenset[str](), ""))
+        left = {kind: _mass_of(every, names, ("",))} if kind else {}
+        for name in names:
+            others = names - {name}
+            left[name] = max(_mass_of(every, others, ("", kind)), _mass_of(every, others) / WANDERS)
+        weakest = max(left, key=lambda name: left[name], default="")
+        if not weakest or left[weakest] <= alpha:
+            return names | ({kind} if kind else set())
+        others = names - {weakest}
+        weights = {k: w for k, w in weights.items() if k[0] <= others and (k[1] != weakest or weakest in names)}
 
 
-def _within(posterior: Posterior, classes: Mapping[int, frozenset[str]], names: frozenset[str]) -> float:
-    return _mass(posterior, lambda f: classes[id(f)] <= names)
-
-
-def _row(posterior: Posterior, number: int, place: int) -> bool:
-    return posterior.term(number, place).name == "row"
+def _mass_of(weights: Mapping[Names, float], names: frozenset[str], kinds: Sequence[str] | None = None) -> float:
+    """How probable it is that nothing but `names` moves averages, with one of some kinds of scatter or with any."""
+    return sum(w for (own, kind), w in weights.items() if own <= names and (kinds is None or kind in kinds))
 
 
 def _named(
@@ -165,12 +176,8 @@ def _named(
 ) -> Named:
     """One name with its rivals: what stands in its place where it is not."""
     probability = _mass(posterior, lambda f: name in classes[id(f)])
-    own: dict[int, list[int]] = {}
-    for number, places in found.terms.items():
-        for j in places:
-            term = posterior.term(number, j)
-            if not term.is_mistake and (term.name if term.tier == 1 else NO_NAME) == name:
-                own.setdefault(number, []).append(j)
+    known = {n: [j for j in places if _is(posterior.term(n, j), name)] for n, places in found.terms.items()}
+    own = {number: places for number, places in known.items() if places}
     without = [f for f in posterior.sets if name not in classes[id(f)]]
     instead: dict[str, list[Found]] = {}
     for f in without:
@@ -188,9 +195,7 @@ def _named(
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     if name == NO_NAME:
         kind = NO_NAME
-    effect: Described | None = None if first is None else first.candidate.effect
-    if first is None:
-        effect = scatter_of(posterior)[name]
+    effect: Described | None = scatter_of(posterior)[name] if first is None else first.candidate.effect
     return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter")
 
 
@@ -208,10 +213,10 @@ def _rival(
     beside = [f for f in posterior.sets if name in classes[id(f)]]
     overlap, factor = 0.0, np.nan
     if own and terms:
-        overlap = min((_overlap(values, posterior, n, own[n], terms[n]) for n in own if n in terms), default=0.0)
+        overlap = min((values.overlap(posterior, n, own[n], terms[n]) for n in own if n in terms), default=0.0)
     if beside:
         other = fitted(posterior, instead[0])
-        factor = float(np.exp(np.clip(_information(other) - _information(values), -600.0, 600.0)))
+        factor = float(np.exp(np.clip(other.information() - values.information(), -600.0, 600.0)))
         factor = 1.0 if overlap > 0.999 else factor
     odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
     first = next(iter(terms.items()), None)
@@ -242,35 +247,6 @@ def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:
 
 def _is(term: Term, name: str) -> bool:
     return not term.is_mistake and (term.name if term.tier == 1 else NO_NAME) == name
-
-
-def _information(values: Fitted) -> float:
-    """Log likelihood of a fit, each free value paid for by half the log of the rows (Schwarz 1978)."""
-    total = 0.0
-    for block in values.blocks:
-        white = block.whitening
-        base = orthonormal(white @ block.search.block.base)
-        left = project_out(base, white @ (block.search.block.y - values.design(block) @ values.values))
-        total += float(np.sum(np.log(np.diag(white)))) - 0.5 * float(left @ left)
-    rows = sum(len(block.search.block.y) for block in values.blocks)
-    return total - 0.5 * len(values.keys) * float(np.log(rows))
-
-
-def _overlap(values: Fitted, posterior: Posterior, number: int, own: Sequence[int], rival: int) -> float:
-    """How much of what the leader adds, as fitted, the rival can do as well, beside the base: 0 nothing, 1 all."""
-    whole, share = 0.0, 0.0
-    blocks = [block for block in values.blocks if any(block.search is b for b in posterior.searches[number].blocks)]
-    for b, block in enumerate(blocks):
-        white = block.whitening
-        base = orthonormal(white @ block.search.block.base)
-        added = values.design(block, {(number, j) for j in own}) @ values.values
-        target = project_out(base, white @ added)
-        part = posterior.term(number, rival).parts[b]
-        whole += float(target @ target)
-        if part is not None:
-            other = orthonormal(project_out(base, white @ part.columns), 1e-6)
-            share += float(np.sum((other.T @ target) ** 2))
-    return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
 
 
 def scatter_of(posterior: Posterior) -> dict[str, VarianceEffect]:

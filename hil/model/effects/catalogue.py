@@ -7,6 +7,7 @@ askable(conditions, base)          # what this data can be asked about, and why 
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
+from pydantic import ValidationInfo
 
 from hil.campaign import Conditions
 from hil.errors import InputError
@@ -136,12 +137,16 @@ def variance_effect_by_id(identifier: str) -> VarianceEffect:
     raise InputError(f"no effect that scatters averages has the id {identifier}; there are {known}")
 
 
-def known_by(find: Callable[[str], object]) -> Callable[[str], str]:
-    """Return a check of an id in a file, by one of the above: told at its key, before what is missing beside it."""
+def known_by(find: Callable[[str], object]) -> Callable[[str, ValidationInfo], str]:
+    """Return a check of an id in a file, by one of the above: told at its key, before what is missing beside it.
 
-    def check(identifier: str) -> str:
+    Files are read with a context; what a search has found needs none, and may be an effect of its caller's own.
+    """
+
+    def check(identifier: str, info: ValidationInfo) -> str:
         try:
-            find(identifier)
+            if info.context:
+                find(identifier)
         except InputError as error:
             raise ValueError(str(error)) from error
         return identifier

@@ -89,6 +89,33 @@ class Fitted:
         beta = np.linalg.lstsq(white @ block.search.block.base, white @ left, rcond=1e-9)[0]
         return np.asarray(left - block.search.block.base @ beta)
 
+    def information(self) -> float:
+        """Log likelihood, each free value paid for by half the log of the rows (Schwarz 1978)."""
+        total = 0.0
+        for block in self.blocks:
+            white = block.whitening
+            base = orthonormal(white @ block.search.block.base)
+            left = project_out(base, white @ (block.search.block.y - self.design(block) @ self.values))
+            total += float(np.sum(np.log(np.diag(white)))) - 0.5 * float(left @ left)
+        rows = sum(len(block.search.block.y) for block in self.blocks)
+        return total - 0.5 * len(self.keys) * float(np.log(rows))
+
+    def overlap(self, posterior: Posterior, number: int, own: Sequence[int], rival: int) -> float:
+        """How much of what a sensor's terms `own` add, a rival can do as well, beside the base: 0 nothing, 1 all."""
+        whole, share = 0.0, 0.0
+        blocks = [block for block in self.blocks if any(block.search is b for b in posterior.searches[number].blocks)]
+        for b, block in enumerate(blocks):
+            white = block.whitening
+            base = orthonormal(white @ block.search.block.base)
+            added = self.design(block, {(number, j) for j in own}) @ self.values
+            target = project_out(base, white @ added)
+            part = posterior.term(number, rival).parts[b]
+            whole += float(target @ target)
+            if part is not None:
+                other = orthonormal(project_out(base, white @ part.columns), 1e-6)
+                share += float(np.sum((other.T @ target) ** 2))
+        return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
+
 
 def fitted(posterior: Posterior, found: Found) -> Fitted:
     """Fit a set of all sensors by generalised least squares, at its most probable noise."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hil.reconcile import FoundEffect, Reconciliation, reconcile
+from hil.reconcile.naming import leading
 from tests.hil.reconcile.hidden_effects import Hidden, Rows, both, hidden_campaign
 
 
@@ -27,6 +28,28 @@ def mass_unbalance(rows: Rows) -> np.ndarray:
 def on_the_mean(result: Reconciliation) -> list[FoundEffect]:
     """What moves averages: beside it a scatter may be found that the noise, correlated from run to run, really has."""
     return [effect for effect in result.effects if effect.acts_on == "mean"]
+
+
+@pytest.mark.parametrize(
+    ("probable", "lead"),
+    [
+        ({("ageing", ""): 0.74, ("", "rrw"): 0.25, ("", ""): 0.01}, "rrw"),  # a walk is a quarter as probable
+        ({("jump", ""): 0.92, ("", "rrw"): 0.07, ("", ""): 0.01}, "jump"),
+        ({("jump", ""): 0.90, ("", "rrw"): 0.02, ("", ""): 0.08}, ""),
+        ({("jump", "MU_rr"): 0.85, ("", "MU_rr"): 0.04, ("jump", ""): 0.11}, "jump"),
+        ({("jump", "MU_rr"): 0.92, ("", "MU_rr"): 0.04, ("jump", ""): 0.04}, "MU_rr jump"),
+        ({("ageing", "MU_rr"): 0.60, ("", "MU_rr"): 0.15, ("", "base"): 0.24}, "base"),
+        ({("ageing", "MU_rr"): 0.60, ("hyst", "MU_rr"): 0.38, ("", "base"): 0.01, ("", ""): 0.01}, "MU_rr ageing"),
+        ({("k2", "rrw"): 0.4, ("k2", ""): 0.6}, "k2"),
+        ({}, ""),
+    ],
+)
+def test_what_moves_averages_leads_only_where_scatter_alone_is_improbable(
+    probable: dict[tuple[str, str], float], lead: str
+) -> None:
+    """At 5 %: nothing in a name's place at most .05, and what only scatters at most .1."""
+    every = {(frozenset(mean.split()), kind): p for (mean, kind), p in probable.items()}
+    assert leading(every, 0.05) == set(lead.split())
 
 
 @pytest.mark.parametrize(
