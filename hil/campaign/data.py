@@ -131,6 +131,10 @@ class Series:
     n_samples: FloatArray | None = None
 
 
+TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "chamber_degC")
+"""Columns that say at what temperature a collect was made, the first that can."""
+
+
 @dataclass(frozen=True)
 class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import Collects
+from hil.campaign.data import TELL_TEMPERATURE, Collects
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed, numbered
@@ -57,6 +57,12 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
     if np.any(off) and not centrifuge:
         worst = size[np.argmax(np.abs(size - 1.0))]
         found.append(f"{where}, {_words(rows[off])}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
+    runs, told = len(np.unique(conditions.run)), {*TELL_TEMPERATURE} & {*conditions.columns}
+    if runs > 1 and not any(np.isfinite(conditions.columns[name]).any() for name in told):
+        found.append(
+            f"{where}: none of the columns {listed(TELL_TEMPERATURE)} has a temperature: all {runs} runs count as made "
+            "at one, and what follows temperature as scatter"
+        )
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     for channel, values in zip(conditions.sensor.channels, rates.T, strict=True):

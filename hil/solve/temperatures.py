@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign.data import TELL_TEMPERATURE
 
 WIDEST_DEGC = 4.0
 """Values that belong to one temperature lie within this; two further apart never do."""
@@ -20,8 +21,6 @@ NARROWEST_DEGC = 1.0
 
 ELSEWHERE_DEGC = 2.0
 """Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
-
-_TELL = ("setpoint_degC", "temperature_degC", "chamber_degC")
 
 
 def same_temperature(conditions: Conditions, apart_degC: float | None = None) -> IntArray:
@@ -78,7 +77,7 @@ def level_degC(conditions: Conditions, apart_degC: float | None = None) -> Float
 def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | None:
     """Return the column that tells temperatures from each other: setpoint, unit's own or chamber's; None for none."""
     columns = conditions.columns
-    said = [name for name in _TELL if name in columns and np.any(np.isfinite(columns[name]))]
+    said = [name for name in TELL_TEMPERATURE if name in columns and np.any(np.isfinite(columns[name]))]
     if len(said) < 2 or said[0] != "setpoint_degC":
         return said[0] if said else None
     setpoint, own = (columns[name] for name in said[:2])
