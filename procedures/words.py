@@ -13,7 +13,7 @@ _STEPS = {
     StepKind.COLLECT: "self-calibration {0.self_calibration}: Collect {0.position}{where}",
     StepKind.SAFE_STATE: "bringing the chamber to its safe state",
 }
-_MOST, _SHOWN = 12, 5  # numbers to choose from: if there are more, so many of them are shown
+_MOST, _SHOWN = 12, 5  # numbers in a row: if there are more, so many of them are shown
 
 
 def step_in_words(step: Step) -> str:
@@ -63,14 +63,22 @@ def plural(noun: str, number: int) -> str:
 
 
 def ranges(numbers: Iterable[int], to: str = "–") -> str:
-    """Write whole numbers as people do: 1–3, 7, 9–10. Without a `to` each stands by itself."""
+    """Write whole numbers as people do: 1–3, 7, 9–10. Without a `to` each stands by itself; of many the first and last.
+
+    >>> ranges(range(1, 100, 2))
+    '1, 3, 5, 7, 9, … 99 (50 of them)'
+    """
     parts: list[list[int]] = []
-    for each in sorted(set(numbers)):
+    numbers = sorted(set(numbers))
+    for each in numbers:
         if to and parts and each == parts[-1][-1] + 1:
             parts[-1][1:] = [each]
         else:
             parts.append([each])
-    return ", ".join(f"{part[0]}{to}{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
+    written = [f"{part[0]}{to}{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts]
+    if len(written) <= _MOST:
+        return ", ".join(written)
+    return f"{', '.join(written[:_SHOWN])}, … {written[-1]} ({len(numbers)} of them)"
 
 
 def numbered(noun: str, numbers: Iterable[int], to: str = "–") -> str:
