@@ -208,5 +208,7 @@ def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, An
         step, times = Counter((np.diff(values) % (1 << 8 * size)).tolist()).most_common(1)[0]
         if 0 < step <= 1 << 4 * size and times > _MOST * (len(rows) - 1) and not (1 << 8 * size) % step:
             told = {"at": at, "type": f"u{8 * size}", "byte_order": "little" if kind[0] == "<" else "big", "step": step}
-            found.append((times, size, -step, told))
+            moves = np.ptp(rows[:, at : at + size], axis=0).all()
+            shown = size if moves else 0  # a byte that never counts is not shown to belong
+            found.append((times, shown, -step, told))
     return max(found, key=lambda each: each[:3])[3] if found else None

@@ -53,6 +53,21 @@ def test_a_capture_is_seen_through(
 
 
 @pytest.mark.usefixtures("alone")
+@pytest.mark.parametrize(("first", "kind"), [(0xA986, "u8"), (0xA9F0, "u16")])
+def test_a_byte_that_never_counts_is_not_called_part_of_a_counter(first: int, kind: str, tmp_path: Path) -> None:
+    """A big-endian count of 16 bits beside a byte that stands still: until its high byte steps it is one of 8."""
+    rng = np.random.default_rng(2)
+    frames = []
+    for number in range(60):
+        content = b"\xfa\xff\x36\x10" + (first + number).to_bytes(2, "big") + b"\x10" + rng.bytes(20)
+        frames.append(content + bytes([-sum(content[1:]) % 256]))
+    path = tmp_path / "unknown.bin"
+    path.write_bytes(b"".join(frames))
+    counter = guess_file(path)["counter"]
+    assert (counter["type"], counter["at"] + int(counter["type"][1:]) // 8 - 1, counter["step"]) == (kind, 5, 1)
+
+
+@pytest.mark.usefixtures("alone")
 def test_a_counter_and_a_checksum_before_its_payload_are_found(tmp_path: Path) -> None:
     """The maker's HI91 with a time that goes on, as a unit of which nothing is known; its CRC stands at byte 4."""
     frames = []
