@@ -212,6 +212,9 @@ def _rival(
     terms = {n: j for n, places in instead[0].terms.items() for j in places if _is(posterior.term(n, j), rival)}
     beside = [f for f in posterior.sets if name in classes[id(f)]]
     overlap, factor = 0.0, np.nan
+    scatter = scatter_of(posterior)
+    if not own and rival in scatter:
+        overlap = values.scatter_overlap(name, rival)
     if own and terms:
         overlap = min((values.overlap(posterior, n, own[n], terms[n]) for n in own if n in terms), default=0.0)
     if beside:
@@ -220,8 +223,8 @@ def _rival(
         factor = 1.0 if overlap > 0.999 else factor
     odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
     first = next(iter(terms.items()), None)
-    title = "" if first is None else posterior.term(*first).candidate.title
-    remedy, effect = "", None if first is None else posterior.term(*first).candidate.effect
+    title = getattr(scatter.get(rival), "title", "") if first is None else posterior.term(*first).candidate.title
+    remedy, effect = "", scatter.get(rival) if first is None else posterior.term(*first).candidate.effect
     if first is not None and rival == NO_NAME:
         term = posterior.term(*first)
         follows = _order(posterior, own)

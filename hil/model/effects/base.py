@@ -141,6 +141,18 @@ class Described(ABC):
     idealises: ClassVar[str] = ""
     """By what its column in recorded conditions differs from what a unit does by more than 1 %; empty where nothing."""
 
+    odds: ClassVar[float] = 1.0
+    """How many times as probable as any other name it is before the data.
+
+    Terms of the standard gyro models (IEEE 813, 952) have 3 to 5: a rotor without mass unbalance is rarer than a triad
+    without sensitivity to acceleration.
+    """
+
+    incidental: ClassVar[bool] = False
+    """Whether it imitates others only by the order, the timing or the one heading of collects.
+
+    Where it is improbable it stays in the list of rivals, but does not withhold another name."""
+
     def __init_subclass__(cls) -> None:
         if "family" not in vars(cls):
             cls.family = cls.__module__.rpartition(".")[2].replace("_", "-")
@@ -230,18 +242,6 @@ class Effect(Described):
     came_from_degC: ClassVar[tuple[float, ...]] = ()
     """Of what remembers temperature: where the unit may have come from before its first collect."""
 
-    odds: ClassVar[float] = 1.0
-    """How many times as probable as any other name it is before the data.
-
-    Terms of the standard gyro models (IEEE 813, 952) have 3 to 5: a rotor without mass unbalance is rarer than a triad
-    without sensitivity to acceleration.
-    """
-
-    incidental: ClassVar[bool] = False
-    """Whether it imitates others only by the order, the timing or the one heading of collects.
-
-    Where it is improbable it stays in the list of rivals, but does not withhold another name."""
-
     kin: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Names of the same history in time, that only a further condition tells apart, with their weight against its 1."""
 
@@ -330,8 +330,6 @@ class Scatter:
 
 class VarianceEffect(Described):
     """An effect that only scatters averages, without moving their mean. It has one parameter, its size."""
-
-    odds: ClassVar[float] = 1.0  # as an effect's on the mean
 
     @abstractmethod
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:

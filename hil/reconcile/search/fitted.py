@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.reconcile.search.noise import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.solve.identifiability import orthonormal, project_out
@@ -115,6 +116,30 @@ class Fitted:
                 other = orthonormal(project_out(base, white @ part.columns), 1e-6)
                 share += float(np.sum((other.T @ target) ** 2))
         return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
+
+    def scatter_overlap(self, name: str, rival: str) -> float:
+        """How alike two effects on the scatter are beside the base: the cosine of what they make of the rows, 0 to 1.
+
+        In the shapes in which they are most alike, of `name` that which was fitted, where it was; of blocks the least.
+        """
+        out = []
+        for block in self.blocks:
+            noise, point = block.search.noise, int(block.point["kind"])
+            rows = noise.order[:COMPARED]
+            white = np.linalg.inv(np.linalg.cholesky(block.covariance[np.ix_(rows, rows)]))
+            values = noise.by_station[: len(rows)] * block.calibrated
+            base = orthonormal(white @ np.hstack([block.search.block.base[rows], values]), 1e-6)
+            fitted_kind = [noise.kinds[point]] if point >= 0 and noise.kinds[point].effect.id == name else []
+            seen = []
+            for kinds in (
+                fitted_kind or [k for k in noise.kinds if k.effect.id == name],
+                [k for k in noise.kinds if k.effect.id == rival],
+            ):
+                states = [white @ k.chain.first(len(rows)).covariance @ white.T for k in kinds]
+                seen.append([project_out(base, project_out(base, each).T) for each in states])
+            cosines = [np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2)) for a in seen[0] for b in seen[1]]
+            out.append(float(max(cosines, default=0.0)))
+        return min(out, default=0.0)
 
 
 def fitted(posterior: Posterior, found: Found) -> Fitted:

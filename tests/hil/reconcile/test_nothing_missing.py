@@ -77,6 +77,23 @@ SCATTERS = {"MU from run to run": "MU_rr", "cold": "hash"}
 """Noise that has a name: an effect on the scatter."""
 
 
+def test_a_walk_is_found_and_not_told_from_a_bias_that_wanders_for_longer_than_the_night() -> None:
+    """What is the same to these collects is listed as the same, and the name withheld; MU from run to run is not."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, (23.0,), runs_each=16)
+    walk = np.cumsum(3.0 * rng.normal(size=(rows.run.max() + 1, 2)), 0)[rows.run]
+    rates = base_rates(rows) + noise(rows, rng, run_bias=0.0) + walk
+    result = reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+    (found,) = result.effects
+    same = {rival.id for rival in found.confusable_with if rival.overlap > 0.95}
+    assert {found.id, *same} == {"rrw", "markov"}
+    assert found.kind == "ambiguous"
+    reseats = reconcile(null_campaign("MU from run to run", 1), "matrix-6-thermal", prove=False)
+    (found,) = reseats.effects
+    assert (found.id, found.kind) == ("MU_rr", "named")
+    assert all(0.0 <= rival.overlap < 0.95 for rival in found.confusable_with)
+
+
 def test_eight_runs_are_enough_to_be_cautious() -> None:
     """Eight runs at one temperature, three collects, nothing missing: none, and nothing is added to the model."""
     campaign = hidden_campaign(3, thermal=False, temperatures=(23.0,), runs_each=8, positions=("1", "2", "3"))
