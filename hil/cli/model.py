@@ -37,7 +37,7 @@ _Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
 def reconcile(
     campaign: Source,
     model: _ModelName,
-    out: Annotated[Path, typer.Option("--out", help="The folder for the result.", show_default=False)],
+    out: Annotated[Path | None, typer.Option("--out", help="The folder for the result.", show_default=False)],
     alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
     with_twin: Annotated[
         bool, typer.Option("--twin", help="Also simulate nights before and after, as hil twin.")
@@ -50,9 +50,10 @@ def reconcile(
     from hil.reconcile import write_result
 
     data = read_source(campaign)
-    check_result_folder(out, "thermal.json", "thermal")
+    if out is not None:  # a notebook asks without files
+        check_result_folder(out, "thermal.json", "thermal")
     result = search(data, model, alpha=alpha)
-    if with_twin:
+    if with_twin and out is not None:
         each_temperature = True if result.calibration == "per temperature" else None
         given, how = result.input_model, {"draws": draws, "seed": seed}
         before = _likeness(campaign, given, out / "twin-before", calibrated=each_temperature, **how)
@@ -65,11 +66,12 @@ def reconcile(
             name: {key: of[key] for key in ("p_value", "parts")} for name, of in (("before", before), ("after", after))
         }
         result = replace(result, twin={**how, **halves})
-    write_result(result, out)
+    if out is not None:
+        write_result(result, out)
     return Answer(result.document(), lambda: _reconciled(result, data.warnings, out))
 
 
-def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path) -> Iterator[str]:
+def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path | None) -> Iterator[str]:
     """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
     from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words, rival_in_words
@@ -101,7 +103,8 @@ def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path) -> I
         yield f"left out: {len(result.outliers) - _SHOWN} more, in reconciliation.json"
     yield from (f"note: {note}" for note in result.notes)
     yield "every ± is one standard error"
-    yield f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml"
+    if out is not None:
+        yield f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml"
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
