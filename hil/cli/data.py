@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.solve import RunSolution
     from hil.solve.repeats import SensorRepeats
 
+Format = Literal["hdf5", "netcdf", "mat"]
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 
 
@@ -104,16 +105,23 @@ def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
-    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
+    folder: Annotated[
+        Path, typer.Argument(help="A night's folder; with --format also a campaign's.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Argument(help="The campaign folder, or with --format the file, to make.", show_default=False)
+    ],
+    form: Annotated[
+        Format | None, typer.Option("--format", help="One file instead of a folder of CSV.", show_default=False)
+    ] = None,
 ) -> None:
-    """Write the night as a campaign folder: CSV that a spreadsheet reads."""
+    """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format."""
     from hil.records.export import export_campaign
 
-    written = export_campaign(folder, out)
+    written = export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
-    results().print(f"campaign: {out}, {written.rows} rows")
+    results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
 
 
 def import_table(
