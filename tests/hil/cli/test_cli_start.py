@@ -134,6 +134,6 @@ def test_a_page_is_printed_or_shown(
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
     assert run(["docs", "effects", "--open", "--site", str(tmp_path / "site")]) == 0
     assert opened == [(tmp_path / "site" / "effects" / "README.html").as_uri()]
-    monkeypatch.setattr(webbrowser, "open", lambda url: False)
+    monkeypatch.setattr(webbrowser, "open", lambda _: False)
     assert run(["docs", "--open", "--site", str(tmp_path / "site")]) == 2
     assert "no browser could be started here; open " in capsys.readouterr().err
