@@ -128,7 +128,7 @@ def test_the_installed_program_has_every_page() -> None:
     taken = {source: target for source, target in wheel["force-include"].items() if source.startswith("docs")}
     assert {f"hil/{source}" for source in taken} == set(taken.values())
     kept = [path for path in (ROOT / "docs").rglob("*.*") if path.suffix in {".md", ".png", ".ipynb"}]
-    for path in (each for each in kept if "pictures" not in each.parts):
+    for path in (each for each in kept if not {"pictures", "site"} & {*each.parts}):
         holding = [source for source in taken if path == ROOT / source or (ROOT / source) in path.parents]
         assert len(holding) == 1, f"{name_of(path)} is in {holding}"
 
