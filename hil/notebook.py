@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.campaign import Campaign
-from hil.cli.answer import Answer, Picture, library
+from hil.cli.answer import Answer, Picture
 from hil.config import load_bench
 from hil.errors import InputError
+from hil.files.optional import library
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
 
@@ -104,14 +105,14 @@ class Measured:
         """
         from hil.campaign.writer import columns_of
 
-        frame: pd.DataFrame = library("pandas").DataFrame(columns_of(self.campaign))
+        frame: pd.DataFrame = library("pandas", "notebook").DataFrame(columns_of(self.campaign))
         frame["simulated"] = self.campaign.simulated
         frame.attrs = {"title": self.campaign.title, "simulated": self.campaign.simulated}
         return frame
 
     def to_xarray(self) -> xr.Dataset:
         """Return the same columns over `collect`; raise `InputError` where pandas or xarray is not installed."""
-        library("xarray")
+        library("xarray", "notebook")
         dataset: xr.Dataset = self.to_dataframe().set_index("collect").to_xarray()
         return dataset.assign_attrs(title=self.campaign.title, simulated=int(self.campaign.simulated))
 

@@ -11,13 +11,13 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from hil.cli.output import Lasting, messages, print_json, results
 from hil.errors import InputError
+from hil.files.optional import library
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,7 +118,7 @@ class Answer:
         else:
             lists = {name: of for name, of in self.document.items() if isinstance(of, list)}
             rows = {name: of for name, of in lists.items() if len(of) == len(lists[axes[0]])} | marks
-        frame: pd.DataFrame = library("pandas").DataFrame(rows)
+        frame: pd.DataFrame = library("pandas", "notebook").DataFrame(rows)
         frame.attrs = {"schema": self.document["schema"], **marks}
         return frame
 
@@ -127,7 +127,7 @@ class Answer:
 
         Raises `InputError` as `to_dataframe` does, or where xarray is not installed.
         """
-        library("xarray")
+        library("xarray", "notebook")
         axes, frame = list(self._table()[1]), self.to_dataframe()
         dataset: xr.Dataset = (frame.set_index(axes) if axes else frame).to_xarray()
         return dataset.assign_attrs({**frame.attrs, "simulated": int(frame.attrs["simulated"])})
@@ -137,14 +137,6 @@ class Answer:
         if schema.partition("/")[0] not in _TABLES:
             raise InputError(f"{schema} is no list of rows; use what is in .document")
         return _TABLES[schema.partition("/")[0]]
-
-
-def library(name: str) -> Any:
-    """Return an optional library; raise `InputError` saying how to install it where it is absent."""
-    try:
-        return import_module(name)
-    except ImportError:
-        raise InputError(f"this needs {name}, which is not installed: pip install 'hil[notebook]' brings it") from None
 
 
 def _rows(level: Mapping[str, Any], path: _Path, above: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

@@ -118,7 +118,7 @@ def test_what_cannot_be_written_is_one_sentence(
     with pytest.raises(InputError, match="cannot be told apart in it: a b, a-b"):
         write_file(odd, tmp_path / "odd.mat", "mat")
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"HDF5 needs h5py, .* 'hil\[hdf5\]'"):
+    with pytest.raises(InputError, match=r"this needs h5py, .* 'hil\[hdf5\]'"):
         write_file(campaign, tmp_path / "a.h5", "hdf5")
     assert [path.name for path in tmp_path.iterdir()] == ["there.mat"]
 
