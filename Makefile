@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes, each of which would compile the project again
 .DELETE_ON_ERROR:
-.PHONY: demo test test-rest test-all lint types floors bench reliability pictures clean help
+.PHONY: demo test test-rest test-all lint types floors bench reliability docs pictures clean help
 
 help:  ## what can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -66,9 +66,12 @@ reliability: $(VENV)/dev.stamp  ## the numbers in docs/reliability.md, in a few 
 	$(BIN)/python -m benchmarks.twin_calibration --nights 200
 	$(BIN)/python -m benchmarks.coverage run --keep coverage.jsonl
 
+docs: $(VENV)/run.stamp  ## the documentation as HTML in docs/site; no network
+	$(BIN)/hil docs --site docs/site
+
 pictures: $(VENV)/dev.stamp  ## pictures of report, reconciliation, plots and live page, in docs/pictures; needs Chromium
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/screenshots.py docs/pictures
 
-clean:  ## remove the virtual environment, the demo and the pictures
-	rm -rf $(VENV) demo docs/pictures
+clean:  ## remove the virtual environment, the demo, the pictures and the site
+	rm -rf $(VENV) demo docs/pictures docs/site

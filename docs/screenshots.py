@@ -1,8 +1,9 @@
-"""Makes the pictures of the live page in docs/images from the product itself; needs Chromium and the dev extra.
+"""Makes the pictures of the live page and of a reconciliation in docs/images; needs Chromium and the dev extra.
 
     .venv/bin/python docs/screenshots.py [FOLDER]
 
-A simulated night runs at speed beside one that waits for its operator; the pictures are what a browser then shows.
+A simulated night runs at speed beside one that waits for its operator, and the recommended sweep is held against the
+contractor's model; the pictures are what a browser then shows.
 """
 
 from __future__ import annotations
@@ -52,6 +53,14 @@ def main(images: Path = IMAGES) -> None:
             _take(browser, f"{url}#bench-1", AVERAGING, images / "live-page.png", (1280, 800), "light")
             waiting = "() => !document.querySelector('#prompt').hidden"
             _take(browser, f"{url}#bench-2", waiting, images / "live-page-phone.png", (390, 844), "dark")
+            night, found = folder / "recommended", folder / "found"
+            for command in (
+                ("run", "recommended", "--bench", "simulated", "--out", night, "--quiet"),
+                ("reconcile", night, "--model", "collins-4", "--out", found),
+            ):
+                _hil(*command, stdout=subprocess.DEVNULL).wait()
+            page = (found / "reconciliation.html").as_uri()
+            _take(browser, page, "() => true", images / "reconciliation.png", (1280, 800), "light")
             browser.close()
         finally:
             for process in processes:

@@ -18,6 +18,8 @@ from drivers.errors import InputError
 
 TEXT_MB, TABLE_MB, RECORDING_MB = 4, 64, 2048
 """What is not exceeded by configuration, by a campaign's collects, by a recording that is read as a whole."""
+# Windows has O_BINARY, without which its library changes line ends; other systems have the other two.
+_READING = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 
 LARGER = "HIL_LARGEST_FILE_MB"
 """The environment variable that raises all of them."""
@@ -62,7 +64,7 @@ def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[Buffered
     try:
         _check_kind(path, os.stat(path))
         # Without waiting, should it have become a pipe in the meantime.
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        with os.fdopen(os.open(path, _READING), "rb") as file:
             status = os.fstat(file.fileno())
             _check_kind(path, status)
             if usual_mb is not None:

@@ -18,8 +18,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGHUP)
-_THAT_STOP = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+
+def _known(*names: str) -> tuple[signal.Signals, ...]:
+    """Return the signals that this system has: Windows has few."""
+    return tuple(getattr(signal, name) for name in names if hasattr(signal, name))
+
+
+_SIGNALS = _known("SIGINT", "SIGQUIT", "SIGTERM", "SIGHUP")
+_THAT_STOP = _known("SIGTSTP", "SIGTTIN", "SIGTTOU")
 
 
 class StopRequested(Exception):

@@ -10,15 +10,20 @@ misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING
 import os
 import select
 import socket
-import termios
 import threading
-import tty
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Self
 
 from drivers.clock import Clock
+from drivers.errors import DeviceError
 from drivers.simulators import SimulatedDevice
+
+try:
+    import termios
+    import tty
+except ImportError:  # Windows has no such terminals
+    termios = None  # type: ignore[assignment]
 
 _LONGEST_WAIT_S = 0.02  # between looks at the lines, so that a client's coming is noticed
 _SHORTEST_WAIT_S = 0.0005
@@ -34,6 +39,8 @@ class _PtyLine:
     """
 
     def __init__(self) -> None:
+        if termios is None:
+            raise DeviceError("this system has no pseudo-terminals; serve on TCP ports instead: --tcp")
         self._master, slave = os.openpty()
         tty.setraw(slave, termios.TCSANOW)
         self.url = os.ttyname(slave)

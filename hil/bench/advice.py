@@ -18,7 +18,7 @@ from hil.config import Bench
 
 Device = Literal["unit", "chamber"]
 
-_GUIDES: dict[Device, str] = {"unit": "docs/how-to/wire-an-imu.md", "chamber": "docs/how-to/wire-a-chamber.md"}
+_GUIDES: dict[Device, str] = {"unit": "hil docs wire-an-imu", "chamber": "hil docs wire-a-chamber"}
 _PARITY = {"N": "none", "E": "even", "O": "odd"}
 
 

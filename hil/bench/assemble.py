@@ -35,7 +35,7 @@ from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.frames import load_frames, tells_serial
-from hil.config.ports import SIMULATED_SCHEME
+from hil.config.ports import COM_PORT, SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
@@ -183,7 +183,9 @@ def ports_of(bench: Bench) -> list[tuple[str, str]]:
 
 def _is_missing(port: str) -> bool:
     """Tell a path that this machine does not have. Network and simulated ports are no paths."""
-    if "://" in port or port.upper().startswith("COM"):
+    if COM_PORT.fullmatch(port):
+        return port.upper() not in existing_ports() and not port.startswith("\\\\")
+    if "://" in port:
         return False
     try:
         return not Path(port).exists()

@@ -21,9 +21,9 @@ from urllib.parse import urlsplit
 
 from drivers.errors import TransportError
 from hil.config import Bench
-from hil.config.ports import SIMULATED_SCHEME
+from hil.config.ports import COM_PORT, SIMULATED_SCHEME
 from hil.errors import InputError
-from hil.files.lock import LockFile, Owner
+from hil.files.lock import LockFile, Owner, refuse_without_locks
 
 _RUNTIME = Path("/run/lock")
 
@@ -34,6 +34,7 @@ def bench_lock(bench: Bench, night: Path) -> Iterator[None]:
 
     Raises `InputError` that names the owner where another controller, or a watchdog, has one of them.
     """
+    refuse_without_locks()
     ports = {bench.imu.port, bench.chamber.port, bench.chamber.ramp_port or SIMULATED_SCHEME}
     real = {name: port for port in ports if not port.startswith(SIMULATED_SCHEME) for name in port_names(port)}
     begin, what = f"{bench.source or bench.name}: another controller owns the bench", str(night.resolve())
@@ -61,6 +62,8 @@ def port_lock(port: str) -> Callable[[], None]:
 
 def port_names(port: str) -> set[str]:
     """Return by what a port is known, however it is written: two that share one are the same port."""
+    if COM_PORT.fullmatch(port):
+        return {port.upper().removeprefix("\\\\.\\")}
     if "://" not in port:
         real = os.path.realpath(port)
         with suppress(OSError):

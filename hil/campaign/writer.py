@@ -7,7 +7,7 @@ The folder appears whole or not at all (hil.files.folder).
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tupl
         raise InputError(f"{target}: it exists and is not empty; name a new folder")
     disk = RealDisk()
     with whole_or_nothing(target) as partial:
-        disk.write(partial / COLLECTS_FILE, _collects(campaign).encode())
+        disk.write(partial / COLLECTS_FILE, _csv(columns_of(campaign)))
         written = _write_series(disk, campaign, partial / SERIES_FOLDER, series)
         disk.write(partial / HEADER_FILE, _header(campaign, written).encode())
     return target
@@ -76,8 +76,11 @@ def _layout(sensor: Sensor) -> dict[str, Any]:
     return known | ({"technology": sensor.technology} if sensor.technology else {})
 
 
-def _collects(campaign: Campaign) -> str:
-    """Return collects.csv: the union of all sensors' columns, in the order of time, then of collect numbers."""
+def columns_of(campaign: Campaign) -> dict[str, list[Any]]:
+    """Return the columns of collects.csv, one cell per collect and sensor in the order of time; None, NaN: not known.
+
+    The columns are the union of all sensors'.
+    """
     lines = [line for rows in campaign.sensors.values() for line in _lines(rows)]
     lines.sort(key=lambda line: (line["start_s"], line["collect"]))
     present = {name for line in lines for name in line}
@@ -86,12 +89,7 @@ def _collects(campaign: Campaign) -> str:
     for group in (f_columns, w_columns, rate_columns, se_columns):
         order += [name for sensor in layouts for name in group(sensor)]
     order += [*STANDARD_CONDITIONS, *campaign.condition_units, *sorted(present)]
-    columns = [name for name in dict.fromkeys(order) if name in present]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(line.get(name)) for name in columns] for line in lines)
-    return text.getvalue()
+    return {name: [line.get(name) for line in lines] for name in dict.fromkeys(order) if name in present}
 
 
 def _lines(rows: Collects) -> list[dict[str, Any]]:
@@ -140,19 +138,24 @@ def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iter
         if collect not in sensors:
             raise InputError(f"series of collect {collect}: the campaign has no such collect")
         folder.mkdir(exist_ok=True)
-        columns = {"t_s": samples.t_s}
-        columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensors[collect]))}
-        optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
-        columns |= {name: values for name, values in optional.items() if values is not None}
-        disk.write(folder / f"{collect:04d}.csv", _csv(columns))
+        disk.write(folder / f"{collect:04d}.csv", _csv(columns_of_series(samples, sensors[collect])))
     if folder.is_dir():
         disk.synchronise_folder(folder)
     return len(list(folder.glob("*.csv")))
 
 
-def _csv(columns: Mapping[str, FloatArray]) -> bytes:
+def columns_of_series(samples: Series, sensor: Sensor) -> dict[str, list[float]]:
+    """Return the columns of a file of the series folder, those that are known."""
+    columns = {"t_s": samples.t_s}
+    columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensor))}
+    optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
+    columns |= {name: values for name, values in optional.items() if values is not None}
+    return {name: values.tolist() for name, values in columns.items()}
+
+
+def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([_cell(float(value)) for value in row] for row in zip(*columns.values(), strict=True))
+    writer.writerows(map(_cell, row) for row in zip(*columns.values(), strict=True))
     return text.getvalue().encode()

@@ -22,6 +22,7 @@ from hil.cli import (
     replay,
     report,
     reproduction,
+    start,
     watchdog,
 )
 from hil.cli import requests as control
@@ -30,6 +31,7 @@ from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
 
 GROUPS = {
+    "To begin with": "init docs",
     "Before a night": "plan check visibility design budget",
     "A night": "demo run status dashboard pause continue confirm abort resume watchdog notify",
     "Its results": "report solve reconcile twin scatter thermal allan plot export verify repair replay",
@@ -70,7 +72,7 @@ app = typer.Typer(
 )
 
 _ROOMS: tuple[Any, ...] = (night, data, report, model, frames, device, replay, control, notify, watchdog)
-for room in (*_ROOMS, coefficients, design, reproduction):
+for room in (*_ROOMS, coefficients, design, reproduction, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
 app.command("continue")(with_status(control.go_on))

@@ -1,14 +1,21 @@
 """Commands about what the coefficients mean: audit, thermal, allan."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.table import Table
 
+from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, check_result_folder, listing, messages, printed, results, warn
+from hil.cli.output import check_result_folder, listing
 from hil.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _READINGS_SHOWN = 4
 _ROUNDING = 1e-9
@@ -46,15 +53,14 @@ def allan(
         str | None, typer.Option(help="How long a collect is; default: a folder's own, else 60 s.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the plot here, .svg or .png.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
 
     from hil.analysis.allan.document import analyse
-    from hil.analysis.allan.figure import write_figure
+    from hil.analysis.allan.figure import draw
     from hil.analysis.allan.sources import read_recording
-    from hil.files.figure import check_name
+    from hil.files.figure import check_name, save_figure
     from hil.files.units import FREQUENCY, RATE, TIME, to_number
 
     if out is not None:
@@ -77,13 +83,9 @@ def allan(
         read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=rate_hz, unit=unit)
     )
     if out is not None:
-        write_figure(result, out)
+        save_figure(draw(result), out)
     document = result.document(collect_s, wanted)
-    if printed(document, as_json):
-        return
-    _print_allan(document)
-    if out is not None:
-        results().print(f"plot: {out}")
+    return Answer(document, lambda: _allan(document, out), lambda _: draw(result))
 
 
 def _is_plain(text: str) -> bool:
@@ -94,10 +96,9 @@ def _is_plain(text: str) -> bool:
     return True
 
 
-def _print_allan(document: dict[str, Any]) -> None:
-    console = results()
+def _allan(document: dict[str, Any], out: Path | None) -> Iterator[str | Table]:
     mark = "  SIMULATED" if document["simulated"] else ""
-    console.print(
+    yield (
         f"{document['source']}: {document['samples']} samples at {document['rate_hz']:.6g} Hz, "
         f"{document['stretches']} stretch{'es' if document['stretches'] > 1 else ''} without a gap{mark}"
     )
@@ -105,7 +106,7 @@ def _print_allan(document: dict[str, Any]) -> None:
     columns = ("tau_s", "deviation", "low", "high", "slope", "fitted")
     for tau, deviation, low, high, slope, fitted in zip(*(document[name] for name in columns), strict=True):
         table.add_row(f"{tau:.4g}", f"{deviation:.4g}", f"{low:.4g} to {high:.4g}", f"{slope:+.2f}", f"{fitted:.4g}")
-    console.print(table)
+    yield table
     terms = listing("term", "value", "95 % interval", "unit", "slope", "what it is")
     for name, term in document["fit"].items():
         value = f"{term['value']:.4g}" if term["seen"] else "not seen"
@@ -117,11 +118,11 @@ def _print_allan(document: dict[str, Any]) -> None:
             f"{term['slope']:+g}",
             term["meaning"],
         )
-    console.print(terms)
-    for line in document["summary"]:
-        console.print(line)
-    for note in document["notes"]:
-        messages().print(f"note: {note}")
+    yield terms
+    yield from document["summary"]
+    yield from (Aside(f"note: {note}") for note in document["notes"])
+    if out is not None:
+        yield f"plot: {out}"
 
 
 def audit(
@@ -133,49 +134,46 @@ def audit(
             show_default=False,
         ),
     ],
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
     from hil.analysis.published import audit_table
 
-    found = audit_table(name)
-    document = found.document()
-    if printed(document, as_json):
-        return
-    console = results()
+    document = audit_table(name).document()
+    return Answer(document, lambda: _audited(document))
+
+
+def _audited(document: dict[str, Any]) -> Iterator[str | Table]:
     table = listing("row", "identity", "residual", "tolerance", "verdict", left={"row", "identity", "verdict"})
     doubtful = [each for each in document["identities"] if each["verdict"] != "ok"]
     for each in doubtful:
         numbers = (f"{each['residual']:+.4f}", f"{each['tolerance']:.4f}")
         table.add_row(str(each["row"]), each["identity"], *numbers, each["verdict"])
     if doubtful:
-        console.print(table)
+        yield table
     for each in doubtful:
-        _print_mending(each)
-    console.print(f"\n{document['summary']}")
-    for note in document["notes"]:
-        messages().print(f"note: {note}")
+        yield from _mending(each)
+    yield f"\n{document['summary']}"
+    yield from (Aside(f"note: {note}") for note in document["notes"])
 
 
-def _print_mending(identity: dict[str, Any]) -> None:
+def _mending(identity: dict[str, Any]) -> Iterator[str]:
     """What would mend one identity, in a few lines."""
-    console = results()
     readings = identity["candidates"][:_READINGS_SHOWN]
     alone = [each for each in identity["would_close"] if each["others_hold"]]
     if identity["note"]:
-        console.print(f"\n{identity['row']}, {identity['identity']}: {identity['note']}")
+        yield f"\n{identity['row']}, {identity['identity']}: {identity['note']}"
     elif readings or alone:
-        console.print(f"\n{identity['row']}, {identity['identity']} would be mended by")
+        yield f"\n{identity['row']}, {identity['identity']} would be mended by"
     for each in readings:
         rest = "" if each["mends_row"] else "; something else in this row still fails"
         left = f"leaves {each['residual']:+.4f}"
-        console.print(f"  {each['cell']} {each['printed']} read as {each['read']} ({each['change']}), {left}{rest}")
+        yield f"  {each['cell']} {each['printed']} read as {each['read']} ({each['change']}), {left}{rest}"
     if any(each["mends_row"] for each in readings) or not alone:
         return
     values = " or ".join(f"{each['cell']} = {each['value']}" for each in alone)
     only = "only " if len(alone) == 1 else ""
     first = "or" if readings else "no single digit;"
-    console.print(f"  {first} {only}{values} closes it beside what holds")
+    yield f"  {first} {only}{values} closes it beside what holds"
 
 
 def thermal(
@@ -191,8 +189,7 @@ def thermal(
         Path | None,
         typer.Option("--out", help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here."),
     ] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
     from hil.analysis.thermal import fit_thermal
     from hil.analysis.thermal.document import thermal_document
@@ -208,21 +205,28 @@ def thermal(
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
     document = thermal_document(result)
-    if printed(document, as_json):
-        return
-    warn(tuple(campaign.warnings))
-    mark = "  SIMULATED" if document["simulated"] else ""
-    results().print(f"{document['campaign']}{mark}")
+
+    def drawn(sensor: int | None) -> Figure:
+        from hil.analysis.thermal.files import draw_fit
+        from hil.report.plots import which_sensor
+
+        return draw_fit(result.sensors[which_sensor(source, campaign, sensor)], campaign)
+
+    return Answer(document, lambda: _thermal(document, out, written), drawn)
+
+
+def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> Iterator[str | Table]:
+    yield from (Aside(f"warning: {line}") for line in document["warnings"])
+    yield f"{document['campaign']}{'  SIMULATED' * document['simulated']}"
     for sensor in document["sensors"]:
-        _print_thermal(sensor)
+        yield from _of_sensor(sensor)
     if written:
-        results().print(f"\nwritten to {out}: {', '.join(written)}")
+        yield f"\nwritten to {out}: {', '.join(written)}"
 
 
-def _print_thermal(sensor: dict[str, Any]) -> None:
-    console = results()
+def _of_sensor(sensor: dict[str, Any]) -> Iterator[str | Table]:
     low, high = sensor["range_degC"]
-    console.print(
+    yield (
         f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
         f"{low:.1f} to {high:.1f} °C, the unit's own; errors are those at a temperature that was left out"
     )
@@ -237,12 +241,10 @@ def _print_thermal(sensor: dict[str, Any]) -> None:
         change = each["hysteresis"]
         last = [] if change is None else [f"{change['from_below_less_from_above']:+.2f} ±{change['se']:.2f}"]
         table.add_row(name, each["unit"], form, *errors, scatter, *last)
-    console.print(table)
-    for name, each in sensor["parameters"].items():
-        console.print(f"{name}: {each['verdict']}")
-    console.print(sensor["verdict"]["words"])
-    for note in sensor["notes"]:
-        messages().print(f"note: {note}")
+    yield table
+    yield from (f"{name}: {each['verdict']}" for name, each in sensor["parameters"].items())
+    yield sensor["verdict"]["words"]
+    yield from (Aside(f"note: {note}") for note in sensor["notes"])
 
 
 def _error(value: float) -> str:

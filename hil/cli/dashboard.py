@@ -44,7 +44,7 @@ def dashboard(
         what = "pausing, continuing, aborting and answering"
         if not is_loopback(host):
             what = f"reading, {what}"
-            messages().print("note: what goes over the network is not encrypted; see docs/how-to/live-page.md")
+            messages().print("note: what goes over the network is not encrypted; see hil docs live-page")
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
         with suppress(KeyboardInterrupt):
             server(create_app(Watcher(folder), access)).run(sockets=[listener])

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 
-from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
+from hil.cli.answer import Answer, Aside
+from hil.cli.output import listing, messages, results, warn
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
+    from matplotlib.figure import Figure
+
     from hil.campaign import Campaign
     from hil.solve import RunSolution
     from hil.solve.repeats import SensorRepeats
 
+Format = Literal["hdf5", "netcdf", "mat"]
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 
 
@@ -33,19 +38,14 @@ def solve(
             help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."
         ),
     ] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
     from hil.model.forms import MODEL_NAMES
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
     from hil.solve.document import solution_document
-    from hil.solve.wrong_rows import in_words
 
     campaign = read_source(source)
-    warn(tuple(campaign.warnings))
-    for note in campaign.notes.splitlines():
-        messages().print(f"note: {note}")
     if model is None or model in MODEL_NAMES:
         solutions = solve_campaign(campaign, model)
     else:
@@ -53,35 +53,42 @@ def solve(
         from hil.solve.beside_terms import solve_beside
 
         solutions = solve_beside(campaign, load_model(model))
-    shown, both = repeats(campaign, solutions), common_and_differential(campaign)
+    both = common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()
-    if printed(document, as_json):
-        return
-    console = results()
-    mark = "  SIMULATED" if campaign.simulated else ""
-    console.print(f"{campaign.title}{mark}")
-    for line in in_words(document["rows"]):
-        console.print(line)
+    sentences = () if both is None else both.sentences()
+
+    def drawn(sensor: int | None) -> Figure:
+        from hil.report.plots import draw_parameters
+
+        return draw_parameters(source, campaign, sensor)
+
+    shown = repeats(campaign, solutions)
+    return Answer(document, lambda: _solved(campaign, solutions, shown, document, sentences), drawn)
+
+
+def _solved(
+    campaign: Campaign,
+    solutions: list[RunSolution],
+    shown: Mapping[int, SensorRepeats],
+    document: Mapping[str, Any],
+    of_both: Sequence[str],
+) -> Iterator[str | Table]:
+    from hil.solve.wrong_rows import in_words
+
+    yield from (Aside(f"warning: {line}") for line in campaign.warnings)
+    yield from (Aside(f"note: {note}") for note in campaign.notes.splitlines())
+    yield f"{campaign.title}{'  SIMULATED' * campaign.simulated}"
+    yield from in_words(document["rows"])
     for sensor in campaign.sensors:
         own = [each for each in solutions if each.sensor == sensor]
         models = ", ".join(dict.fromkeys(each.model for each in own))
-        console.print(f"\nsensor {sensor}, {models}; value ± one standard deviation, what repeats show included")
-        console.print(_solution_table(own, shown[sensor]))
-        for sentence in shown[sensor].sentences():
-            console.print(sentence)
-    for text in dict.fromkeys(
-        f"run {each.run}, sensor {each.sensor}: {each.reason}" for each in solutions if _odd(each)
-    ):
-        console.print(text)
-    for text in dict.fromkeys(text for each in solutions for text in each.assumed):
-        console.print(f"assumed: {text}")
-    for sentence in () if both is None else both.sentences():
-        console.print(sentence)
-
-
-def _odd(solution: RunSolution) -> bool:
-    return solution.verdict != "PASS"
+        yield f"\nsensor {sensor}, {models}; value ± one standard deviation, what repeats show included"
+        yield _solution_table(own, shown[sensor])
+        yield from shown[sensor].sentences()
+    yield from dict.fromkeys(f"run {e.run}, sensor {e.sensor}: {e.reason}" for e in solutions if e.verdict != "PASS")
+    yield from dict.fromkeys(f"assumed: {text}" for each in solutions for text in each.assumed)
+    yield from of_both
 
 
 def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table:
@@ -98,16 +105,23 @@ def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)],
-    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
+    folder: Annotated[
+        Path, typer.Argument(help="A night's folder; with --format also a campaign's.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Argument(help="The campaign folder, or with --format the file, to make.", show_default=False)
+    ],
+    form: Annotated[
+        Format | None, typer.Option("--format", help="One file instead of a folder of CSV.", show_default=False)
+    ] = None,
 ) -> None:
-    """Write the night as a campaign folder: CSV that a spreadsheet reads."""
+    """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format."""
     from hil.records.export import export_campaign
 
-    written = export_campaign(folder, out)
+    written = export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
-    results().print(f"campaign: {out}, {written.rows} rows")
+    results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
 
 
 def import_table(

@@ -2,15 +2,16 @@
 
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, listing, printed, results, warn
+from hil.cli.output import listing
 from hil.errors import InputError
 
 _WHOSE = {"setpoint_degC": "as set", "temperature_degC": "the unit's own", "chamber_degC": "the chamber's"}
@@ -33,8 +34,7 @@ def budget(
     repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
     draws: Annotated[int, typer.Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
     from hil.config import load_bench, load_sweep
     from hil.design.budget.document import Asked, budget_document
@@ -65,8 +65,7 @@ def budget(
             sweep.title,
             Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed),
         )
-    if not printed(document, as_json):
-        _print_budget(document)
+    return Answer(document, lambda: _budget(document))
 
 
 def _bench_of(folder: Path) -> Any:
@@ -82,23 +81,22 @@ def _bench_of(folder: Path) -> Any:
         return bench_of_record(journal.night.configuration)
 
 
-def _print_budget(document: Mapping[str, Any]) -> None:
-    console = results()
-    console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
+def _budget(document: Mapping[str, Any]) -> Iterator[str | Table]:
+    yield f"{document['title']}{'  SIMULATED' * document['simulated']}"
     for number, sensor in document["sensors"].items():
         degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
         at = "" if degC is None else f" at {degC:.4g} °C ({whose})"
-        console.print(
+        yield (
             f"\nsensor {number}, run {sensor['run']}{at}, collects {_sequence(sensor)}; sensitivities "
             f"{sensor['acting_on']}\none standard deviation, calculated (Monte Carlo, {document['draws']} draws)"
         )
-        console.print(_budget_table(document, sensor))
-        console.print(_origins(sensor))
+        yield _budget_table(document, sensor)
+        yield _origins(sensor)
         if sensor["left_out"]:
             left_out = ", ".join(sensor["left_out"])
-            console.print(f"left out, for how the sensor lay is not known (name its bench with --bench): {left_out}")
+            yield f"left out, for how the sensor lay is not known (name its bench with --bench): {left_out}"
         if not sensor["agrees"]:
-            console.print(_too_large(sensor))
+            yield _too_large(sensor)
 
 
 def _too_large(sensor: Mapping[str, Any]) -> str:
@@ -186,8 +184,7 @@ def design(
     ] = None,
     sensor: Annotated[list[int] | None, typer.Option(help="Only these sensors; repeatable. Default: all.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the proposal as this sweep file.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep
     from hil.design.sequence.proposal import check_new, design_document, write_sweep
@@ -217,8 +214,7 @@ def design(
     document = design_document(proposal, asked, base, its_bench)
     if out is not None:
         write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
-    if not printed(document, as_json):
-        _print_design(document, out)
+    return Answer(document, lambda: _proposed(document, out))
 
 
 def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
@@ -230,22 +226,20 @@ def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
     return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in shown.items()}
 
 
-def _print_design(document: Mapping[str, Any], out: Path | None) -> None:
-    console = results()
+def _proposed(document: Mapping[str, Any], out: Path | None) -> Iterator[str | Table]:
     best, longer = document["proposed"], document["with_more_time"]
-    console.print(f"{document['sweep']}, on bench {document['bench']}\n\nproposed: {_in_words(best)}")
-    for text in document["missing"]:
-        console.print(f"  the goal is not met: {text}")
+    yield f"{document['sweep']}, on bench {document['bench']}\n\nproposed: {_in_words(best)}"
+    yield from (f"  the goal is not met: {text}" for text in document["missing"])
     if longer is not None:
-        console.print(f"  with more time it is: {_in_words(longer)}")
+        yield f"  with more time it is: {_in_words(longer)}"
     for number in best["sensors"]:
         unknown = bool(document["goal"]["scatter_of"]) and number not in document["goal"]["scatter_of"]
         without = "; how it scatters from run to run is not known, and not in it" * unknown
-        console.print(f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget{without}")
-        console.print(_design_table(document, number))
-    console.print("\ndrift out of: what a steady drift does not enter; g²: MU is told from terms in g squared")
+        yield f"\nsensor {number}: one standard deviation of the mean at a temperature, whole budget{without}"
+        yield _design_table(document, number)
+    yield "\ndrift out of: what a steady drift does not enter; g²: MU is told from terms in g squared"
     if out is not None:
-        console.print(f"sweep: {out}")
+        yield f"sweep: {out}"
 
 
 def _in_words(each: Mapping[str, Any]) -> str:
@@ -276,25 +270,25 @@ def _design_table(document: Mapping[str, Any], number: str) -> Table:
     return table
 
 
-def scatter(source: Source, as_json: JsonFlag = False) -> None:
+def scatter(source: Source) -> Answer:
     """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
     from hil.reconcile.scattering import what_scatters
 
     found = what_scatters(read_source(source))
     document = found.document()
-    if printed(document, as_json):
-        return
-    warn(tuple(found.campaign.warnings))
-    console = results()
-    console.print(document["title"] + ("  SIMULATED" if document["simulated"] else ""))
+    return Answer(document, lambda: _scattered(document, found.campaign.warnings))
+
+
+def _scattered(document: Mapping[str, Any], warnings: Sequence[str]) -> Iterator[str | Table]:
+    yield from (Aside(f"warning: {line}") for line in warnings)
+    yield f"{document['title']}{'  SIMULATED' * document['simulated']}"
     table = listing("sensor", "stated\ndeg/hr", "observed\ndeg/hr", "of that, offset\nof the whole run")
     for each in document["noise"]:
         stated = "–" if each["stated_deg_per_hr"] is None else f"{each['stated_deg_per_hr']:.2f}"
         numbers = (f"{each[of]:.2f}" for of in ("observed_deg_per_hr", "run_offset_deg_per_hr"))
         table.add_row(f"{each['sensor']} {each['channel']}", stated, *numbers)
-    console.print(table)
-    for line in document["sentences"]:
-        console.print(line)
+    yield table
+    yield from document["sentences"]
 
 
 COMMANDS = (budget, design, scatter)

@@ -2,6 +2,7 @@
 
 import errno
 import functools
+import inspect
 import os
 import sqlite3
 import sys
@@ -15,8 +16,11 @@ from pathlib import Path
 import typer
 
 from drivers.errors import DeviceError
-from hil.cli.output import harmless
+from hil.cli.answer import Answer
+from hil.cli.output import JsonFlag, harmless
 from hil.errors import Damaged, InputError
+
+_JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JsonFlag)
 
 
 class Exit(IntEnum):
@@ -31,13 +35,22 @@ class Exit(IntEnum):
     CHAMBER_NOT_KNOWN = 6
 
 
-def with_status(command: Callable[..., int | None]) -> Callable[..., None]:
-    """Give a command that returns its exit status the form that the application ends with."""
+def with_status(command: Callable[..., Answer | int | None]) -> Callable[..., None]:
+    """Give a command the form that the application ends with: what it answers is printed, its exit status the last.
+
+    A command that returns an `Answer` gets the option --json; others return their exit status.
+    """
 
     @functools.wraps(command)
     def ended(*arguments: object, **options: object) -> None:
-        raise typer.Exit(int(command(*arguments, **options) or Exit.DONE))
+        as_json = answers and bool(options.pop(_JSON.name))
+        found = command(*arguments, **options)
+        raise typer.Exit(found.show(as_json=as_json) if isinstance(found, Answer) else int(found or Exit.DONE))
 
+    told = inspect.signature(command, eval_str=True)
+    answers = told.return_annotation is Answer
+    if answers:
+        ended.__signature__ = told.replace(parameters=[*told.parameters.values(), _JSON])  # type: ignore[attr-defined]
     return ended
 
 

@@ -1,12 +1,14 @@
 """Commands about what a unit sends: decode a file of raw bytes, and explain a frame description."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from drivers.strict_yaml import parse_value
-from hil.cli.output import JsonFlag, printed, results
+from hil.cli.answer import Answer
+from hil.cli.output import results
 from hil.errors import InputError
 
 Description = Annotated[
@@ -23,26 +25,20 @@ def decode(
     settings: Settings = None,
     rate: Annotated[float | None, typer.Option(help="Samples per second, where it is not the description's.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Write the frames as a table: X.parquet or X.csv.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Decode a file of raw bytes and account for every one of them."""
     from hil.bench.decode import decode_file, load_frames_named
 
     description = load_frames_named(frames, parameters=_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
-    if printed(document, as_json):
-        return
-    console = results()
-    console.print(
-        f"{file}: {', '.join(f'{number} {name}' for name, number in document['frames'].items()) or 'no frames'}"
-    )
-    for count, number in document.items():
-        if isinstance(number, int):
-            console.print(f"  {count.replace('_', ' ')}: {number}")
-    for warning in document["warnings"]:
-        console.print(f"warning: {warning}")
-    if out is not None:
-        console.print(f"written: {out}")
+    counts = {name: number for name, number in document.items() if isinstance(number, int)}
+    lines = [
+        f"{file}: {', '.join(f'{number} {name}' for name, number in document['frames'].items()) or 'no frames'}",
+        *(f"  {name.replace('_', ' ')}: {number}" for name, number in counts.items()),
+        *(f"warning: {warning}" for warning in document["warnings"]),
+        *([] if out is None else [f"written: {out}"]),
+    ]
+    return Answer(document, lambda: lines)
 
 
 def check(
@@ -59,8 +55,7 @@ def check(
 def guess(
     capture: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.", show_default=False)],
     out: Annotated[Path | None, typer.Option("--out", help="Write the first description here, to be edited.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file
     from hil.files.durable import RealDisk, write_durably
@@ -68,19 +63,18 @@ def guess(
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
         write_durably(RealDisk(), out, document["description"].encode())
-    if printed(document, as_json):
-        return
-    console = results()
+    return Answer(document, lambda: _guessed(document))
+
+
+def _guessed(document: dict[str, Any]) -> Iterator[str]:
     for fit in document["fits"]:
-        console.print(
-            f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
-        )
+        yield f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
     length = "length" if document.get("length") else "repeats_every"  # frames that are found say how long they are
     for key in ("lines", "sync", length, "checksum", "counter"):
         if document.get(key) is not None:
             among = f" bytes, in {document['frames']} frames in a row" if key == "length" else ""
-            console.print(f"{key.replace('_', ' ')}: {document[key]}{among}")
-    console.print(document["description"] or "nothing in it repeats itself as frames do: compare the baud rate")
+            yield f"{key.replace('_', ' ')}: {document[key]}{among}"
+    yield document["description"] or "nothing in it repeats itself as frames do: compare the baud rate"
 
 
 def _parameters(settings: list[str] | None) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import Progress
 
+from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, check_result_folder, listing, messages, printed, results, warn
+from hil.cli.output import check_result_folder, listing, messages
 
 if TYPE_CHECKING:
     from hil.model import Model
@@ -36,23 +37,23 @@ _Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
 def reconcile(
     campaign: Source,
     model: _ModelName,
-    out: Annotated[Path, typer.Option("--out", help="The folder for the result.", show_default=False)],
+    out: Annotated[Path | None, typer.Option("--out", help="The folder for the result.", show_default=False)],
     alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
     with_twin: Annotated[
         bool, typer.Option("--twin", help="Also simulate nights before and after, as hil twin.")
     ] = False,
     draws: _Draws = 20,
     seed: _Seed = 1,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
     from hil.reconcile import reconcile as search
     from hil.reconcile import write_result
 
     data = read_source(campaign)
-    check_result_folder(out, "thermal.json", "thermal")
+    if out is not None:  # a notebook asks without files
+        check_result_folder(out, "thermal.json", "thermal")
     result = search(data, model, alpha=alpha)
-    if with_twin:
+    if with_twin and out is not None:
         each_temperature = True if result.calibration == "per temperature" else None
         given, how = result.input_model, {"draws": draws, "seed": seed}
         before = _likeness(campaign, given, out / "twin-before", calibrated=each_temperature, **how)
@@ -65,21 +66,18 @@ def reconcile(
             name: {key: of[key] for key in ("p_value", "parts")} for name, of in (("before", before), ("after", after))
         }
         result = replace(result, twin={**how, **halves})
-    write_result(result, out)
-    if printed(result.document(), as_json):
-        return
-    warn(tuple(data.warnings))
-    for line in _reconciled(result):
-        results().print(line)
-    results().print(f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml")
+    if out is not None:
+        write_result(result, out)
+    return Answer(result.document(), lambda: _reconciled(result, data.warnings, out))
 
 
-def _reconciled(result: Reconciliation) -> Iterator[str]:
+def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path | None) -> Iterator[str]:
     """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
     from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words, rival_in_words
     from procedures.words import percent
 
+    yield from (Aside(f"warning: {line}") for line in warnings)
     yield f"{result.campaign}, model {result.input_model.full_title}{'  SIMULATED' * result.simulated}"
     yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
     yield from summary(result)
@@ -105,6 +103,8 @@ def _reconciled(result: Reconciliation) -> Iterator[str]:
         yield f"left out: {len(result.outliers) - _SHOWN} more, in reconciliation.json"
     yield from (f"note: {note}" for note in result.notes)
     yield "every ± is one standard error"
+    if out is not None:
+        yield f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml"
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -126,26 +126,25 @@ def twin(
     out: Annotated[
         Path | None, typer.Option("--out", help="Keeps what was simulated; default: NIGHT-twin, beside it.")
     ] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.model import load_model
 
     keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
     document = _likeness(campaign, load_model(model), keep, draws=draws, seed=seed)
-    if printed(document, as_json):
-        return
-    console = results()
+    return Answer(document, lambda: _likely(document, draws, keep))
+
+
+def _likely(document: Mapping[str, Any], draws: int, keep: Path) -> Iterator[str]:
     mark = "  SIMULATED" if document["simulated"] else ""
-    console.print(f"{document['campaign']}{mark}, beside {draws} nights SIMULATED with {document['model']}")
+    yield f"{document['campaign']}{mark}, beside {draws} nights SIMULATED with {document['model']}"
     told = "can be told from them" if document["p_value"] < _LEVEL else "cannot be told from them"
-    console.print(f"\nthe night {told}: p = {_chance(document['p_value'])}")
-    for part, words in _PARTS.items():
-        console.print(f"  {words}: {_chance(document['parts'][part])}")
+    yield f"\nthe night {told}: p = {_chance(document['p_value'])}"
+    yield from (f"  {words}: {_chance(document['parts'][part])}" for part, words in _PARTS.items())
     for each in (place for place in document["places"][:_SHOWN] if place["p_value"] < _LEVEL):
         where = ", ".join(f"{name} {value}" for name, value in each["where"].items()) or "the whole night"
-        console.print(f"  at {where}: {_chance(each['p_value'])}")
-    console.print(f"\nkept in {keep}: asked again, with more draws, these are not simulated again")
+        yield f"  at {where}: {_chance(each['p_value'])}"
+    yield f"\nkept in {keep}: asked again, with more draws, these are not simulated again"
 
 
 def _chance(p_value: float | None) -> str:
@@ -178,8 +177,7 @@ def visibility(
     ],
     bench: Annotated[str, typer.Option("--bench", help="For a sweep: the bench that would run it.")] = "simulated",
     model: Annotated[str | None, typer.Option(help="A model file, or the name of a built-in.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Before a night is spent: say which effects these collects can see, at what size, and which look alike."""
     from hil.config import load_bench, load_sweep
     from hil.design.visibility.document import campaign_document, sweep_document
@@ -191,21 +189,18 @@ def visibility(
         document = campaign_document(read_source(Path(source)), chosen)
     else:
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
-    if not printed(document, as_json):
-        results().print(visibility_text(document))
+    return Answer(document, lambda: [visibility_text(document)])
 
 
-def effects(as_json: JsonFlag = False) -> None:
+def effects() -> Answer:
     """List the catalogue: every effect that the twin can simulate and reconcile can name."""
     from hil.model.effects.pages import effects_document
 
     document = effects_document()
-    if printed(document, as_json):
-        return
     table = listing("id", "family", "what it is", "equation", no_wrap=False)
     for effect in document["effects"]:
         table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
-    results().print(table)
+    return Answer(document, lambda: [table])
 
 
 COMMANDS = (reconcile, twin, visibility, effects)

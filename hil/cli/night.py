@@ -16,6 +16,7 @@ import typer
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
+from hil.cli.answer import Answer
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit
@@ -54,7 +55,7 @@ Despite = Annotated[
 ]
 
 
-def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
+def plan(sweep: SweepName, bench: BenchName) -> Answer:
     """Show every step and when it would happen. Nothing moves."""
     from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
     from hil.night.plan_document import plan_document
@@ -64,18 +65,15 @@ def plan(sweep: SweepName, bench: BenchName, as_json: JsonFlag = False) -> None:
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     steps = make_plan(asked.procedure())
-    if printed(plan_document(steps, simulated=on.simulated), as_json):
-        return
     table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
     for step in steps.steps:
         table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
-    console = results()
-    console.print(f"{steps.title} on {on.name}{'  SIMULATED' if on.simulated else ''}")
-    console.print(table)
-    console.print(
+    title = f"{steps.title} on {on.name}{'  SIMULATED' if on.simulated else ''}"
+    lasts = (
         f"{len(steps.steps)} steps, {len(steps.self_calibrations)} self-calibrations, {hours_minutes(steps.total_s)}; "
         "a soak that needs longer moves everything behind it"
     )
+    return Answer(plan_document(steps, simulated=on.simulated), lambda: (title, table, lasts))
 
 
 def run(
@@ -239,47 +237,41 @@ def verify(
         Path | None,
         typer.Option("--key", help="The file of the bench's key, where it is elsewhere now.", show_default=False),
     ] = None,
-    as_json: JsonFlag = False,
-) -> int:
+) -> Answer:
     """Check a night's records: every step, every block, every hash."""
-    from hil.records.status import in_brief
     from hil.records.verify import verify_night
 
     document = verify_night(folder, key)
-    if not printed(document, as_json):
-        console = results()
-        lacking = [each.removeprefix("missing: ") for each in document["problems"] if each.startswith("missing: ")]
-        wrong = [each for each in document["problems"] if not each.startswith("missing: ")]
-        how = "complete" if document["complete"] else "NOT complete" if lacking else "NOT as it was written"
-        judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
-        checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
-        console.print(
-            f"{folder}: {how}, {judged['verdict']}, {checked}{'  SIMULATED' if document['simulated'] else ''}"
-        )
-        if judged["verdict"] not in ("PASS", "ERROR"):
-            console.print(f"{judged['verdict']}: {judged['reason']}")
-        for problem in [*wrong, *(f"missing: {what}" for what in in_brief(lacking))]:
-            console.print(f"problem: {problem}")
-    return Exit.DONE if document["complete"] and not document["problems"] else Exit.INCOMPLETE
+    whole = document["complete"] and not document["problems"]
+    return Answer(document, lambda: _verified(folder, document), status=Exit.DONE if whole else Exit.INCOMPLETE)
+
+
+def _verified(folder: Path, document: dict[str, Any]) -> Iterator[str]:
+    from hil.records.status import in_brief
+
+    lacking = [each.removeprefix("missing: ") for each in document["problems"] if each.startswith("missing: ")]
+    wrong = [each for each in document["problems"] if not each.startswith("missing: ")]
+    how = "complete" if document["complete"] else "NOT complete" if lacking else "NOT as it was written"
+    judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
+    checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
+    yield f"{folder}: {how}, {judged['verdict']}, {checked}{'  SIMULATED' if document['simulated'] else ''}"
+    if judged["verdict"] not in ("PASS", "ERROR"):
+        yield f"{judged['verdict']}: {judged['reason']}"
+    yield from (f"problem: {each}" for each in [*wrong, *(f"missing: {what}" for what in in_brief(lacking))])
 
 
 def repair(
     folder: Folder,
     out: Annotated[Path, typer.Option("--out", help="The new folder to make.", show_default=False)],
-    as_json: JsonFlag = False,
-) -> int:
+) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
     from hil.records.requests import who_asks
 
     document = repair_night(folder, out, who_asks())
-    if not printed(document, as_json):
-        console = results()
-        for what in ("restored", "lost"):
-            for line in document[what]:
-                console.print(f"{what}: {line}")
-        console.print(f"{out}: {document['steps_done']} of {document['steps_total']} steps are proven")
-    return Exit.INCOMPLETE if document["lost"] else Exit.DONE
+    lines = [f"{what}: {line}" for what in ("restored", "lost") for line in document[what]]
+    lines.append(f"{out}: {document['steps_done']} of {document['steps_total']} steps are proven")
+    return Answer(document, lambda: lines, status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
 
 
 def demo(

@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
+from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
-from hil.cli.output import JsonFlag, listing, printed, results, warn
+from hil.cli.output import listing
 
 if TYPE_CHECKING:  # a command that is not this one does not wait for it
     from hil.analysis.published.reproduction import Cell, ContractorError, Printed, Reproduction, SevenBiases
+    from hil.campaign import Campaign
 
 
 def reproduce(
     source: Source,
     sensor: Annotated[int, typer.Option(help="Which sensor; the report's tables are sensor 2's.")] = 2,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
     from hil.analysis.published.reproduction import reproduce as give_again
 
     campaign = read_source(source)
     found = give_again(campaign, sensor)
-    if printed(found.document(), as_json):
-        return
-    warn(tuple(campaign.warnings))
-    console = results()
-    console.print(campaign.title + ("  SIMULATED" if campaign.simulated else ""))
-    console.print("\nTable 1: mean ± one sigma (n - 1); below it as printed, * where its own identities do not close")
-    console.print(_table_1(found))
-    console.print("\nTable A-1: the bias BA seven ways, deg/hr; then the printed rows")
-    console.print(_table_a1(found))
-    console.print("\nContractor's less matrix parameters, largest of all runs, and what of it the closed form explains")
-    for line in _contractor(found.contractor_errors):
-        console.print(line)
+    return Answer(found.document(), lambda: _given_again(campaign, found))
+
+
+def _given_again(campaign: Campaign, found: Reproduction) -> Iterator[str | Table]:
+    yield from (Aside(f"warning: {line}") for line in campaign.warnings)
+    yield f"{campaign.title}{'  SIMULATED' * campaign.simulated}"
+    yield "\nTable 1: mean ± one sigma (n - 1); below it as printed, * where its own identities do not close"
+    yield _table_1(found)
+    yield "\nTable A-1: the bias BA seven ways, deg/hr; then the printed rows"
+    yield _table_a1(found)
+    yield "\nContractor's less matrix parameters, largest of all runs, and what of it the closed form explains"
+    yield from _contractor(found.contractor_errors)
 
 
 def _table_1(found: Reproduction) -> Table:

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from hil.cli.answer import Answer
 from hil.cli.exit_status import Exit
-from hil.cli.output import Folder, JsonFlag, print_json, results
+from hil.cli.output import Folder
 from hil.errors import InputError
 from procedures.requests import RequestKind
 
@@ -15,19 +16,19 @@ Wait = Annotated[float, typer.Option("--wait", help="Seconds to wait for the con
 _WAIT_S = 20.0
 
 
-def pause(folder: Folder, why: Why, wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+def pause(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
     """Hold a running night where it is. A collect in progress is finished first; a soak starts over afterwards."""
-    return _ask(folder, RequestKind.PAUSE, why, wait, as_json=as_json)
+    return _ask(folder, RequestKind.PAUSE, why, wait)
 
 
-def go_on(folder: Folder, why: Why = "", wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+def go_on(folder: Folder, why: Why = "", wait: Wait = _WAIT_S) -> Answer:
     """Let a paused night go on. Devices and position are checked again; the soak counts on if the band was held."""
-    return _ask(folder, RequestKind.CONTINUE, why, wait, as_json=as_json)
+    return _ask(folder, RequestKind.CONTINUE, why, wait)
 
 
-def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S, as_json: JsonFlag = False) -> int:
+def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
     """End a running night: the chamber is brought to its safe state. `hil resume` carries on."""
-    return _ask(folder, RequestKind.ABORT, why, wait, as_json=as_json)
+    return _ask(folder, RequestKind.ABORT, why, wait)
 
 
 def confirm(
@@ -38,48 +39,34 @@ def confirm(
     ] = "",
     why: Why = "",
     wait: Wait = _WAIT_S,
-    as_json: JsonFlag = False,
-) -> int:
+) -> Answer:
     """Answer the question that a running night asks its operator (`hil status` shows it)."""
     from hil.records.requests import standing_prompt
 
     prompt = standing_prompt(folder)
     if prompt is None:
         raise InputError(f"{folder}: no question waits for an answer; hil status {folder} says what is going on")
-    number = int(prompt.evidence["prompt"])
     kind = RequestKind.REFUSE if no else RequestKind.CONFIRM
-    if not as_json:
-        results().print(prompt.message)
-    return _ask(folder, kind, text or why, wait, prompt=number, as_json=as_json)
+    return _ask(folder, kind, text or why, wait, prompt.message, int(prompt.evidence["prompt"]))
 
 
-def _ask(folder: Path, kind: RequestKind, why: str, wait_s: float, *, as_json: bool, prompt: int | None = None) -> int:
+def _ask(
+    folder: Path, kind: RequestKind, why: str, wait_s: float, question: str = "", prompt: int | None = None
+) -> Answer:
     from hil.records.requests import request, wait_for_answer, who_asks
 
     number = request(folder, kind, who_asks(), why, prompt=prompt)
     row = wait_for_answer(folder, number, wait_s)
-    if as_json:
-        print_json(
-            {
-                "schema": "hil.request/1",
-                "number": number,
-                "kind": kind.value,
-                "who": row.who,
-                "why": row.why,
-                "accepted": row.accepted,
-                "answer": row.answer,
-            }
-        )
-    elif row.accepted is None:
-        results().print(
+    asked = {"number": number, "kind": kind.value, "who": row.who, "why": row.why}
+    document = {"schema": "hil.request/1", **asked, "accepted": row.accepted, "answer": row.answer}
+    said = f"{folder}: {kind.value}: {'' if row.accepted else 'refused: '}{row.answer}"
+    if row.accepted is None:
+        said = (
             f"{folder}: {kind.value} is asked for, and not answered after {wait_s:g} s. It will be acted upon when the "
             f"controller next looks; if hil status {folder} shows no sign of life, hil watchdog {folder} ends it safely"
         )
-    else:
-        results().print(f"{folder}: {kind.value}: {'' if row.accepted else 'refused: '}{row.answer}")
-    if row.accepted is None:
-        return Exit.INCOMPLETE
-    return Exit.DONE if row.accepted else Exit.FAILED
+    status = {None: Exit.INCOMPLETE, True: Exit.DONE, False: Exit.FAILED}[row.accepted]
+    return Answer(document, lambda: [*([question] if question else []), said], status=status)
 
 
 COMMANDS = (pause, abort, confirm)

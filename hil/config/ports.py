@@ -1,11 +1,14 @@
 """A port as a bench file writes it: a path, a network address, or a simulated device in this process."""
 
+import re
 from typing import Annotated
 from urllib.parse import urlsplit
 
 from pydantic import BeforeValidator
 
 SIMULATED_SCHEME = "sim://"
+COM_PORT = re.compile(r"(?:\\\\\.\\)?COM\d+", re.IGNORECASE)
+"""How Windows calls a serial port: COM3, or \\\\.\\COM12."""
 _SCHEMES = ("sim", "socket", "rfc2217")
 
 

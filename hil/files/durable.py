@@ -25,10 +25,12 @@ class RealDisk:
 
     def rename(self, source: Path, target: Path) -> None:
         """Give `source` the name `target`, in one step."""
-        source.rename(target)
+        source.replace(target)
 
     def synchronise_folder(self, folder: Path) -> None:
-        """Make the names in `folder` durable."""
+        """Make the names in `folder` durable; Windows does so by itself, and opens no folder."""
+        if not hasattr(os, "O_DIRECTORY"):
+            return
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(descriptor)

@@ -8,7 +8,6 @@ holds it, for people, for `hil status` and for the watchdog; a text without a lo
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import socket
@@ -20,6 +19,11 @@ from typing import Self
 from drivers.clock import SystemClock
 from drivers.given_file import read_text
 from hil.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no lock that ends with its process and that others can ask about
+    fcntl = None  # type: ignore[assignment]
 
 LOCK_NAME = "controller.lock"
 _TRIES = 50
@@ -57,6 +61,15 @@ def process_start(pid: int) -> str:
     return fields[19] if len(fields) > 19 else ""
 
 
+def refuse_without_locks() -> None:
+    """Raise `InputError` on a system on which no bench is driven and no night carried out."""
+    if fcntl is None:
+        raise InputError(
+            "benches are driven and nights carried out on Linux or macOS: this system has no lock that ends with its "
+            "process. What was measured can be worked on here: solve, report, thermal, allan, reconcile, plot, export"
+        )
+
+
 class LockFile:
     """A lock that is held by at most one process at a time, and by one object within a process.
 
@@ -75,7 +88,8 @@ class LockFile:
         self.taken_over_from: Owner | None = None
 
     def acquire(self) -> Self:
-        """Take the lock; raise `InputError` where somebody else holds it, or the file cannot be used."""
+        """Take the lock; raise `InputError` where somebody else holds it, or the file cannot be used, or not here."""
+        refuse_without_locks()
         descriptor = self._open()
         try:
             self._lock(descriptor)
@@ -147,6 +161,8 @@ class FolderLock(LockFile):
 def living_owner(folder: Path) -> Owner | None:
     """Return who holds the lock of `folder` at this moment, or None where nobody does (never locked, or dead)."""
     path = folder / LOCK_NAME
+    if fcntl is None:
+        return None
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:

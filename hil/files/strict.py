@@ -11,7 +11,6 @@ from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError, model_validator
 
-import hil
 from drivers.given_file import read_text as read_text
 from drivers.strict_yaml import first_mistake
 from drivers.strict_yaml import parse_yaml as parse_yaml
@@ -87,7 +86,7 @@ def near(word: str, allowed: Sequence[str]) -> str:
 
 def config_folders(kind: str) -> list[Path]:
     """Return the folders of shipped configuration of a kind: the installed package's, and the checkout's."""
-    package = Path(hil.__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     return [folder for folder in (package / "configs" / kind, package.parent / "configs" / kind) if folder.is_dir()]
 
 

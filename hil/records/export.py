@@ -17,6 +17,7 @@ import numpy as np
 
 from drivers.given_file import check_folder
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.formats import Format, write_file
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.campaign.writer import write_campaign
@@ -80,18 +81,27 @@ class _Row:
         return found
 
 
-def export_campaign(folder: Path | str, out: Path | str) -> Export:
-    """Write the collects of a night as a new campaign folder `out`, which appears whole or not at all.
+def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> Export:
+    """Write the collects of a night as a new campaign folder `out`, or as one file of another format.
 
-    Raises `InputError` where the folder holds no night, no collect was completed, or `out` exists and is not empty;
-    `Damaged` where the journal or samples are not what was written.
+    A campaign folder is written as a file only. What is written appears whole or not at all. Raises `InputError` where
+    the folder is neither, no collect was completed, or `out` exists; `Damaged` where the journal or samples are not
+    what was written.
     """
     folder, target = Path(folder), Path(out)
+    if form is not None and not is_night(folder):
+        campaign = open_source(folder).campaign
+        stored = ((number, read_series(campaign, number)) for number in campaign.series_files)
+        write_file(campaign, target, form, ((number, each) for number, each in stored if each is not None))
+        return Export(target, sum(len(rows.conditions) for rows in campaign.sensors.values()), ())
     with reading(folder) as journal:
         bench = bench_of_record(journal.night.configuration)
         campaign, rows = _campaign(journal, bench)
         series = _series(folder, rows, campaign, bench.record.series_block)
-        write_campaign(campaign, target, series)
+        if form is None:
+            write_campaign(campaign, target, series)
+        else:
+            write_file(campaign, target, form, series)
     return Export(target, len(rows), tuple(campaign.notes.splitlines()))
 
 

@@ -58,7 +58,7 @@ def collect_series(
     """
     source = open_source(folder)
     campaign = source.campaign
-    number = _sensor(folder, campaign, sensor)
+    number = which_sensor(folder, campaign, sensor)
     rows = campaign.sensors[number]
     chosen = _collect(folder, campaign, number, collect, run, position)
     row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
@@ -81,7 +81,8 @@ def collect_series(
     )
 
 
-def _sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:
+def which_sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:
+    """Return the sensor that is meant: the only one, or `sensor`; raise `InputError` saying which there are."""
     numbers = ", ".join(map(str, campaign.sensors))
     if sensor is None:
         if len(campaign.sensors) > 1:
@@ -185,7 +186,7 @@ def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Fig
     from hil.analysis.thermal import fit_thermal
     from hil.analysis.thermal.files import draw_fit
 
-    number = _sensor(folder, campaign, sensor)
+    number = which_sensor(folder, campaign, sensor)
     one = replace(campaign, sensors={number: campaign.sensors[number]})
     return draw_fit(fit_thermal(one).sensors[number], one)
 

@@ -32,7 +32,11 @@ from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 
 SCHEMA = "hil.simulate/1"
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    getattr(signal, "SIGHUP", signal.SIGTERM),
+)  # Windows has no terminals to close
 _HOST = "127.0.0.1"
 _PORT_KEYS = {"imu": ("imu", "port"), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
 

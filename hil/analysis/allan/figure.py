@@ -1,26 +1,16 @@
 """The Allan deviation as a plot, SVG or PNG by the name of the file."""
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from hil.analysis.allan.document import TERMS, AllanResult
 from hil.analysis.allan.fit import SLOPES
-from hil.files.figure import SETTINGS, save_figure
 
 _LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
 
 
-def write_figure(result: AllanResult, path: Path) -> None:
-    """Draw deviations with intervals, the fit and its terms; raise `InputError` where the file cannot be written."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(SETTINGS):
-        save_figure(_draw(result), path)
-
-
-def _draw(result: AllanResult) -> Figure:
+def draw(result: AllanResult) -> Figure:
+    """Draw deviations with intervals, the fit and its terms."""
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     axes = figure.add_subplot()
     found = result.fit.deviation

@@ -13,6 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from hil.cli.app import GROUPS, app
+from hil.files.manual import manual
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -104,6 +105,46 @@ def test_every_page_is_in_the_index() -> None:
         lists = (folder / "README.md").read_text()
         for page in folder.glob("*.md"):
             assert page.name == "README.md" or f"({page.name}" in lists, f"{name_of(page)} is not in its index"
+
+
+def test_advice_names_pages_that_the_program_has() -> None:
+    """`hil docs NAME` wherever it is written: in the program, in what ships with it, in the documentation itself."""
+    files = [path for top in ("hil", "drivers", "procedures", "configs", "docs") for path in (ROOT / top).rglob("*.*")]
+    named = 0
+    for path in (*files, ROOT / "README.md"):
+        if path.suffix in {".py", ".yaml", ".service", ".md", ".j2"}:
+            text = path.read_text("utf-8")
+            for name in re.findall(r"hil docs ([a-z][a-z-]+)", text):
+                named += 1
+                assert name in manual(), f"{name_of(path)}: there is no page {name}"
+            if path.suffix != ".md":
+                assert not re.findall(r"docs/[\w/-]+\.md", text), f"{name_of(path)}: who installed hil has no such file"
+    assert named > 10
+
+
+def test_the_installed_program_has_every_page() -> None:
+    """The wheel takes each page, picture and notebook of the documentation, and nothing of it twice."""
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    taken = {source: target for source, target in wheel["force-include"].items() if source.startswith("docs")}
+    assert {f"hil/{source}" for source in taken} == set(taken.values())
+    kept = [path for path in (ROOT / "docs").rglob("*.*") if path.suffix in {".md", ".png", ".ipynb"}]
+    for path in (each for each in kept if not {"pictures", "site"} & {*each.parts}):
+        holding = [source for source in taken if path == ROOT / source or (ROOT / source) in path.parents]
+        assert len(holding) == 1, f"{name_of(path)} is in {holding}"
+
+
+def test_the_site_holds_together(tmp_path: Path) -> None:
+    """Every link of every page, to a page, its heading, a picture or a notebook; only the project's own files lack."""
+    assert CliRunner().invoke(app, ["docs", "wire-a-chamber", "--site", str(tmp_path)]).exit_code == 0
+    pages = {path.resolve(): path.read_text("utf-8") for path in tmp_path.rglob("*.html")}
+    assert len(pages) == len(manual()) == len(PAGES) - 1
+    for path, text in pages.items():
+        for target in re.findall(r'(?:href|src)="([^":]*)"', text):
+            file, _, anchor = target.partition("#")
+            there = (path.parent / file).resolve() if file else path
+            if there.is_relative_to(tmp_path.resolve()):
+                assert there.exists(), f"{path}: {target}"
+                assert not anchor or f'id="{anchor}"' in pages[there], f"{path}: {target}"
 
 
 def test_every_command_stands_in_one_group_of_the_help() -> None:

@@ -1,0 +1,71 @@
+"""A bench file to begin with: six answers put into a template, and read back as any bench file is.
+
+text = new_bench("my-bench", Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg"))
+"""
+
+import re
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from drivers.chambers import CHAMBER_DRIVERS
+from drivers.frames.description import StreamDescription, load_description
+from hil.config.bench import parse_bench
+from hil.errors import InputError
+from hil.files.strict import find_config, near
+from hil.files.units import TEMPERATURE, to_number
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What only somebody at the bench knows, as it is typed: names, ports, temperatures with their unit."""
+
+    chamber: str
+    chamber_port: str
+    limits: str
+    unit: str
+    unit_port: str
+    latitude: str
+
+
+def new_bench(name: str, asked: Asked) -> str:
+    """Return the text of a bench file; raise `InputError` where it would be refused, in the words of that."""
+    allowed = sorted(set(CHAMBER_DRIVERS) - {"box"})
+    if asked.chamber not in allowed:
+        raise InputError(f"{asked.chamber!r} is no chamber that hil knows{near(asked.chamber, allowed)}")
+    description = load_description(find_config("imus", asked.unit))
+    low, high = _limits(asked.limits)
+    how = Environment(loader=PackageLoader("hil.bench", "."), undefined=StrictUndefined, trim_blocks=True)  # noqa: S701
+    text = how.get_template("new_bench.yaml.j2").render(
+        name=name,
+        asked=asked,
+        unit=description,
+        chamber=CHAMBER_DRIVERS[asked.chamber],
+        sensors=_triads(description, asked.unit),
+        low=low,
+        high=high,
+    )
+    parse_bench(text, f"{name}.yaml")
+    return text
+
+
+def _limits(text: str) -> list[float]:
+    """Read "-40 to 85 degC", °C; the unit may stand once or twice, and is °C where it does not stand."""
+    low, to, high = text.partition(" to ")
+    unit = re.sub(r"[-+.\d\s]", "", high) or "degC"
+    if not to:
+        raise InputError(f"limits: {text!r} is not a range; write -40 to 85 degC")
+    try:
+        typed = [each if re.search(r"[a-zA-Z]", each) else f"{each} {unit}" for each in (low, high)]
+        return [round(to_number(each, TEMPERATURE), 3) for each in typed]
+    except ValueError as error:
+        raise InputError(f"limits: {error}") from None
+
+
+def _triads(description: StreamDescription, unit: str) -> dict[int, dict[str, str]]:
+    """Return the channel about each axis, by sensor; raise `InputError` for a unit that is no triad."""
+    sensors = {} if description.roles is None else description.roles.sensors
+    found = {n: {name[-1]: name for name in of.rates if name[-1] in "XYZ"} for n, of in sensors.items()}
+    if not found or any(len(channels) < 3 for channels in found.values()):
+        raise InputError(f"{unit}: not a triad: copy the bench file simulated, which has such a unit's positions")
+    return found
