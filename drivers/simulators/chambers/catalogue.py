@@ -5,20 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
+from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault
-from drivers.simulators.chambers.described import SimulatedSetpointBox
+from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
-from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
 from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
-from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 
 
@@ -66,21 +65,28 @@ def _built(kind: Callable[..., SimulatedChamberController], *said: str) -> Build
     return build
 
 
-def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    if options.description is None:
-        raise ValueError("a box needs its description")
-    description = load_box(options.description)
-    return SimulatedSetpointBox(plant, description, faults=options.faults, begins_s=options.begins_s)
+def _box(description: Path | None, kind: Callable[..., SimulatedChamberController] = simulated_box) -> Build:
+    """Return what makes the box of a description, the bench file's own where it has one."""
+
+    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+        path = options.description or description
+        if path is None:
+            raise ValueError("a box needs its description")
+        box = load_box(path)
+        said = {
+            name: getattr(options, name) for name in ("address", "framing") if box.modbus and getattr(options, name)
+        }
+        return kind(plant, box, faults=options.faults, begins_s=options.begins_s, **said)
+
+    return build
 
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = {
+    **{name: _box(driver.description) for name, driver in CHAMBER_DRIVERS.items()},
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
-    "watlow-f4": _built(SimulatedWatlowF4, "address", "framing"),
-    "ezt-570i": _built(SimulatedEzt570i, "address", "framing"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
     "thermotron": _built(SimulatedThermotron, "terminator"),
     "julabo": _built(SimulatedJulabo, "warning_limits"),
-    "watlow-f4t": _built(SimulatedWatlowF4t, "address", "framing"),
-    "box": _box,
+    "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
 }

@@ -9,6 +9,8 @@ import pytest
 
 from drivers.chambers import ChamberLimits
 from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
@@ -24,6 +26,7 @@ from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
+from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -75,6 +78,10 @@ def _julabo(**settings: Any) -> Build:
 
 def _ascii2(transport: Transport, clock: Clock) -> VoetschAscii:
     return VoetschAscii(transport, clock, limits=ChamberLimits(-40.0, 100.0))
+
+
+def _sb22(transport: Transport, clock: Clock) -> SetpointBox:
+    return SetpointBox(transport, clock, load_box(EXAMPLE_BOX.with_name("weiss-sb22.yaml")))
 
 
 def _does(kind: Callable[[Transport, Clock], Controller], action: Callable[[Any], object]) -> Act:
@@ -225,10 +232,12 @@ _JULABO: dict[str, Vector] = {
     "version": Vector(b"VERSION\r", f"{_CF31}\r\n".encode(), _LINE_ENDS, _is(Julabo, _CF31)),
     "status": Vector(b"STATUS\r", b"03 REMOTE START\r\n", _LINE_ENDS, _sees(Julabo, alarms=())),
 }
-_SB22_REASON = "there is no driver for the SB22 protocol: its replies are not published"
+_SB22_REASON = "its replies are not published, and ours would only be what we describe"
 _SB22: dict[str, Vector] = {
-    "read": Vector(b"\x021?8E\x03", b"", *[_SB22_REASON] * 2),
-    "stop": Vector(b"\x021T025.0F00R00000000000000008C\x03", b"", *[_SB22_REASON] * 2),
+    "read": Vector(b"\x021?8E\x03", b"", _SB22_REASON, "sent three times: test_described_boxes has its bytes"),
+    "stop": Vector(
+        b"\x021T025.0F00R00000000000000008C\x03", b"", _SB22_REASON, _does(_sb22, lambda driver: driver.stop(off=True))
+    ),
 }
 _BY_CONTROLLER = {
     "espec": _ESPEC,
