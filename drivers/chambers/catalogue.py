@@ -18,7 +18,6 @@ from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.julabo import Julabo, WarningLimits
 from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.supervised import SupervisedChamber
@@ -112,6 +111,8 @@ def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) ->
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
         description = box if options.description is None else load_box(options.description)
+        if options.terminator is not None:
+            description = description.ended_with(options.terminator)
         settings = ("address", "framing", *said) if description.modbus else said
         given = {name: getattr(options, name) for name in settings if getattr(options, name) is not None}
         return supervised(kind(transport, clock, description, **given), clock, options)
@@ -138,7 +139,7 @@ CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
     "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
-    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _built(Thermotron, "terminator")),
+    "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo, "warning_limits")),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),

@@ -17,7 +17,7 @@ from drivers.chambers.controller import Controller, ControllerIdentity, Controll
 from drivers.chambers.controllers.description import BoxDescription, Command, Identity, Quantity, Question
 from drivers.chambers.controllers.media import RegisterMedium, TextMedium
 from drivers.clock import Clock
-from drivers.errors import ProtocolError, WrongDevice
+from drivers.errors import CommandRefused, ProtocolError, WrongDevice
 from drivers.transports import Transport
 
 
@@ -36,6 +36,7 @@ class SetpointBox(Controller):
             if box.modbus is None
             else RegisterMedium(transport, clock, box, self.device, **settings)
         )
+        self._runs = False
         self._known: dict[str, object] = {
             "setpoint": 0.0,
             "mode": box.state[0].word_for("CONSTANT") if box.state else "",
@@ -80,6 +81,8 @@ class SetpointBox(Controller):
             self._medium.set(quantity, value, self._known)
         if which == "setpoint":
             self._known["setpoint"] = value
+            if self._box.setpoint.then_start and self._runs:
+                self.start()
 
     def start(self) -> None:
         """Start conditioning."""
@@ -87,6 +90,7 @@ class SetpointBox(Controller):
 
     def stop(self, *, off: bool) -> None:
         """Stop conditioning."""
+        self._runs = False
         self._do(self._box.stop if off or not self._box.standby else self._box.standby)
 
     def end_program(self) -> None:
@@ -94,8 +98,14 @@ class SetpointBox(Controller):
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where the description has none. Raises `ProtocolError` where it did not take."""
-        return self._set(self._box.ramp_degC_per_min, degC_per_min)
+        """Set the ramp, °C/min; False where the description has none or this one refuses it.
+
+        Raises `ProtocolError` where it did not take.
+        """
+        try:
+            return self._set(self._box.ramp_degC_per_min, degC_per_min)
+        except CommandRefused:
+            return False
 
     def arm_dead_man(self, seconds: float) -> bool:
         """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""
@@ -128,7 +138,7 @@ class SetpointBox(Controller):
         for each in self._box.state:
             mode: Mode | Literal["next"] = found[id(each)]
             if mode != "next":
-                self._known["mode"] = each.word_for(mode)
+                self._known["mode"], self._runs = each.word_for(mode), mode == "CONSTANT"
                 return mode
         return "CONSTANT"
 

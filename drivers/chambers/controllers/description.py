@@ -59,6 +59,7 @@ Address = Annotated[int, Field(ge=0, le=0xFFFF)]
 Registers = Annotated[tuple[int, int], BeforeValidator(_registers)]
 Several = Annotated[tuple[Entry, ...], BeforeValidator(_as_list)]
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
+Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
 
 class _Entry(BaseModel):
@@ -120,7 +121,7 @@ class Command(InRegister):
     """Something that can be told: a text, or a value that is written to a register, a bit of it, or a coil."""
 
     send: Plain | None = None
-    confirm: str | None = None
+    confirm: Several[str] = ()
     value: int = 1
 
     @model_validator(mode="after")
@@ -134,7 +135,8 @@ class Quantity(Number):
     """A number that can be asked and set. `write` are the registers it is written to, if not the one that is read."""
 
     send: Order | None = None
-    confirm: str | None = None
+    confirm: Several[str] = ()
+    then_start: bool = False  # takes effect when it is started, where it runs
     write: Several[Address] = ()
 
     @model_validator(mode="after")
@@ -225,7 +227,7 @@ class StateQuestion(Question):
     def word_for(self, mode: str) -> str:
         """Return the box's word for a mode; where another question tells that one, what it says beside it."""
         words: dict[str, str] = {meant: word for word, meant in reversed(self.modes.items())}
-        return next((words[each] for each in (mode, "next", "CONSTANT") if each in words), "")
+        return next((words[each] for each in (mode, "next", "CONSTANT") if each in words), "0")
 
 
 class AlarmQuestion(Question):
@@ -241,6 +243,8 @@ class AlarmQuestion(Question):
             return ()
         if self.bits is None:
             return (self.name.replace("{value}", word),)
+        if not word.isdecimal():
+            raise ValueError(f"answered {self.ask!r} with {word!r} where bits were asked for")
         standing = [bit for bit in range(16) if int(word) & (1 << bit)]
         return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
@@ -292,6 +296,9 @@ class SimulatedSection(_Entry):
     silent_refusals: bool = False
     takes_any_setpoint: bool = False  # also beyond its limits
     pause_s: float = Field(default=0.0, ge=0.0)
+    decimals: int = Field(default=1, ge=0)  # of the numbers in its texts
+    identity: Plain | None = None
+    answers: dict[Plain, str] = {}  # to other texts
 
 
 class LineSection(_Entry):
@@ -321,6 +328,8 @@ class BoxDescription(_Entry):
     pause_after_setting_s: float = Field(default=0.5, ge=0.0)
     resolution_degC: float = Field(default=0.1, ge=0.1, le=1.0)
     limits_are: Literal["setpoint", "alarm"] = "setpoint"
+    refused: Reply | None = None  # what it answers where it will not
+    asked: tuple[Looked, ...] = ("alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit")
     identify: Identity
     believe: Several[Requirement] = ()
     unit: UnitQuestion | None = None
@@ -345,33 +354,37 @@ class BoxDescription(_Entry):
             return whole, whole
         return Line(_TERMINATORS[self.terminator]), Line(_TERMINATORS[self.reply_terminator or self.terminator])
 
+    def ended_with(self, terminator: bytes) -> Self:
+        """Return the same box with another terminator, as a bench file may say."""
+        return self.model_copy(update={"terminator": {end: name for name, end in _TERMINATORS.items()}[terminator]})
+
     @property
     def looked_at(self) -> list[Question]:
         """All that is asked at every look, in this order."""
-        single = [self.temperature, self.setpoint, *self.state, self.low_limit, self.high_limit, self.unit]
-        return [*self.believe, *self.alarms, *(each for each in single if each is not None)]
+        return [*self.believe, *(each for key in self.asked for each in self._entries(key))]
+
+    def _entries(self, key: str) -> tuple[Any, ...]:
+        entries = getattr(self, key)
+        return entries if isinstance(entries, tuple) else () if entries is None else (entries,)
 
     @property
     def named(self) -> Iterator[tuple[str, Question | Command]]:
         """Everything that is asked or told, with its key."""
         for key in type(self).model_fields:
-            entries = getattr(self, key)
-            for entry in entries if isinstance(entries, tuple) else (entries,):
-                if isinstance(entry, Question | Command):
-                    yield key, entry
+            yield from ((key, entry) for entry in self._entries(key) if isinstance(entry, Question | Command))
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:
         if (self.low_limit is None) != (self.high_limit is None):
             raise ValueError("give low_limit and high_limit, or neither")
+        if sorted(self.asked) != sorted(type(self).model_fields["asked"].default):
+            raise ValueError("asked: name each of alarms, temperature, setpoint, state, the limits and unit once")
         if len({bool(self.state), bool(self.start), bool(self.stop)}) > 1:
             raise ValueError("give state, start and stop; or none of them where it cannot be switched over the line")
         if self.state:
             modes = {mode for each in self.state for mode in (*each.modes.values(), each.otherwise)}
             if not {"CONSTANT", "OFF"} <= modes:
                 raise ValueError("state: modes must give a word for CONSTANT and one for OFF")
-            if any(each.otherwise is None for each in self.state[:-1]):
-                raise ValueError("state: only the last question may do without otherwise; write otherwise: next")
         for key, entry in self.named:
             if self.modbus is not None and (getattr(entry, "ask", None) or getattr(entry, "send", None)):
                 raise ValueError(f"{key}: a box with a section modbus has registers and no texts")

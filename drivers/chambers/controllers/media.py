@@ -4,13 +4,13 @@ A box is looked at in fetches: one text and its reply, or one block of registers
 questions, and is made again when an answer in it cannot be.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 from drivers.chambers.controllers.description import BoxDescription, Command, ModbusSection, Quantity, Question
-from drivers.chambers.controllers.templates import filled
+from drivers.chambers.controllers.templates import agrees, filled, found_in
 from drivers.clock import Clock
-from drivers.errors import ProtocolError
+from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
 from drivers.transports.lines import LineExchange, LineTiming
 from drivers.transports.modbus import Framing, ModbusExchange, ModbusTiming, Table
@@ -30,6 +30,7 @@ class TextMedium:
             transport, clock, device=device, framing=framing, reply_framing=reply_framing, timing=timing
         )
         self.decimals: int | None = None
+        self._device, self._refused = device, box.refused
         self._lengths = {each.ask: each.length for _, each in box.named if isinstance(each, Question)}
 
     def fetches(self, questions: Iterable[Question]) -> dict[str, list[Question]]:
@@ -51,21 +52,35 @@ class TextMedium:
         value = question.value(line)
         if value is None:
             raise ValueError(f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}")
+        if question.bit is not None and value.isdecimal():
+            return str(int(value) >> question.bit & 1)
         return value
 
     def set(self, quantity: Quantity, value: float, known: dict[str, object]) -> None:
-        """Send the text that sets a number once; `known` are setpoint and mode as the box last had them."""
-        self._tell(filled(quantity.send or "", value=value, **known), quantity.confirm)
+        """Send the text that sets a number once; `known` are setpoint and mode as the box last had them.
+
+        Raises `CommandRefused` where the box says no; a lost reply is no error, because what was set is read back.
+        """
+        confirm = [filled(each, value=value, any="{any}") for each in quantity.confirm]
+        self._tell(filled(quantity.send or "", value=value, **known), confirm)
 
     def tell(self, command: Command, known: dict[str, object]) -> None:
-        """Send a text once."""
+        """Send a text once; raises as `set`."""
         self._tell(filled(command.send or "", **known), command.confirm)
 
-    def _tell(self, request: str, confirm: str | None) -> None:
-        if confirm is None:
+    def _tell(self, request: str, confirm: Sequence[str]) -> None:
+        if not confirm:
             self._exchange.tell(request)
-        else:
-            self._exchange.command(request, lambda line: line == confirm, len(confirm))
+            return
+
+        def accept(line: str) -> bool:
+            if any(agrees(each, line) for each in confirm):
+                return True
+            if self._refused is not None and (code := found_in(self._refused, line)) is not None:
+                raise CommandRefused(f"{self._device} refused {request!r} with code {code}; look at its panel")
+            return False
+
+        self._exchange.command(request, accept, len(confirm[0]))
 
 
 class RegisterMedium:

@@ -16,7 +16,6 @@ from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
-from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 
@@ -73,6 +72,8 @@ def _box(description: Path | None, kind: Callable[..., SimulatedChamberControlle
         if path is None:
             raise ValueError("a box needs its description")
         box = load_box(path)
+        if options.terminator is not None:
+            box = box.ended_with(options.terminator)
         said = {
             name: getattr(options, name) for name in ("address", "framing") if box.modbus and getattr(options, name)
         }
@@ -86,7 +87,6 @@ CHAMBER_SIMULATORS: Mapping[str, Build] = {
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
-    "thermotron": _built(SimulatedThermotron, "terminator"),
     "julabo": _built(SimulatedJulabo, "warning_limits"),
     "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
 }

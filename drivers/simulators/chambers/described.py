@@ -24,7 +24,7 @@ from drivers.chambers.controllers.description import (
     Quantity,
     Question,
 )
-from drivers.chambers.controllers.templates import taken_from
+from drivers.chambers.controllers.templates import filled, reply_with, taken_from
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.lines import SimulatedLines
 from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
@@ -42,7 +42,10 @@ class _Described(SimulatedController, ABC):
     def _answers(self, now_s: float) -> Iterator[tuple[Question | None, float | str | None]]:
         """Give every question and what is answered: a temperature or another number, or a word."""
         box, identity = self._box, self._box.identify
-        yield identity, identity.expect if box.modbus else f"{identity.expect or box.name} SIMULATED"
+        yield (
+            identity,
+            identity.expect if box.modbus else box.simulated.identity or f"{identity.expect or box.name} SIMULATED",
+        )
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
         if box.unit is not None:
@@ -51,12 +54,17 @@ class _Described(SimulatedController, ABC):
         yield box.setpoint, self._shown(self.setpoint_degC)
         yield box.low_limit, self._shown(self.limits.low_degC)
         yield box.high_limit, self._shown(self.limits.high_degC)
-        yield from ((each, each.word_for(self.mode)) for each in box.state)
+        decided = False
+        for state in box.state:
+            yield state, state.word_for("next" if decided else self.mode)
+            decided |= self.mode in state.modes.values()
         yield from ((each, self._alarm_word(each)) for each in box.alarms)
         yield box.ramp_degC_per_min, self.ramp_degC_per_min
         yield box.dead_man_s, self.dead_man_s
 
     def _alarm_word(self, question: AlarmQuestion) -> str:
+        if question.bits is not None:
+            return str(sum(1 << int(alarm) for alarm in set(self.alarms)))
         return self.alarms[0] if self.alarms else question.none[0]
 
     @property
@@ -109,14 +117,8 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         super().__init__(plant, framing=framing, reply_framing=reply_framing, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
-        lines = [
-            question.answer(f"{value:.1f}" if isinstance(value, float) else value)
-            for question, value in self._answers(now_s)
-            if question is not None and request == question.ask and value is not None
-        ]
-        if lines:  # one reply may answer several questions, each in its place
-            columns = zip_longest(*lines, fillvalue=" ")
-            return "".join(max(column) for column in columns)
+        if (answer := self._answer_to(request, now_s)) is not None:
+            return answer
         self._refuse_if_locked()
         for commands, mode in self._switches:
             for command in commands:
@@ -124,12 +126,31 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
                     if "setpoint" in found:
                         self._adopt("setpoint", float(found["setpoint"]))
                     self._switch(mode)
-                    return command.confirm
+                    return command.confirm[0] if command.confirm else None
         for name, quantity in self._quantities:
             if (value := quantity.taken(request)) is not None:
                 self._adopt(name, value)
-                return quantity.confirm
-        return None
+                return filled(quantity.confirm[0], value=value) if quantity.confirm else None
+        raise Refusal(self._refusal())
+
+    def _answer_to(self, request: str, now_s: float) -> str | None:
+        """Return one line that answers all questions asked by this text, each in its place or by its bit."""
+        answered = [(each, value) for each, value in self._answers(now_s) if each and each.ask == request and value]
+        bits = sum(int(value) << each.bit for each, value in answered if each.bit is not None)
+        lines = [each.answer(self._written(bits if each.bit is not None else value)) for each, value in answered]
+        if not lines:
+            return self._box.simulated.answers.get(request)
+        return "".join(max(column) for column in zip_longest(*lines, fillvalue=" "))
+
+    def _written(self, value: float | str) -> str:
+        return f"{value:.{self._box.simulated.decimals}f}" if isinstance(value, float) else str(value)
+
+    def _refuse(self, request: str, refusal: Refusal) -> str | None:
+        del request
+        return self._box.refused and reply_with(self._box.refused, str(refusal))
+
+    def _refusal(self) -> str:
+        return "5"
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):

@@ -14,7 +14,6 @@ from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
@@ -23,10 +22,10 @@ from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
-from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
+from tests.drivers.chambers.shipped import simulated_thermotron, thermotron
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -69,7 +68,7 @@ def _simserv(air: float = 22.0, **settings: Any) -> Build:
 
 def _thermotron(**settings: Any) -> Build:
     settings = {"setpoint_degC": 22.0, "replies": "echo"} | settings
-    return lambda: SimulatedThermotron(ChamberPlant(), latency_s=0.0, **settings)
+    return lambda: simulated_thermotron(ChamberPlant(), latency_s=0.0, **settings)
 
 
 def _julabo(**settings: Any) -> Build:
@@ -213,11 +212,11 @@ _SIMSERV: dict[str, Vector] = {
     "running": Vector(b"14003\xb61\xb61\r", b"1\xb60\r\n", _simserv(), _sees(SimServ, mode="OFF")),
 }
 _8200: dict[str, Vector] = {
-    "pv": Vector(b"PVAR1?\r", b"22.000\r", _thermotron(), _sees(Thermotron, temperature=22.0)),
-    "sp": Vector(b"SETP1?\r", b"22.000\r", _thermotron(), _sees(Thermotron, setpoint=22.0)),
-    "set": Vector(b"SETP1,22.000\r", b"22.000\r", _thermotron(), _does(Thermotron, _sets(22.0))),
-    "run": Vector(b"RUNM\r", b"", _thermotron(), _does(Thermotron, lambda driver: driver.start())),
-    "stop": Vector(b"STOP\r", b"", _thermotron(), _does(Thermotron, lambda driver: driver.stop(off=True))),
+    "pv": Vector(b"PVAR1?\r", b"22.000\r", _thermotron(), _sees(thermotron, temperature=22.0)),
+    "sp": Vector(b"SETP1?\r", b"22.000\r", _thermotron(), _sees(thermotron, setpoint=22.0)),
+    "set": Vector(b"SETP1,22.000\r", b"22.000\r", _thermotron(), _does(thermotron, _sets(22.0))),
+    "run": Vector(b"RUNM\r", b"", _thermotron(), _does(thermotron, lambda driver: driver.start())),
+    "stop": Vector(b"STOP\r", b"", _thermotron(), _does(thermotron, lambda driver: driver.stop(off=True))),
 }
 _NO_TERMINATOR = "the source gives no terminator, and "
 _8800: dict[str, Vector] = {

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
-from drivers.simulators.chambers.described import SimulatedRegisterBox
+from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
 from drivers.transports import Transport
@@ -50,3 +50,20 @@ def simulated_f4t(plant: ChamberPlant, **settings: Any) -> SimulatedWatlowF4t:
 def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
     """Return a simulated EZT-570i."""
     return SimulatedRegisterBox(plant, shipped("ezt-570i"), **settings)
+
+
+def thermotron(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of a Thermotron."""
+    return SetpointBox(transport, clock, shipped("thermotron"), **settings)
+
+
+def simulated_thermotron(
+    plant: ChamberPlant, *, replies: Literal["echo", "code"] = "code", **settings: Any
+) -> SimulatedSetpointBox:
+    """Return a simulated 8800, or an 8200 that echoes a setpoint and answers RUNM and STOP with nothing."""
+    box = shipped("thermotron")
+    if replies == "echo":
+        silent = tuple(each.model_copy(update={"confirm": ()}) for each in (*box.start, *box.stop))
+        setpoint = box.setpoint.model_copy(update={"confirm": box.setpoint.confirm[::-1]})
+        box = box.model_copy(update={"setpoint": setpoint, "start": silent[:1], "stop": silent[1:]})
+    return SimulatedSetpointBox(plant, box, **settings)

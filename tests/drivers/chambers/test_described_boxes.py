@@ -252,11 +252,6 @@ TEXT: dict[str, Any] = {
             "box.yaml: temperature: say how it is asked: ask and reply, or register",
         ),
         (PLC, {"alarms": {"register": 8, "bits": {16: "x"}}}, "box.yaml: alarms.bits.16"),
-        (
-            PLC,
-            {"state": [PLC["state"], PLC["state"]]},
-            "box.yaml: state: only the last question may do without otherwise; write otherwise: next",
-        ),
         (TEXT, {"start": {"send": "GO"}}, "box.yaml: give state, start and stop; or none of them"),
         (TEXT, {"frame": {"parts": ["STX", "text", "EXT"]}}, "box.yaml: frame: 'EXT' is no part of a frame; there are"),
         (TEXT, {"frame": {"parts": ["STX", "text"]}}, "box.yaml: frame: a frame begins with a control character"),
