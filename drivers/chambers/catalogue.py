@@ -9,7 +9,7 @@ The simulator of each is under the same name in `drivers.simulators.chambers`.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
@@ -22,6 +22,7 @@ from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import Clock
+from drivers.outside import Catalogue
 from drivers.transports import Transport
 from drivers.transports.modbus import Framing
 
@@ -68,7 +69,8 @@ class ChamberDriver:
     """One driver: how a person calls its controllers, their line, and how it is put together.
 
     `dead_man` says that its controllers can have a timer of their own which stops them when they are left alone.
-    `description` is the file that says what its controllers speak, where that is no code.
+    `description` is the file that says what its controllers speak, where that is no code; `simulator` is how a driver
+    from outside brings its own (`drivers.simulators.chambers.catalogue` has ours).
     """
 
     title: str
@@ -76,6 +78,7 @@ class ChamberDriver:
     build: Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
     dead_man: bool = False
     description: Path | None = None
+    simulator: Callable[..., Any] | None = None
 
 
 def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
@@ -129,7 +132,13 @@ def _any_box(transport: Transport, clock: Clock, options: ChamberOptions) -> Sup
 
 _BOXES = Path(__file__).parent / "boxes"
 
-CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
+
+def _brought(entry: ChamberDriver | str | Path) -> ChamberDriver:
+    """Return the driver that a distribution brings: itself, or the file that describes it."""
+    return entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
+
+
+_SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver(
         "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
     ),
@@ -144,3 +153,5 @@ CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),
 }
+
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", _SHIPPED, _brought)

@@ -10,14 +10,12 @@ A box speaks text, or Modbus where its description has a section `modbus`. What 
 register's number is a word as a reply is: what a word means stands with the question.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PositiveFloat,
     PositiveInt,
@@ -25,15 +23,14 @@ from pydantic import (
     model_validator,
 )
 
+from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
 from drivers.chambers.controllers.templates import Order, Reply, filled, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 from drivers.transports.framing import Frame, Framing, Line, Silence
-from drivers.transports.modbus import Framing as ModbusFraming
-from drivers.transports.modbus import NumberType, Table, decoded, encoded, width
 
-Entry = TypeVar("Entry")
+Item = TypeVar("Item")
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
 
@@ -45,37 +42,11 @@ def _as_list(given: object) -> object:
     return given if isinstance(given, list | tuple) else [given]
 
 
-def _registers(given: object) -> object:
-    """Return the first and the last of what is written as 300 or 100-106."""
-    first, _, last = str(given).partition("-")
-    if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first) <= 0xFFFF):
-        raise ValueError(f"{given!r} must be a register, such as 300, or registers, such as 100-106")
-    return int(first), int(last or first)
-
-
 Plain = Annotated[str, Field(min_length=1)]
 Word = Annotated[str, BeforeValidator(_as_word)]
-Address = Annotated[int, Field(ge=0, le=0xFFFF)]
-Registers = Annotated[tuple[int, int], BeforeValidator(_registers)]
-Several = Annotated[tuple[Entry, ...], BeforeValidator(_as_list)]
+Several = Annotated[tuple[Item, ...], BeforeValidator(_as_list)]
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
-
-
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class InRegister(_Entry):
-    """A place in a Modbus controller: `type` and `scale` are the box's own where they are not given."""
-
-    address: Address | None = Field(default=None, alias="register")  # a class has a method of that name
-    table: Table = "holding"
-    type: NumberType | None = None
-    scale: PositiveFloat | None = None
-    bit: Annotated[int, Field(ge=0, le=15)] | None = None
-    optional: ClassVar[bool] = False
-    numeric: ClassVar[bool] = False
 
 
 class Question(InRegister):
@@ -249,59 +220,20 @@ class AlarmQuestion(Question):
         return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
 
-class ModbusSection(_Entry):
-    """How registers are spoken to: what is so of each number that does not say otherwise, and what is read together."""
-
-    framing: ModbusFraming = "rtu"
-    address: Annotated[int, Field(ge=0, le=247)] = 1
-    type: NumberType = "int16"
-    scale: PositiveFloat = 1.0
-    decimals_register: Address | None = None
-    words: Literal["low first", "high first"] = "low first"
-    writes: Literal["single", "several"] = "single"  # function 6 where one register holds it, or always 16
-    reads: tuple[Registers, ...] = ()
-
-    def width(self, entry: InRegister) -> int:
-        """Return how many registers, or coils, hold an entry."""
-        return 1 if entry.table in ("coil", "discrete") else width(self._type(entry))
-
-    def number(self, entry: InRegister, registers: Sequence[int], decimals: int | None = None) -> float:
-        """Return what an entry's registers hold, where the controller shows `decimals`: whole where nothing scales."""
-        return decoded(registers, self._type(entry), scale=self.step(entry, decimals), low_word_first=self._low_first)
-
-    def registers(self, entry: InRegister, value: float, decimals: int | None = None) -> tuple[int, ...]:
-        """Return the registers that hold `value`; raise `ValueError` where none can."""
-        step = self.step(entry, decimals)
-        return encoded(value, self._type(entry), scale=step, low_word_first=self._low_first)
-
-    def step(self, entry: InRegister, decimals: int | None) -> float:
-        """Return the step in which an entry is counted."""
-        if entry.scale is not None or not entry.numeric:
-            return entry.scale or 1.0
-        return self.scale if decimals is None else 10.0**-decimals
-
-    def _type(self, entry: InRegister) -> NumberType:
-        return entry.type or (self.type if entry.numeric else "uint16")
-
-    @property
-    def _low_first(self) -> bool:
-        return self.words == "low first"
-
-
-class SimulatedSection(_Entry):
+class SimulatedSection(Entry):
     """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses."""
 
-    registers: dict[Registers, int] = {}
-    same: dict[Address, Address] = {}
+    registers: dict[Registers, int] = Field(default_factory=dict)
+    same: dict[Address, Address] = Field(default_factory=dict)
     silent_refusals: bool = False
     takes_any_setpoint: bool = False  # also beyond its limits
     pause_s: float = Field(default=0.0, ge=0.0)
     decimals: int = Field(default=1, ge=0)  # of the numbers in its texts
     identity: Plain | None = None
-    answers: dict[Plain, str] = {}  # to other texts
+    answers: dict[Plain, str] = Field(default_factory=dict)  # to other texts
 
 
-class LineSection(_Entry):
+class LineSection(Entry):
     """The serial line as its maker ships it."""
 
     baud: PositiveInt = 9600
@@ -309,7 +241,7 @@ class LineSection(_Entry):
     parity: Literal["N", "E", "O"] = "N"
 
 
-class BoxDescription(_Entry):
+class BoxDescription(Entry):
     """A whole box. Times in seconds, temperatures in °C; what a box does not have is left out."""
 
     name: Plain

@@ -1,6 +1,6 @@
 """Every simulated chamber controller, under the name of the driver that speaks to it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
@@ -41,6 +41,7 @@ class SimulatedChamberController(SimulatedDevice, Protocol):
     mode: str
     setpoint_degC: float
     alarms: tuple[str, ...]
+    ignored_requests: int
 
     def inject(self, fault: ChamberFault) -> None:
         """Let one more thing go wrong."""
@@ -82,11 +83,27 @@ def _box(description: Path | None, kind: Callable[..., SimulatedChamberControlle
     return build
 
 
-CHAMBER_SIMULATORS: Mapping[str, Build] = {
-    **{name: _box(driver.description) for name, driver in CHAMBER_DRIVERS.items()},
+_SHIPPED: Mapping[str, Build] = {
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
     "julabo": _built(SimulatedJulabo, "warning_limits"),
     "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
 }
+
+
+class _Simulators(Mapping[str, Build]):
+    """The simulator of every driver: its own, the one that it brings, or the box of its description."""
+
+    def __getitem__(self, name: str) -> Build:
+        driver = CHAMBER_DRIVERS[name]
+        return _SHIPPED.get(name) or driver.simulator or _box(driver.description)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(CHAMBER_DRIVERS)
+
+    def __len__(self) -> int:
+        return len(CHAMBER_DRIVERS)
+
+
+CHAMBER_SIMULATORS: Mapping[str, Build] = _Simulators()

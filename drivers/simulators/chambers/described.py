@@ -16,14 +16,8 @@ from itertools import zip_longest
 from typing import Any, Literal
 
 from drivers.chambers import ChamberLimits
-from drivers.chambers.controllers.description import (
-    AlarmQuestion,
-    BoxDescription,
-    Command,
-    ModbusSection,
-    Quantity,
-    Question,
-)
+from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
+from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import filled, reply_with, taken_from
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.lines import SimulatedLines
