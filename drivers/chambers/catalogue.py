@@ -16,7 +16,6 @@ from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.julabo import Julabo, WarningLimits
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
@@ -25,6 +24,8 @@ from drivers.clock import Clock
 from drivers.outside import Catalogue
 from drivers.transports import Transport
 from drivers.transports.modbus import Framing
+
+WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) ->
     box = load_box(path)
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        description = box if options.description is None else load_box(options.description)
+        description = load_box(options.description or path, options.warning_limits)
         if options.terminator is not None:
             description = description.ended_with(options.terminator)
         settings = ("address", "framing", *said) if description.modbus else said
@@ -149,7 +150,7 @@ _SHIPPED: Mapping[str, ChamberDriver] = {
     ),
     "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
-    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo, "warning_limits")),
+    "julabo": _described(_BOXES / "julabo.yaml"),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),
 }

@@ -73,7 +73,7 @@ def test_the_drivers_are_found() -> None:
     """If this list is short the rest proves nothing."""
     found = {kind.__name__ for _, kind in DRIVERS}
     assert {"Espec", "WatlowF4t", "VoetschAscii", "SimServ"} <= found
-    assert {"Julabo", "SetpointBox", "StreamImu", "OperatorPositioner", "IndexingPositioner"} <= found
+    assert {"SetpointBox", "StreamImu", "OperatorPositioner", "IndexingPositioner"} <= found
 
 
 @of_a_driver

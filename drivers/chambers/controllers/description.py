@@ -11,6 +11,7 @@ register's number is a word as a reply is: what a word means stands with the que
 """
 
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -55,6 +56,7 @@ class Question(InRegister):
     ask: Plain | None = None
     reply: Reply = "{value}"
     length: PositiveInt | None = None
+    hint: str = ""  # what to look at where it is not answered
 
     @model_validator(mode="after")
     def _asked_in_one_way(self) -> Self:
@@ -168,6 +170,12 @@ class Identity(Question):
             raise ValueError("say how it is asked: ask and reply, or register; or give its model")
         return self
 
+    def meaning(self, word: str) -> str:
+        """Return the word; a name that is asked by text has letters, a late reply to something else may have none."""
+        if self.ask is not None and not any(map(str.isalpha, word)):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no name")
+        return word
+
 
 class UnitQuestion(Question):
     """The unit, with the words for °C and °F."""
@@ -202,16 +210,22 @@ class StateQuestion(Question):
 
 
 class AlarmQuestion(Question):
-    """Alarms: the words that mean that there is none, or the names of `bits`. `name` is how one is reported."""
+    """Alarms: the words that mean that there is none, or the names of `bits`. `name` is how one is reported.
+
+    In words `*` stands for anything and `?` for one character. Where `some` are given no others can be.
+    """
 
     none: Annotated[Several[Word], Field(min_length=1)] = ("0",)
+    some: Several[Word] = ("*",)
     name: Plain = "alarm {value}"
     bits: dict[Annotated[int, Field(ge=0, le=15)], Plain] | None = None
 
     def meaning(self, word: str) -> tuple[str, ...]:
         """Return the alarms that stand."""
-        if word in self.none:
+        if any(fnmatchcase(word, each) for each in self.none):
             return ()
+        if not any(fnmatchcase(word, each) for each in self.some):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no alarm and not none")
         if self.bits is None:
             return (self.name.replace("{value}", word),)
         if not word.isdecimal():
@@ -230,6 +244,8 @@ class SimulatedSection(Entry):
     pause_s: float = Field(default=0.0, ge=0.0)
     decimals: int = Field(default=1, ge=0)  # of the numbers in its texts
     identity: Plain | None = None
+    alarm: Plain = "4"
+    any_case: bool = False
     answers: dict[Plain, str] = Field(default_factory=dict)  # to other texts
 
 
@@ -275,6 +291,7 @@ class BoxDescription(Entry):
     standby: Several[Command] = ()
     end_program: Several[Command] = ()
     alarms: Several[AlarmQuestion] = ()
+    variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
     ramp_degC_per_min: Quantity | None = None
     dead_man_s: Quantity | None = None
 
@@ -325,14 +342,19 @@ class BoxDescription(Entry):
         return self
 
 
-def load_box(path: str | Path) -> BoxDescription:
-    """Read a description; raise `InputError` in one sentence that names the file and the key."""
-    return parse_box(read_text(path), str(path))
+def load_box(path: str | Path, variant: str | None = None) -> BoxDescription:
+    """Read a description, or what it is for one of its `variants`.
+
+    Raises `InputError` in one sentence that names the file and the key.
+    """
+    return parse_box(read_text(path), str(path), variant)
 
 
-def parse_box(text: str, source: str) -> BoxDescription:
+def parse_box(text: str, source: str, variant: str | None = None) -> BoxDescription:
     """Read a description from YAML text; `source` names it in messages. Raises `InputError` where it is none."""
     document = parse_yaml(text, source)
+    if variant is not None:
+        document |= document.get("variants", {}).get(variant, {})
     try:
         return BoxDescription.model_validate(document)
     except ValidationError as error:

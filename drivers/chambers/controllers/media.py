@@ -11,7 +11,7 @@ from drivers.chambers.controllers.description import BoxDescription, Command, Qu
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import agrees, filled, found_in
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, ProtocolError
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
 from drivers.transports import Transport
 from drivers.transports.lines import LineExchange, LineTiming
 from drivers.transports.modbus import Framing, ModbusExchange, ModbusTiming, Table
@@ -32,7 +32,7 @@ class TextMedium:
         )
         self.decimals: int | None = None
         self._device, self._refused = device, box.refused
-        self._lengths = {each.ask: each.length for _, each in box.named if isinstance(each, Question)}
+        self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}
 
     def fetches(self, questions: Iterable[Question]) -> dict[str, list[Question]]:
         """Return the texts that must be sent, and which questions the reply to each answers."""
@@ -42,8 +42,12 @@ class TextMedium:
         return found
 
     def fetch(self, text: str, accept: Callable[[str], Answers]) -> Answers:
-        """Send a text until its reply is accepted, a bounded number of times."""
-        return self._exchange.query(text, accept, self._lengths[text])
+        """Send a text until its reply is accepted, a bounded number of times; raise `DeviceTimeout` with its hint."""
+        length, hint = self._about[text]
+        try:
+            return self._exchange.query(text, accept, length)
+        except DeviceTimeout as error:
+            raise DeviceTimeout(f"{error}; {hint}" if hint else str(error)) from error
 
     def begin(self, *, anew: bool = False) -> None:
         """Ask what must be known before anything else can be understood: nothing."""

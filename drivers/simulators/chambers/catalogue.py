@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers.catalogue import WarningLimits
 from drivers.chambers.controllers.description import load_box
-from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
-from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
@@ -72,7 +71,7 @@ def _box(description: Path | None, kind: Callable[..., SimulatedChamberControlle
         path = options.description or description
         if path is None:
             raise ValueError("a box needs its description")
-        box = load_box(path)
+        box = load_box(path, options.warning_limits)
         if options.terminator is not None:
             box = box.ended_with(options.terminator)
         said = {
@@ -87,7 +86,6 @@ _SHIPPED: Mapping[str, Build] = {
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
-    "julabo": _built(SimulatedJulabo, "warning_limits"),
     "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
 }
 

@@ -103,14 +103,14 @@ class _Described(SimulatedController, ABC):
 class SimulatedSetpointBox(_Described, SimulatedLines):
     """A `SimulatedDevice` made from a description of text. What it does not understand it does not answer."""
 
-    _usual_alarm = "4"
-
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
+        self._usual_alarm = description.simulated.alarm
         framing, reply_framing = description.framings
         super().__init__(plant, framing=framing, reply_framing=reply_framing, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
+        request = request.upper() if self._box.simulated.any_case else request
         if (answer := self._answer_to(request, now_s)) is not None:
             return answer
         self._refuse_if_locked()

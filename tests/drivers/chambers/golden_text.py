@@ -12,20 +12,18 @@ from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
 from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.espec import SimulatedEspec
-from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
-from tests.drivers.chambers.shipped import simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import julabo, simulated_julabo, simulated_thermotron, thermotron
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -72,7 +70,7 @@ def _thermotron(**settings: Any) -> Build:
 
 
 def _julabo(**settings: Any) -> Build:
-    return lambda: SimulatedJulabo(ChamberPlant(), latency_s=0.0, **settings)
+    return lambda: simulated_julabo(ChamberPlant(), latency_s=0.0, **settings)
 
 
 def _ascii2(transport: Transport, clock: Clock) -> VoetschAscii:
@@ -226,10 +224,10 @@ _8800: dict[str, Vector] = {
 _CF31 = "JULABO CRYOCOMPACT CF31 VERSION 5.0"
 _LINE_ENDS = "that simulator ends its lines with CR LF; ours ends them with LF, as the manual says"
 _JULABO: dict[str, Vector] = {
-    "read_sp": Vector(b"IN_SP_00\r", b"55.5\n", _julabo(setpoint_degC=55.5), _sees(Julabo, setpoint=55.5)),
-    "set_sp": Vector(b"OUT_SP_00 55.5\r", b"", _julabo(), _does(Julabo, _sets(55.5))),
-    "version": Vector(b"VERSION\r", f"{_CF31}\r\n".encode(), _LINE_ENDS, _is(Julabo, _CF31)),
-    "status": Vector(b"STATUS\r", b"03 REMOTE START\r\n", _LINE_ENDS, _sees(Julabo, alarms=())),
+    "read_sp": Vector(b"IN_SP_00\r", b"55.5\n", _julabo(setpoint_degC=55.5), _sees(julabo, setpoint=55.5)),
+    "set_sp": Vector(b"OUT_SP_00 55.5\r", b"", _julabo(), _does(julabo, _sets(55.5))),
+    "version": Vector(b"VERSION\r", f"{_CF31}\r\n".encode(), _LINE_ENDS, _is(julabo, _CF31)),
+    "status": Vector(b"STATUS\r", b"03 REMOTE START\r\n", _LINE_ENDS, _sees(julabo, alarms=())),
 }
 _SB22_REASON = "its replies are not published, and ours would only be what we describe"
 _SB22: dict[str, Vector] = {

@@ -67,3 +67,13 @@ def simulated_thermotron(
         setpoint = box.setpoint.model_copy(update={"confirm": box.setpoint.confirm[::-1]})
         box = box.model_copy(update={"setpoint": setpoint, "start": silent[:1], "stop": silent[1:]})
     return SimulatedSetpointBox(plant, box, **settings)
+
+
+def julabo(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of a Julabo."""
+    return SetpointBox(transport, clock, shipped("julabo"), **settings)
+
+
+def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
+    """Return a simulated Julabo."""
+    return SimulatedSetpointBox(plant, shipped("julabo"), **settings)

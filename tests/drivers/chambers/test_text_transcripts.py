@@ -9,7 +9,6 @@ import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.supervised import SupervisedChamber
@@ -17,7 +16,7 @@ from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
-from tests.drivers.chambers.shipped import simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import julabo, simulated_thermotron, thermotron
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -305,7 +304,7 @@ def _julabo(setpoint: str, high: str, low: str, status: str = "03 REMOTE START")
 def test_julabo_sets_its_temperature_and_its_warning_limits() -> None:
     """The high limit is widened before, the low one tightened after; nothing is answered, everything read back."""
     chamber, device = _chamber(
-        Julabo,
+        julabo,
         [
             ("VERSION", "JULABO CRYOCOMPACT CF31 VERSION 5.0"),
             *_julabo("20.0", "60.00", "-50.00"),
@@ -323,6 +322,6 @@ def test_julabo_sets_its_temperature_and_its_warning_limits() -> None:
 def test_julabo_alarms_and_complaints_about_commands_are_told_apart() -> None:
     """-01 is an alarm; -10 was about the last command."""
     for status, alarms in (("-01 LOW LEVEL ALARM", ("-01 LOW LEVEL ALARM",)), ("-10 VALUE TOO SMALL", ())):
-        chamber, device = _chamber(Julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
+        chamber, device = _chamber(julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
         assert chamber.read().alarms == alarms
         device.finish()
