@@ -150,8 +150,8 @@ def as_written(parts: Sequence[int | str], document: object) -> str:
             here = here[array]  # type: ignore[index]
             if number == len(parts) - 1:
                 place[-1] += f" (its element {part})"
-        elif number == len(parts) - 1 and re.fullmatch(r"\w+", str(part)):
-            place.append(str(part))  # a key that is missing
+        elif number == len(parts) - 1 and isinstance(part, str) and re.fullmatch(r"\w+", part):
+            place.append(part)  # a key that is missing
     return ".".join(place)
 
 

@@ -9,24 +9,23 @@ The simulator of each is under the same name in `drivers.simulators.chambers`.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.ezt570i import Ezt570i
-from drivers.chambers.controllers.julabo import Julabo, WarningLimits
 from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
-from drivers.chambers.controllers.watlow_f4 import WatlowF4
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import Clock
+from drivers.outside import Catalogue
 from drivers.transports import Transport
 from drivers.transports.modbus import Framing
+
+WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
 
 
 @dataclass(frozen=True)
@@ -71,12 +70,16 @@ class ChamberDriver:
     """One driver: how a person calls its controllers, their line, and how it is put together.
 
     `dead_man` says that its controllers can have a timer of their own which stops them when they are left alone.
+    `description` is the file that says what its controllers speak, where that is no code; `simulator` is how a driver
+    from outside brings its own (`drivers.simulators.chambers.catalogue` has ours).
     """
 
     title: str
     line: SerialLine
     build: Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
     dead_man: bool = False
+    description: Path | None = None
+    simulator: Callable[..., Any] | None = None
 
 
 def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
@@ -106,28 +109,50 @@ def _built(
     return build
 
 
-def _box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
+    """Return the driver of a description."""
+    box = load_box(path)
+
+    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+        description = load_box(options.description or path, options.warning_limits)
+        if options.terminator is not None:
+            description = description.ended_with(options.terminator)
+        settings = ("address", "framing", *said) if description.modbus else said
+        given = {name: getattr(options, name) for name in settings if getattr(options, name) is not None}
+        return supervised(kind(transport, clock, description, **given), clock, options)
+
+    line = SerialLine(box.line.baud, box.line.data_bits, box.line.parity)
+    return ChamberDriver(box.title or box.name, line, build, box.dead_man_s is not None, path)
+
+
+def _any_box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
     if options.description is None:
         raise ValueError("a box needs its description")
-    return supervised(SetpointBox(transport, clock, load_box(options.description)), clock, options)
+    return _described(options.description).build(transport, clock, options)
 
 
-CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = {
+_BOXES = Path(__file__).parent / "boxes"
+
+
+def _brought(entry: ChamberDriver | str | Path) -> ChamberDriver:
+    """Return the driver that a distribution brings: itself, or the file that describes it."""
+    return entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
+
+
+_SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver(
         "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
     ),
-    "watlow-f4": ChamberDriver("Watlow F4", SerialLine(9600), _built(WatlowF4, "address", "framing")),
-    "ezt-570i": ChamberDriver(
-        "Cincinnati Sub-Zero EZT-570i", SerialLine(9600, parity="E"), _built(Ezt570i, "address", "framing")
-    ),
+    "watlow-f4": _described(_BOXES / "watlow-f4.yaml"),
+    "ezt-570i": _described(_BOXES / "ezt-570i.yaml"),
     "voetsch-ascii2": ChamberDriver(
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
     "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
-    "thermotron": ChamberDriver("Thermotron 8200, 8800, 3800", SerialLine(9600), _built(Thermotron, "terminator")),
-    "julabo": ChamberDriver("Julabo circulator", SerialLine(4800, parity="E"), _built(Julabo, "warning_limits")),
-    "watlow-f4t": ChamberDriver(
-        "Watlow F4T, Modbus TCP", SerialLine(38400), _built(WatlowF4t, "address", "framing", "ramp_port")
-    ),
-    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _box, dead_man=True),
+    "thermotron": _described(_BOXES / "thermotron.yaml"),
+    "julabo": _described(_BOXES / "julabo.yaml"),
+    "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
+    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),
 }
+
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", _SHIPPED, _brought)

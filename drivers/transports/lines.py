@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, ProtocolError, TransportError
 from drivers.transports.asking import Reply, asked
+from drivers.transports.framing import Framing, Line
 from drivers.transports.transport import Transport
 
 _LONGEST_LINE = 512  # bytes; what is longer is noise
@@ -37,8 +38,8 @@ class LineTiming:
 class LineExchange:
     """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
 
-    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own. `encoding` is that
-    of the text between them.
+    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own; `framing` and
+    `reply_framing` are what stands around them where that is no terminator. `encoding` is that of the text itself.
     """
 
     def __init__(
@@ -47,30 +48,33 @@ class LineExchange:
         clock: Clock,
         *,
         device: str,
-        terminator: bytes,
+        terminator: bytes = b"",
         timing: LineTiming | None = None,
         reply_terminator: bytes | None = None,
+        framing: Framing | None = None,
+        reply_framing: Framing | None = None,
         encoding: str = "ascii",
     ) -> None:
         self._transport = transport
         self._clock = clock
         self._device = device
-        self._terminator = terminator
-        self._reply_terminator = terminator if reply_terminator is None else reply_terminator
+        self._framing = framing or Line(terminator)
+        self._reply_framing = reply_framing or Line(reply_terminator or terminator)
         self._encoding = encoding
         self._timing = timing or LineTiming()
         self._ready_at_s = clock.now()
         self._unanswered = False
 
-    def query(self, request: str, parse: Callable[[str], Reply]) -> Reply:
+    def query(self, request: str, parse: Callable[[str], Reply], length: int | None = None) -> Reply:
         """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
 
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
+        `length` is that of the reply, where nothing ends it.
         """
-        return asked(lambda: self._ask(request, parse), self._timing.attempts)
+        return asked(lambda: self._ask(request, parse, length), self._timing.attempts)
 
-    def command(self, request: str, accept: Callable[[str], bool]) -> bool:
-        """Send `request` once; return whether it was acknowledged before the deadline.
+    def command(self, request: str, accept: Callable[[str], bool], length: int | None = None) -> bool:
+        """Send `request` once; return whether it was acknowledged before the deadline, in a reply of this `length`.
 
         False means that nobody knows whether it was carried out: read back. `accept` returns True for an
         acknowledgement, False for a line that belongs to something else (a late reply to an earlier request, an
@@ -81,7 +85,7 @@ class LineExchange:
             deadline_s = self._clock.now() + self._timing.timeout_s
             while True:
                 try:
-                    line = self._receive(request, deadline_s)
+                    line = self._receive(request, deadline_s, length)
                 except ProtocolError:
                     continue
                 except (DeviceTimeout, TransportError):
@@ -96,28 +100,30 @@ class LineExchange:
         self._send(request)
         self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
 
-    def _ask(self, request: str, parse: Callable[[str], Reply]) -> Reply:
+    def _ask(self, request: str, parse: Callable[[str], Reply], length: int | None) -> Reply:
         try:
             self._send(request)
-            return parse(self._receive(request, self._clock.now() + self._timing.timeout_s))
+            return parse(self._receive(request, self._clock.now() + self._timing.timeout_s, length))
         finally:
             self._ready_at_s = self._clock.now() + self._timing.pause_after_query_s
 
     def _send(self, request: str) -> None:
         self._clock.sleep(self._ready_at_s - self._clock.now())
         if self._unanswered and self._timing.late_s > 0.0:
-            with suppress(DeviceTimeout):
-                self._transport.read_until(self._reply_terminator, self._timing.late_s)
+            with suppress(DeviceTimeout, ValueError):
+                self._reply_framing.received(self._transport, self._timing.late_s)
         self._unanswered = False
         self._transport.drain()
-        self._transport.write(request.encode(self._encoding) + self._terminator)
+        self._transport.write(self._framing.packed(request.encode(self._encoding)))
 
-    def _receive(self, request: str, deadline_s: float) -> str:
+    def _receive(self, request: str, deadline_s: float, length: int | None) -> str:
         """Return the next line that is not the echo of the request (two-wire adapters hear themselves)."""
         while True:
             remaining_s = max(0.0, deadline_s - self._clock.now())
             try:
-                received = self._transport.read_until(self._reply_terminator, remaining_s)
+                received = self._reply_framing.received(self._transport, remaining_s, length)
+            except ValueError as error:
+                raise ProtocolError(f"{self._device} answered {request!r} with {error}; check the line") from error
             except DeviceTimeout as error:
                 self._unanswered = True
                 raise DeviceTimeout(
@@ -127,11 +133,12 @@ class LineExchange:
             try:
                 if len(received) > _LONGEST_LINE:
                     raise ValueError("longer than any reply")
-                line = received[: -len(self._reply_terminator)].decode(self._encoding).strip()
+                line = received.decode(self._encoding)
             except ValueError as error:
+                size = len(self._reply_framing.packed(received))
                 raise ProtocolError(
-                    f"{self._device} answered {request!r} with {len(received)} bytes that begin with "
-                    f"{received[:_SHOWN]!r}: no text; check baud rate and parity"
+                    f"{self._device} answered {request!r} with {size} bytes that begin with {received[:_SHOWN]!r}: no "
+                    "text; check baud rate and parity"
                 ) from error
             if line != request:
                 return line

@@ -13,15 +13,17 @@ reply up to `timeout_s + late_s` late is never taken for another. Modbus TCP has
 """
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest, WriteSingleCoilRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
     WriteMultipleRegistersRequest,
     WriteSingleRegisterRequest,
 )
@@ -32,7 +34,16 @@ from drivers.transports.asking import Reply, asked
 from drivers.transports.transport import Transport
 
 Framing = Literal["rtu", "tcp"]
+Table = Literal["holding", "input", "coil", "discrete"]
+NumberType = Literal["int16", "uint16", "int32", "uint32", "float32"]
 
+_READS: Mapping[Table, type[ModbusPDU]] = {
+    "holding": ReadHoldingRegistersRequest,
+    "input": ReadInputRegistersRequest,
+    "coil": ReadCoilsRequest,
+    "discrete": ReadDiscreteInputsRequest,
+}
+_FORMATS: Mapping[NumberType, str] = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
 _MEANINGS = {
     1: "it does not know this function: check that the bench file names the right controller",
     2: "it has no such register: check that the bench file names the right controller",
@@ -53,7 +64,7 @@ class ModbusTiming:
 
 
 class ModbusExchange:
-    """Reads and writes the holding registers of one unit. `device` begins every message."""
+    """Reads and writes the registers and coils of one unit. `device` begins every message."""
 
     def __init__(
         self,
@@ -77,17 +88,17 @@ class ModbusExchange:
         self._unanswered = False
         self._transaction = 0
 
-    def read(self, address: int, count: int) -> list[int]:
-        """Return `count` registers from `address` on, as unsigned numbers.
+    def read(self, address: int, count: int, table: Table = "holding") -> list[int]:
+        """Return `count` registers (or coils: 0 or 1) from `address` on, as unsigned numbers.
 
         Asked at most `attempts` times; raises the last error: `DeviceTimeout`, `ProtocolError`, `CommandRefused` for
         an exception reply, or `TransportError`.
         """
-        return self.query(address, count, lambda registers: registers)
+        return self.query(address, count, lambda registers: registers, table)
 
-    def query(self, address: int, count: int, parse: Callable[[list[int]], Reply]) -> Reply:
+    def query(self, address: int, count: int, parse: Callable[[list[int]], Reply], table: Table = "holding") -> Reply:
         """Read registers until `parse` accepts them; raises as `read` does."""
-        return asked(lambda: parse(self._read_once(address, count)), self._timing.attempts)
+        return asked(lambda: parse(self._read_once(address, count, table)), self._timing.attempts)
 
     def write(self, address: int, value: int) -> bool:
         """Send one register (function 6) once; return whether it was acknowledged.
@@ -103,15 +114,21 @@ class ModbusExchange:
         registers = [_register(value) for value in values]
         return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self._unit))
 
-    def _read_once(self, address: int, count: int) -> list[int]:
-        request = ReadHoldingRegistersRequest(address=address, count=count, dev_id=self._unit)
-        reply = self._exchange(request, f"registers {address} to {address + count - 1}")
-        if len(reply.registers) != count:
+    def write_coil(self, address: int, *, on: bool) -> bool:
+        """Switch one coil (function 5) once; returns and raises (`CommandRefused`) as `write`."""
+        return self._write(WriteSingleCoilRequest(address=address, bits=[on], dev_id=self._unit))
+
+    def _read_once(self, address: int, count: int, table: Table) -> list[int]:
+        bits = table in ("coil", "discrete")
+        what = f"{'coils' if bits else 'registers'} {address} to {address + count - 1}"
+        reply = self._exchange(_READS[table](address=address, count=count, dev_id=self._unit), what)
+        found = [int(bit) for bit in reply.bits] if bits else list(reply.registers)
+        if len(found) != (8 * -(-count // 8) if bits else count):  # bits fill their last byte
             raise ProtocolError(
-                f"{self._device} sent {len(reply.registers)} registers where {count} from {address} on were asked for; "
-                "check that only one program talks to it"
+                f"{self._device} sent {len(found)} where {count} from {address} on were asked for; check that only one "
+                "program talks to it"
             )
-        return list(reply.registers)
+        return found[:count]
 
     def _write(self, request: ModbusPDU) -> bool:
         try:
@@ -174,11 +191,7 @@ class ModbusExchange:
             arrived += more
             if len(arrived) > self._framer.MAX_SIZE:
                 raise ProtocolError(f"{self._device} sent noise; check baud rate, parity and the cable")
-            if (
-                self._framing == "rtu"
-                and isinstance(request, ReadHoldingRegistersRequest)
-                and arrived.startswith(frame)
-            ):
+            if self._framing == "rtu" and isinstance(request, tuple(_READS.values())) and arrived.startswith(frame):
                 arrived = arrived[len(frame) :]  # a two-wire adapter hears itself
             try:
                 arrived, reply = self._decode(arrived)
@@ -211,27 +224,28 @@ def _register(value: int) -> int:
     return value & 0xFFFF
 
 
-def signed(register: int) -> int:
-    """Return a register as a signed 16-bit number."""
-    return register - 0x10000 if register >= 0x8000 else register
+def encoded(value: float, kind: NumberType, *, scale: float = 1.0, low_word_first: bool = True) -> tuple[int, ...]:
+    """Return the one or two registers that hold `value` in units of `scale`; `ValueError` where none can.
+
+    Low word first is Watlow's and Binder's factory order.
+    """
+    form = _FORMATS[kind]
+    try:
+        # int() would make 1000 of 100.1
+        data = struct.pack(f">{form}", value / scale if form == "f" else round(value / scale))
+    except (struct.error, OverflowError, ValueError):
+        raise ValueError(f"{value:g} in units of {scale:g} does not fit into {kind}; nothing was sent") from None
+    words = struct.unpack(f">{len(data) // 2}H", data)
+    return words[::-1] if low_word_first else words
 
 
-def scaled(value: float, decimals: int) -> int:
-    """Return a temperature as the signed register that holds it in 10^-decimals; `ValueError` where none does."""
-    register = round(value * 10.0**decimals)  # int() would make 1000 of 100.1
-    if not -0x8000 <= register <= 0x7FFF:
-        raise ValueError(f"{value:g} with {decimals} decimals does not fit into a register; nothing was sent")
-    return register
+def decoded(registers: Sequence[int], kind: NumberType, *, scale: float = 1.0, low_word_first: bool = True) -> float:
+    """Return the number that registers hold in units of `scale`, whole where both are."""
+    words = registers[::-1] if low_word_first else registers
+    raw: float = struct.unpack(f">{_FORMATS[kind]}", struct.pack(f">{len(words)}H", *words))[0]
+    return raw if scale == 1.0 else round(raw * scale, 6)
 
 
-def float_of(registers: Sequence[int]) -> float:
-    """Return a 32-bit IEEE float from two registers, low word first (Watlow's and Binder's factory order)."""
-    low, high = registers
-    value: float = struct.unpack(">f", struct.pack(">HH", high, low))[0]
-    return value
-
-
-def registers_of(value: float) -> tuple[int, int]:
-    """Return the two registers of a 32-bit IEEE float, low word first."""
-    high, low = struct.unpack(">HH", struct.pack(">f", value))
-    return low, high
+def width(kind: NumberType) -> int:
+    """Return how many registers hold a number."""
+    return struct.calcsize(f">{_FORMATS[kind]}") // 2

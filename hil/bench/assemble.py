@@ -23,6 +23,7 @@ from drivers.errors import DeviceError, TransportError
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
+from drivers.outside import brought, loaded
 from drivers.positioners.indexing import IndexingPositioner
 from drivers.positioners.operator import AskOperator, OperatorPositioner
 from drivers.positioners.positioner import Positioner
@@ -299,9 +300,14 @@ def _chamber(
 def _positioner(
     bench: Bench, imu: StreamImu, clock: Clock, faults: FaultInjector, ask: AskOperator | None
 ) -> Positioner:
+    hands = faults.hands(bench.positions) if bench.imu.port.startswith(SIMULATED_SCHEME) else None
     if ask is not None and bench.imu.positioner == "operator":
-        hands = faults.hands(bench.positions) if bench.imu.port.startswith(SIMULATED_SCHEME) else None
         return OperatorPositioner(faults.answering(ask), clock, instructions=bench.imu.instructions, hands=hands)
+    if (outside := brought("hil.positioners").get(bench.imu.positioner)) is not None:
+        made: Positioner = loaded(outside)(
+            clock=clock, codes=bench.position_codes, hands=hands, **bench.imu.positioner_options
+        )
+        return made
     return IndexingPositioner(imu, clock, bench.position_codes)
 
 

@@ -20,6 +20,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
+from drivers.outside import brought
 from hil.campaign import Sensor
 from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
@@ -135,12 +136,20 @@ class SensorSection(Section):
         return build_orientations(self.orientations, self.axes)
 
 
+def _positioner(name: str) -> str:
+    there = ["indexing", "operator", *brought("hil.positioners")]
+    if name not in there:
+        raise ValueError(f"{name!r} is not allowed; allowed: {' or '.join(map(repr, there))}")
+    return name
+
+
 class ImuSection(Section):
     """The IMU's port and stream, and who turns the unit. Baud and rate are the description's where they are not given.
 
     `parameters` are what the description asks for and the stream does not tell (a range, a unit of the rates). `codes`
     are the unit's own numbers for the positions (position "3" is its number 3 where nothing is said), and
-    `instructions` tell an operator how the unit lies at each.
+    `instructions` tell an operator how the unit lies at each. `positioner_options` are what a positioner that another
+    distribution brings is made with.
     """
 
     description: str
@@ -148,7 +157,8 @@ class ImuSection(Section):
     baud: PositiveInt | None = None
     rate: Annotated[Hertz, Field(gt=0.0, le=100_000.0)] | None = None
     parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)
-    positioner: Literal["indexing", "operator"]
+    positioner: Annotated[str, AfterValidator(_positioner)]
+    positioner_options: dict[str, Any] = Field(default_factory=dict)
     codes: Annotated[dict[str, int], BeforeValidator(_labels)] = Field(default_factory=dict)
     instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
 

@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
 from drivers.chambers import CHAMBER_DRIVERS, SafeState
-from drivers.chambers.catalogue import SerialLine
-from drivers.chambers.controllers.julabo import WarningLimits
+from drivers.chambers.catalogue import SerialLine, WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort

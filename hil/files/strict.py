@@ -12,6 +12,7 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError, model_validator
 
 from drivers.given_file import read_text as read_text
+from drivers.outside import file_of
 from drivers.strict_yaml import first_mistake
 from drivers.strict_yaml import parse_yaml as parse_yaml
 from hil.errors import InputError
@@ -94,7 +95,8 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     """Return the file for `name`, with or without `.yaml` (a table's `.csv`), from anywhere.
 
     An existing path wins, then a file of that name in the folder `beside` (where the file stands that names it), then
-    what ships with hil. `kind` is a key of `SINGULAR`. Raises `InputError` naming the nearest.
+    what ships with hil, then what an installed distribution brings. `kind` is a key of `SINGULAR`. Raises `InputError`
+    naming the nearest.
     """
     path = Path(name).expanduser()
     if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
@@ -107,6 +109,8 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
         for candidate in (folder / path, folder / f"{path}{ending}"):
             if _is(Path.is_file, candidate):
                 return candidate
+    if kind == "imus" and (file := file_of("hil.frames", str(name))) is not None:
+        return file
     what = SINGULAR.get(kind, kind)
     if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")

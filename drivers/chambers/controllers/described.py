@@ -9,74 +9,80 @@ the description's key `verified` says what was seen. A reply that is a bare numb
 question without a reply the line is listened to for 3 s. Temperatures in °C; time-outs are those of the description.
 """
 
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, Literal
 
-from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Unit, Which
-from drivers.chambers.controllers.description import BoxDescription, Command, Quantity, Question
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
+from drivers.chambers.controllers.description import BoxDescription, Command, Identity, Quantity, Question
+from drivers.chambers.controllers.media import RegisterMedium, TextMedium
 from drivers.clock import Clock
-from drivers.errors import ProtocolError, WrongDevice
+from drivers.errors import CommandRefused, ProtocolError, WrongDevice
 from drivers.transports import Transport
-from drivers.transports.lines import LineExchange, LineTiming
-
-Value = TypeVar("Value")
-
-TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
-_LATE_S = 3.0
 
 
 class SetpointBox(Controller):
-    """A `Controller` as a description says."""
+    """A `Controller` as a description says. `settings` of a Modbus box: `address`, `framing`, `timing`."""
 
-    def __init__(self, transport: Transport, clock: Clock, description: BoxDescription) -> None:
-        super().__init__(transport, description.name)
-        self.resolution_degC = description.resolution_degC
-        self.native_limits = "none" if description.low_limit is None else description.limits_are
-        self.sees_programs = "RUN" in description.state.modes.values()
-        self._box = description
-        self._exchange = LineExchange(
-            transport,
-            clock,
-            device=self.device,
-            terminator=TERMINATORS[description.terminator],
-            reply_terminator=TERMINATORS[description.reply_terminator or description.terminator],
-            timing=LineTiming(
-                description.timeout_s,
-                description.pause_after_question_s,
-                description.pause_after_setting_s,
-                late_s=_LATE_S,
-            ),
+    def __init__(self, transport: Transport, clock: Clock, description: BoxDescription, **settings: Any) -> None:
+        super().__init__(transport, "chamber" if description.modbus else description.name)
+        box = self._box = description
+        self.resolution_degC = box.resolution_degC
+        self.native_limits = "none" if box.low_limit is None else box.limits_are
+        self.can_stop = bool(box.stop)
+        self.sees_programs = any("RUN" in (*each.modes.values(), each.otherwise) for each in box.state)
+        self._medium: TextMedium | RegisterMedium = (
+            TextMedium(transport, clock, box, self.device)
+            if box.modbus is None
+            else RegisterMedium(transport, clock, box, self.device, **settings)
         )
+        self._runs = False
+        self._known: dict[str, object] = {
+            "setpoint": 0.0,
+            "mode": box.state[0].word_for("CONSTANT") if box.state else "",
+        }
 
     def identify(self) -> ControllerIdentity:
         """Ask who is there; raise `WrongDevice` where it is not the box of the description."""
-        model = self._ask(self._box.identify, str)
-        if not model.upper().startswith(self._box.identify.expect.upper()):
-            raise WrongDevice(
-                f"{self.device} says it is {model!r}, its description expects {self._box.identify.expect!r}; check "
-                "the cable and the bench file"
-            )
-        return ControllerIdentity(model, self._unit())
+        unit, identity = self._box.unit, self._box.identify
+        model = self._model(identity)
+        try:
+            self._ask(identity.requires)
+        except ProtocolError as error:
+            raise WrongDevice(str(error)) from error
+        self._medium.begin(anew=True)
+        if not identity.asks:
+            return ControllerIdentity(model, self.state().unit)  # who cannot be asked must look like it
+        return ControllerIdentity(model, None if unit is None else self._ask([unit])[id(unit)])
 
     def state(self) -> ControllerState:
-        """Ask for everything that the box can tell."""
+        """Look at everything that the box can tell; raise `ProtocolError` where it contradicts itself."""
         box = self._box
-        alarms = self._ask(box.alarms, str)
+        self._medium.begin()
+        # What reaches the wire is in the panel's step; a finer one than 0.1 °C means nothing to a chamber.
+        self.resolution_degC = max(10.0 ** -(self._medium.decimals or 1), box.resolution_degC)
+        found = self._ask(box.looked_at)
+        low, high, unit = (found.get(id(each)) for each in (box.low_limit, box.high_limit, box.unit))
+        if low is not None and low > high:
+            raise ProtocolError(
+                f"{self.device} has a lower setpoint limit above its upper one; check that the bench file names the "
+                "right controller"
+            )
+        alarms = tuple(alarm for each in box.alarms for alarm in found[id(each)])
+        self._known["setpoint"] = found[id(box.setpoint)]
         return ControllerState(
-            temperature=self._ask(box.temperature, float),
-            setpoint=self._ask(box.setpoint, float),
-            mode=self._ask(box.state, self._mode),
-            alarms=() if alarms in box.alarms.none else (f"alarm {alarms}",),
-            low=None if box.low_limit is None else self._ask(box.low_limit, float),
-            high=None if box.high_limit is None else self._ask(box.high_limit, float),
-            unit=self._unit(),
+            found[id(box.temperature)], found[id(box.setpoint)], self._mode(found), alarms, low, high, unit
         )
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint or a limit."""
         quantity = {"low": self._box.low_limit, "setpoint": self._box.setpoint, "high": self._box.high_limit}[which]
         if quantity is not None:
-            self._tell(quantity.request(value), quantity.confirm)
+            self._medium.set(quantity, value, self._known)
+        if which == "setpoint":
+            self._known["setpoint"] = value
+            if self._box.setpoint.then_start and self._runs:
+                self.start()
 
     def start(self) -> None:
         """Start conditioning."""
@@ -84,16 +90,22 @@ class SetpointBox(Controller):
 
     def stop(self, *, off: bool) -> None:
         """Stop conditioning."""
-        self._do(self._box.stop if off or self._box.standby is None else self._box.standby)
+        self._runs = False
+        self._do(self._box.stop if off or not self._box.standby else self._box.standby)
 
     def end_program(self) -> None:
         """End a program, where the box has such a command."""
-        if self._box.end_program is not None:
-            self._do(self._box.end_program)
+        self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where the description has none. Raises `ProtocolError` where it did not take."""
-        return self._set(self._box.ramp_degC_per_min, degC_per_min)
+        """Set the ramp, °C/min; False where the description has none or this one refuses it.
+
+        Raises `ProtocolError` where it did not take.
+        """
+        try:
+            return self._set(self._box.ramp_degC_per_min, degC_per_min)
+        except CommandRefused:
+            return False
 
     def arm_dead_man(self, seconds: float) -> bool:
         """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""
@@ -102,50 +114,43 @@ class SetpointBox(Controller):
     def _set(self, quantity: Quantity | None, value: float) -> bool:
         if quantity is None:
             return False
-        self._tell(quantity.request(value), quantity.confirm)
-        found = self._ask(quantity, float)
+        self._medium.set(quantity, value, self._known)
+        found = self._ask([quantity])[id(quantity)]
         if abs(found - value) > 0.051:
-            raise ProtocolError(f"{self.device} reads back {found:g} for {quantity.request(value)!r}")
+            raise ProtocolError(f"{self.device} reads back {found:g} where {value:g} was set")
         return True
 
-    def _ask(self, question: Question, convert: Callable[[str], Value]) -> Value:
-        def parse(line: str) -> Value:
-            value = question.value(line)
-            if value is None:
-                raise ProtocolError(
-                    f"{self.device} answered {question.ask!r} with {line!r}, its description expects {question.reply!r}"
-                )
-            try:
-                return convert(value)
-            except ValueError:
-                raise ProtocolError(f"{self.device} answered {question.ask!r} with {line!r}: no number") from None
+    def _do(self, commands: Sequence[Command]) -> None:
+        for command in commands:
+            self._medium.tell(command, self._known)
 
-        return self._exchange.query(question.ask, parse)
+    def _model(self, identity: Identity) -> str:
+        word = self._ask([identity])[id(identity)] if identity.asks else ""
+        if not word.upper().startswith(identity.expect.upper()):
+            what = (
+                f"says it is {word!r}, its description expects {identity.expect!r}; check the cable and the bench file"
+            )
+            raise WrongDevice(f"{self.device} {(identity.otherwise or what).replace('{value}', word)}")
+        return identity.model.replace("{value}", word)
 
-    def _do(self, command: Command) -> None:
-        self._tell(command.send, command.confirm)
+    def _mode(self, found: Mapping[int, Any]) -> Mode:
+        """Return the first mode that a question of the state tells; a box that cannot be switched conditions."""
+        for each in self._box.state:
+            mode: Mode | Literal["next"] = found[id(each)]
+            if mode != "next":
+                self._known["mode"], self._runs = each.word_for(mode), mode == "CONSTANT"
+                return mode
+        return "CONSTANT"
 
-    def _tell(self, request: str, confirm: str | None) -> None:
-        if confirm is None:
-            self._exchange.tell(request)
-        else:
-            self._exchange.command(request, lambda line: line == confirm)
+    def _ask(self, questions: Sequence[Question]) -> dict[int, Any]:
+        """Return the meanings of the answers, by the questions' ids; what answers several is fetched once."""
+        found: dict[int, Any] = {}
+        for what, answered in self._medium.fetches(questions).items():
+            found |= self._medium.fetch(what, partial(self._meanings, answered))  # type: ignore[arg-type]
+        return found
 
-    def _mode(self, word: str) -> Mode:
-        if word not in self._box.state.modes:
-            raise ProtocolError(f"{self.device} is in state {word!r}, which its description does not have")
-        return self._box.state.modes[word]
-
-    def _unit(self) -> Unit | None:
-        unit = self._box.unit
-        if unit is None:
-            return None
-
-        def known(word: str) -> Unit:
-            if word not in (unit.celsius, unit.fahrenheit):
-                raise ProtocolError(
-                    f"{self.device} says that its unit is {word!r}, which its description does not have"
-                )
-            return "degC" if word == unit.celsius else "degF"
-
-        return self._ask(unit, known)
+    def _meanings(self, questions: Sequence[Question], fetched: Any) -> dict[int, Any]:
+        try:
+            return {id(each): each.meaning(self._medium.word(each, fetched)) for each in questions}
+        except ValueError as error:
+            raise ProtocolError(f"{self.device} {error}") from None

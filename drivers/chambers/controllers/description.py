@@ -1,4 +1,4 @@
-"""A chamber that nobody has written a driver for, described in a file: what is sent, and what comes back.
+"""A chamber described in a file: what is sent and what comes back, or which registers it has.
 
     >>> box = load_box("configs/chambers/temptronic-ats.yaml")
     >>> box.setpoint.request(25.0)
@@ -6,181 +6,355 @@
     >>> box.temperature.value("23.4")
     '23.4'
 
-Texts are templates. In what is sent `{value}` stands for a number and says how it is written: `SETP {value:.1f}`. In
-what comes back `{value}` stands for what is looked for and `{any}` for what does not matter: `T={value}C{any}`; a
-value directly before `{any}` ends with its word. A
-setting with `confirm` is answered with that text; one without is not answered. Settings are read back in either case.
+A box speaks text, or Modbus where its description has a section `modbus`. What text is made of is in `templates`. A
+register's number is a word as a reply is: what a word means stands with the question.
 """
 
-import re
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    model_validator,
+)
 
+from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
+from drivers.chambers.controllers.templates import Order, Reply, filled, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
+from drivers.transports.framing import Frame, Framing, Line, Silence
 
-_PLACE = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
-_PROBES = (-29.7, 0.0, 25.0, 104.0)
-
-
-def _reply_pattern(template: str) -> re.Pattern[str]:
-    pattern = "".join(
-        re.escape(text) if place % 2 == 0 else "(?P<value>.+?)" if text == "value" else ".*"
-        for place, text in enumerate(_PLACE.split(template))
-    )
-    # Where nothing written ends the value, it ends with the word: else it would be the first character alone.
-    return re.compile(pattern.replace("(?P<value>.+?).*", r"(?P<value>[^\s,;]+).*"))
+Item = TypeVar("Item")
+_TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
 
-def _reply(template: str) -> str:
-    if [name for name in _PLACE.findall(template) if name != "any"] != ["value"]:
-        raise ValueError(f"{template!r} must hold {{value}} once, where the answer stands")
-    return template
+def _as_word(given: object) -> object:
+    return str(given) if isinstance(given, int) and not isinstance(given, bool) else given
 
 
-def _order(template: str) -> str:
-    """Check a template that carries a temperature: it must write and give back what it was given."""
-    names = _PLACE.findall(template)
-    if len(names) != 1 or not names[0].startswith("value"):
-        raise ValueError(f"{template!r} must hold {{value}} once, as in 'SETP {{value:.1f}}'")
-    begin, end = _PLACE.search(template).span()  # type: ignore[union-attr]
-    for probe in _PROBES:
-        try:
-            written = template[begin:end].format(value=probe)
-            wrong = abs(float(written) - probe) > 0.051
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{template!r} cannot write {probe}: {error}") from None
-        if wrong:
-            raise ValueError(f"{template!r} writes {written!r} for {probe}; it must keep at least one decimal")
-    return template
+def _as_list(given: object) -> object:
+    return given if isinstance(given, list | tuple) else [given]
 
 
-Order = Annotated[str, AfterValidator(_order)]
-Reply = Annotated[str, AfterValidator(_reply)]
 Plain = Annotated[str, Field(min_length=1)]
+Word = Annotated[str, BeforeValidator(_as_word)]
+Several = Annotated[tuple[Item, ...], BeforeValidator(_as_list)]
+Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
+Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Question(InRegister):
+    """Something that can be asked: by a text, or of a register. `length` is that of a reply that nothing ends."""
 
+    ask: Plain | None = None
+    reply: Reply = "{value}"
+    length: PositiveInt | None = None
+    hint: str = ""  # what to look at where it is not answered
 
-class Question(_Entry):
-    """Something that can be asked."""
-
-    ask: Plain
-    reply: Reply
+    @model_validator(mode="after")
+    def _asked_in_one_way(self) -> Self:
+        if (self.ask is None) == (self.address is None) and not (self.optional and self.ask is None):
+            raise ValueError("say how it is asked: ask and reply, or register")
+        return self
 
     def value(self, line: str) -> str | None:
         """Return what stands for the value in a line, None where the line is no such reply."""
-        found = _reply_pattern(self.reply).fullmatch(line)
-        return None if found is None else found["value"].strip()
+        return found_in(self.reply, line)
 
     def answer(self, value: str) -> str:
         """Return the line that says `value`, as a simulator sends it."""
-        return _PLACE.sub(lambda place: value if place[1] == "value" else "", self.reply)
+        return reply_with(self.reply, value)
+
+    def meaning(self, word: str) -> Any:
+        """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
+        return word
 
 
-class Command(_Entry):
-    """Something that can be told."""
+class Number(Question):
+    """A number that can be asked."""
 
-    send: Plain
-    confirm: str | None = None
+    numeric = True
+
+    def meaning(self, word: str) -> float:
+        """Return the number."""
+        try:
+            return float(word)
+        except ValueError:
+            raise ValueError(f"answered {self.ask!r} with {word!r}: no number") from None
 
 
-class Quantity(Question):
-    """A number that can be asked and set."""
+class Command(InRegister):
+    """Something that can be told: a text, or a value that is written to a register, a bit of it, or a coil."""
 
-    send: Order
-    confirm: str | None = None
+    send: Plain | None = None
+    confirm: Several[str] = ()
+    value: int = 1
+
+    @model_validator(mode="after")
+    def _told_in_one_way(self) -> Self:
+        if (self.send is None) == (self.address is None):
+            raise ValueError("say how it is told: send, or register and value")
+        return self
+
+
+class Quantity(Number):
+    """A number that can be asked and set. `write` are the registers it is written to, if not the one that is read."""
+
+    send: Order | None = None
+    confirm: Several[str] = ()
+    then_start: bool = False  # takes effect when it is started, where it runs
+    write: Several[Address] = ()
+
+    @model_validator(mode="after")
+    def _can_be_set(self) -> Self:
+        if self.ask is not None and self.send is None:
+            raise ValueError("send: this key is missing")
+        return self
+
+    @property
+    def written_to(self) -> tuple[int, ...]:
+        """The registers it is written to."""
+        return self.write or (() if self.address is None else (self.address,))
 
     def request(self, value: float) -> str:
         """Return what sets the value."""
-        return _PLACE.sub(lambda place: f"{{{place[1]}}}".format(value=value), self.send)
+        return filled(self.send or "", value=value)
 
     def taken(self, request: str) -> float | None:
         """Return the number in a request of this form, None where it is another: for simulators."""
-        head, _, tail = _PLACE.split(self.send)
-        found = re.fullmatch(re.escape(head) + r"\s*([-+]?\d+(?:\.\d*)?)\s*" + re.escape(tail), request)
-        return None if found is None else float(found[1])
+        found = taken_from(self.send or "", request)
+        return None if found is None else float(found["value"])
+
+
+class Requirement(Question):
+    """What must be so for anything to be believed; `otherwise` goes on where a message has named the box."""
+
+    one_of: Several[Word] = ()
+    none_of: Several[Word] = ()
+    otherwise: Plain
+
+    def meaning(self, word: str) -> str:
+        """Return the word."""
+        if (self.one_of and word not in self.one_of) or word in self.none_of:
+            raise ValueError(self.otherwise.replace("{value}", word))
+        return word
 
 
 class Identity(Question):
-    """Who answers. `expect` is how the model must begin."""
+    """Who answers. `expect` is how the answer must begin, `model` what it is called then (`{value}` is the answer).
 
-    expect: str = ""
+    A controller that cannot be asked has a `model` alone.
+    """
+
+    optional = True
+    expect: Word = ""
+    model: Plain = "{value}"
+    otherwise: Plain | None = None
+    requires: Several[Requirement] = ()
+
+    @property
+    def asks(self) -> bool:
+        """Whether it can be asked."""
+        return self.ask is not None or self.address is not None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if not self.asks and "{value}" in self.model:
+            raise ValueError("say how it is asked: ask and reply, or register; or give its model")
+        return self
+
+    def meaning(self, word: str) -> str:
+        """Return the word; a name that is asked by text has letters, a late reply to something else may have none."""
+        if self.ask is not None and not any(map(str.isalpha, word)):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no name")
+        return word
 
 
 class UnitQuestion(Question):
     """The unit, with the words for °C and °F."""
 
-    celsius: Plain
-    fahrenheit: Plain
+    celsius: Word
+    fahrenheit: Word
+
+    def meaning(self, word: str) -> str:
+        """Return the unit."""
+        if word not in (self.celsius, self.fahrenheit):
+            raise ValueError(f"says that its unit is {word!r}, which its description does not have")
+        return "degC" if word == self.celsius else "degF"
 
 
 class StateQuestion(Question):
-    """What the box is doing: its word for each mode."""
+    """What the box is doing: its word for each mode; `next` leaves it to the question that follows."""
 
-    modes: dict[str, Literal["OFF", "STANDBY", "CONSTANT", "RUN"]]
+    modes: dict[Word, Mode | Literal["next"]]
+    otherwise: Mode | Literal["next"] | None = None
 
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if not {"CONSTANT", "OFF"} <= set(self.modes.values()):
-            raise ValueError("modes must give a word for CONSTANT and one for OFF")
-        return self
+    def meaning(self, word: str) -> str:
+        """Return the mode, or next."""
+        mode = self.modes.get(word, self.otherwise)
+        if mode is None:
+            raise ValueError(f"is in state {word!r}, which its description does not have")
+        return mode
+
+    def word_for(self, mode: str) -> str:
+        """Return the box's word for a mode; where another question tells that one, what it says beside it."""
+        words: dict[str, str] = {meant: word for word, meant in reversed(self.modes.items())}
+        return next((words[each] for each in (mode, "next", "CONSTANT") if each in words), "0")
 
 
 class AlarmQuestion(Question):
-    """Alarms: the words that mean that there is none."""
+    """Alarms: the words that mean that there is none, or the names of `bits`. `name` is how one is reported.
 
-    none: list[str] = Field(min_length=1)
+    In words `*` stands for anything and `?` for one character. Where `some` are given no others can be.
+    """
+
+    none: Annotated[Several[Word], Field(min_length=1)] = ("0",)
+    some: Several[Word] = ("*",)
+    name: Plain = "alarm {value}"
+    bits: dict[Annotated[int, Field(ge=0, le=15)], Plain] | None = None
+
+    def meaning(self, word: str) -> tuple[str, ...]:
+        """Return the alarms that stand."""
+        if any(fnmatchcase(word, each) for each in self.none):
+            return ()
+        if not any(fnmatchcase(word, each) for each in self.some):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no alarm and not none")
+        if self.bits is None:
+            return (self.name.replace("{value}", word),)
+        if not word.isdecimal():
+            raise ValueError(f"answered {self.ask!r} with {word!r} where bits were asked for")
+        standing = [bit for bit in range(16) if int(word) & (1 << bit)]
+        return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
 
-class BoxDescription(_Entry):
+class SimulatedSection(Entry):
+    """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses."""
+
+    registers: dict[Registers, int] = Field(default_factory=dict)
+    same: dict[Address, Address] = Field(default_factory=dict)
+    silent_refusals: bool = False
+    takes_any_setpoint: bool = False  # also beyond its limits
+    pause_s: float = Field(default=0.0, ge=0.0)
+    decimals: int = Field(default=1, ge=0)  # of the numbers in its texts
+    identity: Plain | None = None
+    alarm: Plain = "4"
+    any_case: bool = False
+    answers: dict[Plain, str] = Field(default_factory=dict)  # to other texts
+
+
+class LineSection(Entry):
+    """The serial line as its maker ships it."""
+
+    baud: PositiveInt = 9600
+    data_bits: Literal[7, 8] = 8
+    parity: Literal["N", "E", "O"] = "N"
+
+
+class BoxDescription(Entry):
     """A whole box. Times in seconds, temperatures in °C; what a box does not have is left out."""
 
     name: Plain
     title: str = ""
     verified: Plain  # what was seen on a real one, and what was not
+    line: LineSection = LineSection()
+    modbus: ModbusSection | None = None
+    simulated: SimulatedSection = SimulatedSection()
     terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
     reply_terminator: Literal["CR", "LF", "CR LF"] | None = None
+    frame: Frame | None = None
+    silence_s: PositiveFloat | None = None  # a text is over when nothing has come for so long
     timeout_s: PositiveFloat = 2.0
+    late_s: float = Field(default=3.0, ge=0.0)
     pause_after_question_s: float = Field(default=0.1, ge=0.0)
     pause_after_setting_s: float = Field(default=0.5, ge=0.0)
     resolution_degC: float = Field(default=0.1, ge=0.1, le=1.0)
     limits_are: Literal["setpoint", "alarm"] = "setpoint"
+    refused: Reply | None = None  # what it answers where it will not
+    asked: tuple[Looked, ...] = ("alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit")
     identify: Identity
+    believe: Several[Requirement] = ()
     unit: UnitQuestion | None = None
-    temperature: Question
+    temperature: Number
     setpoint: Quantity
     low_limit: Quantity | None = None
     high_limit: Quantity | None = None
-    state: StateQuestion
-    start: Command
-    stop: Command
-    standby: Command | None = None
-    end_program: Command | None = None
-    alarms: AlarmQuestion
+    state: Several[StateQuestion] = ()
+    start: Several[Command] = ()
+    stop: Several[Command] = ()
+    standby: Several[Command] = ()
+    end_program: Several[Command] = ()
+    alarms: Several[AlarmQuestion] = ()
+    variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
     ramp_degC_per_min: Quantity | None = None
     dead_man_s: Quantity | None = None
 
+    @property
+    def framings(self) -> tuple[Framing, Framing]:
+        """What stands around the texts of requests and of replies."""
+        whole = self.frame or (self.silence_s and Silence(self.silence_s))
+        if whole:
+            return whole, whole
+        return Line(_TERMINATORS[self.terminator]), Line(_TERMINATORS[self.reply_terminator or self.terminator])
+
+    def ended_with(self, terminator: bytes) -> Self:
+        """Return the same box with another terminator, as a bench file may say."""
+        return self.model_copy(update={"terminator": {end: name for name, end in _TERMINATORS.items()}[terminator]})
+
+    @property
+    def looked_at(self) -> list[Question]:
+        """All that is asked at every look, in this order."""
+        return [*self.believe, *(each for key in self.asked for each in self._entries(key))]
+
+    def _entries(self, key: str) -> tuple[Any, ...]:
+        entries = getattr(self, key)
+        return entries if isinstance(entries, tuple) else () if entries is None else (entries,)
+
+    @property
+    def named(self) -> Iterator[tuple[str, Question | Command]]:
+        """Everything that is asked or told, with its key."""
+        for key in type(self).model_fields:
+            yield from ((key, entry) for entry in self._entries(key) if isinstance(entry, Question | Command))
+
     @model_validator(mode="after")
-    def _both_limits_or_none(self) -> Self:
+    def _hangs_together(self) -> Self:
         if (self.low_limit is None) != (self.high_limit is None):
             raise ValueError("give low_limit and high_limit, or neither")
+        if sorted(self.asked) != sorted(type(self).model_fields["asked"].default):
+            raise ValueError("asked: name each of alarms, temperature, setpoint, state, the limits and unit once")
+        if len({bool(self.state), bool(self.start), bool(self.stop)}) > 1:
+            raise ValueError("give state, start and stop; or none of them where it cannot be switched over the line")
+        if self.state:
+            modes = {mode for each in self.state for mode in (*each.modes.values(), each.otherwise)}
+            if not {"CONSTANT", "OFF"} <= modes:
+                raise ValueError("state: modes must give a word for CONSTANT and one for OFF")
+        for key, entry in self.named:
+            if self.modbus is not None and (getattr(entry, "ask", None) or getattr(entry, "send", None)):
+                raise ValueError(f"{key}: a box with a section modbus has registers and no texts")
+            if entry.address is not None and self.modbus is None:
+                raise ValueError(f"{key}: a box with registers needs a section modbus; modbus: {{}} is one")
         return self
 
 
-def load_box(path: str | Path) -> BoxDescription:
-    """Read a description; raise `InputError` in one sentence that names the file and the key."""
-    return parse_box(read_text(path), str(path))
+def load_box(path: str | Path, variant: str | None = None) -> BoxDescription:
+    """Read a description, or what it is for one of its `variants`.
+
+    Raises `InputError` in one sentence that names the file and the key.
+    """
+    return parse_box(read_text(path), str(path), variant)
 
 
-def parse_box(text: str, source: str) -> BoxDescription:
+def parse_box(text: str, source: str, variant: str | None = None) -> BoxDescription:
     """Read a description from YAML text; `source` names it in messages. Raises `InputError` where it is none."""
     document = parse_yaml(text, source)
+    if variant is not None:
+        document |= document.get("variants", {}).get(variant, {})
     try:
         return BoxDescription.model_validate(document)
     except ValidationError as error:

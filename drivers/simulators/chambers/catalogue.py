@@ -1,24 +1,21 @@
 """Every simulated chamber controller, under the name of the driver that speaks to it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
+from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers.catalogue import WarningLimits
 from drivers.chambers.controllers.description import load_box
-from drivers.chambers.controllers.julabo import WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault
-from drivers.simulators.chambers.described import SimulatedSetpointBox
+from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
-from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
-from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
-from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
-from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 
 
@@ -43,6 +40,7 @@ class SimulatedChamberController(SimulatedDevice, Protocol):
     mode: str
     setpoint_degC: float
     alarms: tuple[str, ...]
+    ignored_requests: int
 
     def inject(self, fault: ChamberFault) -> None:
         """Let one more thing go wrong."""
@@ -66,21 +64,44 @@ def _built(kind: Callable[..., SimulatedChamberController], *said: str) -> Build
     return build
 
 
-def _box(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
-    if options.description is None:
-        raise ValueError("a box needs its description")
-    description = load_box(options.description)
-    return SimulatedSetpointBox(plant, description, faults=options.faults, begins_s=options.begins_s)
+def _box(description: Path | None, kind: Callable[..., SimulatedChamberController] = simulated_box) -> Build:
+    """Return what makes the box of a description, the bench file's own where it has one."""
+
+    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+        path = options.description or description
+        if path is None:
+            raise ValueError("a box needs its description")
+        box = load_box(path, options.warning_limits)
+        if options.terminator is not None:
+            box = box.ended_with(options.terminator)
+        said = {
+            name: getattr(options, name) for name in ("address", "framing") if box.modbus and getattr(options, name)
+        }
+        return kind(plant, box, faults=options.faults, begins_s=options.begins_s, **said)
+
+    return build
 
 
-CHAMBER_SIMULATORS: Mapping[str, Build] = {
+_SHIPPED: Mapping[str, Build] = {
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
-    "watlow-f4": _built(SimulatedWatlowF4, "address", "framing"),
-    "ezt-570i": _built(SimulatedEzt570i, "address", "framing"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
-    "thermotron": _built(SimulatedThermotron, "terminator"),
-    "julabo": _built(SimulatedJulabo, "warning_limits"),
-    "watlow-f4t": _built(SimulatedWatlowF4t, "address", "framing"),
-    "box": _box,
+    "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
 }
+
+
+class _Simulators(Mapping[str, Build]):
+    """The simulator of every driver: its own, the one that it brings, or the box of its description."""
+
+    def __getitem__(self, name: str) -> Build:
+        driver = CHAMBER_DRIVERS[name]
+        return _SHIPPED.get(name) or driver.simulator or _box(driver.description)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(CHAMBER_DRIVERS)
+
+    def __len__(self) -> int:
+        return len(CHAMBER_DRIVERS)
+
+
+CHAMBER_SIMULATORS: Mapping[str, Build] = _Simulators()

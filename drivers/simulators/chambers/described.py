@@ -1,103 +1,263 @@
 r"""The box of a description with a chamber behind it: it answers as the description says it would.
 
-    device = SimulatedSetpointBox(ChamberPlant(), load_box("configs/chambers/temptronic-ats.yaml"))
+    device = simulated_box(ChamberPlant(), load_box("configs/chambers/temptronic-ats.yaml"))
     device.receive(b"TEMP?\n", 0.0)
     device.transmit(0.1)                  # b"22.0\n"
 
 It shows whether a description hangs together and how a bench would run with it. It cannot show that a real box answers
-like this.
+like this: what does are published bytes and the clients of others.
 """
 
-from typing import Any
+import math
+from abc import ABC
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import zip_longest
+from typing import Any, Literal
 
 from drivers.chambers import ChamberLimits
-from drivers.chambers.controllers.description import BoxDescription, Command
+from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
+from drivers.chambers.controllers.registers import ModbusSection
+from drivers.chambers.controllers.templates import filled, reply_with, taken_from
+from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.modbus import Table
 
-_TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
+
+class _Described(SimulatedController, ABC):
+    """What a described box does, however it is spoken to."""
+
+    _box: BoxDescription
+    ramp_degC_per_min = 0.0
+    dead_man_s = 0.0
+
+    def _answers(self, now_s: float) -> Iterator[tuple[Question | None, float | str | None]]:
+        """Give every question and what is answered: a temperature or another number, or a word."""
+        box, identity = self._box, self._box.identify
+        yield (
+            identity,
+            identity.expect if box.modbus else box.simulated.identity or f"{identity.expect or box.name} SIMULATED",
+        )
+        for each in (*identity.requires, *box.believe):
+            yield each, each.one_of[0] if each.one_of else None
+        if box.unit is not None:
+            yield box.unit, box.unit.fahrenheit if self.fahrenheit else box.unit.celsius
+        yield box.temperature, self._air(now_s)
+        yield box.setpoint, self._shown(self.setpoint_degC)
+        yield box.low_limit, self._shown(self.limits.low_degC)
+        yield box.high_limit, self._shown(self.limits.high_degC)
+        decided = False
+        for state in box.state:
+            yield state, state.word_for("next" if decided else self.mode)
+            decided |= self.mode in state.modes.values()
+        yield from ((each, self._alarm_word(each)) for each in box.alarms)
+        yield box.ramp_degC_per_min, self.ramp_degC_per_min
+        yield box.dead_man_s, self.dead_man_s
+
+    def _alarm_word(self, question: AlarmQuestion) -> str:
+        if question.bits is not None:
+            return str(sum(1 << int(alarm) for alarm in set(self.alarms)))
+        return self.alarms[0] if self.alarms else question.none[0]
+
+    @property
+    def _quantities(self) -> list[tuple[str, Quantity]]:
+        box = self._box
+        several = [("setpoint", box.setpoint), ("low", box.low_limit), ("high", box.high_limit)]
+        several += [("ramp", box.ramp_degC_per_min), ("dead_man", box.dead_man_s)]
+        return [(name, quantity) for name, quantity in several if quantity is not None]
+
+    @property
+    def _switches(self) -> list[tuple[Sequence[Command], str]]:
+        box = self._box
+        return [(box.start, "start"), (box.stop, "OFF"), (box.standby, "STANDBY"), (box.end_program, "end")]
+
+    def _adopt(self, name: str, value: float) -> None:
+        """Set a quantity, in the unit of the panel."""
+        match name:
+            case "setpoint":
+                self.setpoint_degC = self._rounded(value)
+            case "low":
+                self.limits = ChamberLimits(self._rounded(value), self.limits.high_degC)
+            case "high":
+                self.limits = ChamberLimits(self.limits.low_degC, self._rounded(value))
+            case "ramp":
+                self.ramp_degC_per_min = value
+                self._bound_ramp(value, value)
+            case _:
+                self.dead_man_s = value
+
+    def _switch(self, what: str) -> None:
+        if what == "start":
+            self.mode = "RUN" if self.mode == "RUN" else "CONSTANT"
+        elif what == "end":
+            self.mode = "CONSTANT" if self.mode == "RUN" else self.mode
+        else:
+            self.mode = what
+
+    def _rounded(self, value: float) -> float:
+        return round(self._taken(value), 4)  # a 32-bit float is not quite what was meant
 
 
-class SimulatedSetpointBox(SimulatedLines):
-    """A `SimulatedDevice` made from a description. What it does not understand it does not answer."""
-
-    _usual_alarm = "4"
+class SimulatedSetpointBox(_Described, SimulatedLines):
+    """A `SimulatedDevice` made from a description of text. What it does not understand it does not answer."""
 
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
-        self.ramp_degC_per_min = 0.0
-        self.dead_man_s = 0.0
-        super().__init__(
-            plant,
-            terminator=_TERMINATORS[description.terminator],
-            reply_terminator=_TERMINATORS[description.reply_terminator or description.terminator],
-            **settings,
-        )
+        self._usual_alarm = description.simulated.alarm
+        framing, reply_framing = description.framings
+        super().__init__(plant, framing=framing, reply_framing=reply_framing, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
-        answer = self._answer_to(request, now_s)
-        if answer is not None:
+        request = request.upper() if self._box.simulated.any_case else request
+        if (answer := self._answer_to(request, now_s)) is not None:
             return answer
         self._refuse_if_locked()
-        return self._set(request) or self._switch(request)
+        for commands, mode in self._switches:
+            for command in commands:
+                if (found := taken_from(command.send or "", request)) is not None:
+                    if "setpoint" in found:
+                        self._adopt("setpoint", float(found["setpoint"]))
+                    self._switch(mode)
+                    return command.confirm[0] if command.confirm else None
+        for name, quantity in self._quantities:
+            if (value := quantity.taken(request)) is not None:
+                self._adopt(name, value)
+                return filled(quantity.confirm[0], value=value) if quantity.confirm else None
+        raise Refusal(self._refusal())
 
     def _answer_to(self, request: str, now_s: float) -> str | None:
-        box = self._box
-        word = next((word for word, mode in box.state.modes.items() if mode == self.mode), "")
-        unit = box.unit and (box.unit.fahrenheit if self.fahrenheit else box.unit.celsius)
-        answers = [
-            (box.identify, f"{box.identify.expect or box.name} SIMULATED"),
-            (box.unit, unit or ""),
-            (box.temperature, f"{self._air(now_s):.1f}"),
-            (box.setpoint, f"{self._shown(self.setpoint_degC):.1f}"),
-            (box.low_limit, f"{self._shown(self.limits.low_degC):.1f}"),
-            (box.high_limit, f"{self._shown(self.limits.high_degC):.1f}"),
-            (box.state, word),
-            (box.alarms, self.alarms[0] if self.alarms else box.alarms.none[0]),
-            (box.ramp_degC_per_min, f"{self.ramp_degC_per_min:g}"),
-            (box.dead_man_s, f"{self.dead_man_s:g}"),
-        ]
-        for question, value in answers:
-            if question is not None and request == question.ask:
-                return question.answer(value)
-        return None
+        """Return one line that answers all questions asked by this text, each in its place or by its bit."""
+        answered = [(each, value) for each, value in self._answers(now_s) if each and each.ask == request and value]
+        bits = sum(int(value) << each.bit for each, value in answered if each.bit is not None)
+        lines = [each.answer(self._written(bits if each.bit is not None else value)) for each, value in answered]
+        if not lines:
+            return self._box.simulated.answers.get(request)
+        return "".join(max(column) for column in zip_longest(*lines, fillvalue=" "))
 
-    def _set(self, request: str) -> str | None:
-        box = self._box
-        for name, quantity in (
-            ("setpoint", box.setpoint),
-            ("low", box.low_limit),
-            ("high", box.high_limit),
-            ("ramp", box.ramp_degC_per_min),
-            ("dead_man", box.dead_man_s),
-        ):
-            if quantity is None or (value := quantity.taken(request)) is None:
+    def _written(self, value: float | str) -> str:
+        return f"{value:.{self._box.simulated.decimals}f}" if isinstance(value, float) else str(value)
+
+    def _refuse(self, request: str, refusal: Refusal) -> str | None:
+        del request
+        return self._box.refused and reply_with(self._box.refused, str(refusal))
+
+    def _refusal(self) -> str:
+        return "5"
+
+
+class SimulatedRegisterBox(_Described, SimulatedModbus):
+    """A `SimulatedDevice` made from a description of registers.
+
+    A register that the description does not have is exception 2, a value that it does not take exception 3: half of a
+    32-bit number, a setpoint beyond its limits, limits that exclude the setpoint (inferred; where it does not take
+    any). Alarms have the numbers of their registers, and of their bits: `102`, `57.0`.
+    """
+
+    def __init__(
+        self,
+        plant: ChamberPlant,
+        description: BoxDescription,
+        *,
+        address: int | None = None,
+        framing: Literal["rtu", "tcp"] | None = None,
+        **settings: Any,
+    ) -> None:
+        self._box, self._map, own = description, description.modbus or ModbusSection(), description.simulated
+        self.registers = {each: value for (a, b), value in own.registers.items() for each in range(a, b + 1)}
+        self._usual_alarm = next((_alarm_id(each) for each in description.alarms), "")
+        usual = {"pause_s": own.pause_s, "silent_refusals": own.silent_refusals}
+        usual["coils"] = any(each.table in ("coil", "discrete") for _, each in description.named)
+        super().__init__(
+            plant,
+            address=self._map.address if address is None else address,
+            framing=framing or self._map.framing,
+            **{**usual, **settings},
+        )
+
+    def _register(self, address: int, now_s: float, table: Table) -> int:
+        address, table = self._box.simulated.same.get(address, address), self._own(table)
+        word, known = self.registers.get(address, 0), address in self.registers
+        for question, value in self._answers(now_s):
+            if question is None or question.address is None or question.table != table or value in (None, ""):
                 continue
-            match name:
-                case "setpoint":
-                    self.setpoint_degC = self._taken(value)
-                case "low":
-                    self.limits = ChamberLimits(self._taken(value), self.limits.high_degC)
-                case "high":
-                    self.limits = ChamberLimits(self.limits.low_degC, self._taken(value))
-                case "ramp":
-                    self.ramp_degC_per_min = value
-                    self._bound_ramp(value, value)
-                case _:
-                    self.dead_man_s = value
-            return quantity.confirm
-        return None
+            if 0 <= (place := address - question.address) < self._map.width(question):
+                if question.bit is None:
+                    return self._held(question, float(value))[place]
+                word, known = word & ~(1 << question.bit) | int(value) << question.bit, True
+        if not known:
+            raise Refusal(ILLEGAL_ADDRESS)
+        return word
 
-    def _switch(self, request: str) -> str | None:
-        box = self._box
-        commands: list[tuple[Command | None, str]] = [
-            (box.start, "CONSTANT"),
-            (box.stop, "OFF"),
-            (box.standby, "STANDBY"),
-            (box.end_program, "OFF"),
+    def _set_registers(self, address: int, values: list[int], table: Table) -> None:
+        while values:
+            taken = self._set_one(address, values, table)
+            address, values = address + taken, values[taken:]
+
+    def _set_one(self, address: int, values: list[int], table: Table) -> int:
+        """Write what begins at `address`; return how many registers it was."""
+        for name, quantity in self._quantities:
+            for begins in quantity.written_to if quantity.table == table else ():
+                size = self._map.width(quantity)
+                if begins < address < begins + size or (address == begins and len(values) < size):
+                    raise Refusal(ILLEGAL_VALUE)
+                if address == begins:
+                    self._adopt_guarded(name, self._map.number(quantity, values[:size], self._decimals))
+                    return size
+        there = [
+            (command.value == (values[0] if command.bit is None else values[0] >> command.bit & 1), mode)
+            for commands, mode in self._switches
+            for command in commands
+            if (command.address, command.table) == (address, table)
         ]
-        for command, mode in commands:
-            if command is not None and request == command.send:
-                self.mode = mode
-                return command.confirm
-        return None
+        if not there and address not in self.registers:
+            raise Refusal(ILLEGAL_ADDRESS)
+        if there and not any(meant for meant, _ in there):
+            raise Refusal(ILLEGAL_VALUE)
+        for mode in [mode for meant, mode in there if meant][:1]:
+            self._switch(mode)
+        self.registers[address] = values[0]
+        return 1
+
+    def _adopt_guarded(self, name: str, value: float) -> None:
+        before = self.setpoint_degC, self.limits
+        self._adopt(name, value)
+        guarded = self._box.low_limit is not None and not self._box.simulated.takes_any_setpoint
+        if guarded and not self.limits.low_degC <= self.setpoint_degC <= self.limits.high_degC:
+            self.setpoint_degC, self.limits = before
+            raise Refusal(ILLEGAL_VALUE)
+
+    def _alarm_word(self, question: AlarmQuestion) -> str:
+        if question.bits is None:
+            return "1" if _alarm_id(question) in self.alarms else question.none[0]
+        return str(sum(1 << bit for bit in range(16) if f"{question.address}.{bit}" in self.alarms))
+
+    def _own(self, table: Table) -> Table:
+        """Many controllers answer the same for input and holding registers: all whose map has no input registers."""
+        has_inputs = any(each.table == "input" for _, each in self._box.named)
+        return "holding" if table == "input" and not has_inputs else table
+
+    @property
+    def _decimals(self) -> int | None:
+        register = self._map.decimals_register
+        return None if register is None else self.registers[register]
+
+    def _held(self, question: Question, value: float) -> tuple[int, ...]:
+        """Return the registers that hold a value, or the most or least that they can."""
+        for reachable in (value, 3276.7, -3276.8, 0.0):
+            with suppress(ValueError):
+                return self._map.registers(question, math.copysign(reachable, value), self._decimals)
+        raise Refusal(ILLEGAL_VALUE)
+
+
+def _alarm_id(question: AlarmQuestion) -> str:
+    return str(question.address) if question.bits is None else f"{question.address}.{min(question.bits)}"
+
+
+def simulated_box(plant: ChamberPlant, description: BoxDescription, **settings: Any) -> _Described:
+    """Return the simulated box of any description; one that cannot be switched over the line is on."""
+    if not description.state:
+        settings = {"mode": "CONSTANT", **settings}
+    kind = SimulatedSetpointBox if description.modbus is None else SimulatedRegisterBox
+    return kind(plant, description, **settings)

@@ -5,12 +5,14 @@ from typing import Any
 
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.framing import Framing, Line
 
 
 class SimulatedLines(SimulatedController):
     """A `SimulatedDevice` whose requests end with `terminator` and whose replies end with `reply_terminator`.
 
-    A controller answers text with text (`_respond`): None is no reply. Faults know requests by their text.
+    `framing` and `reply_framing` are what stands around them where that is no terminator. A controller answers text
+    with text (`_respond`): None is no reply. Faults know requests by their text.
     """
 
     def __init__(
@@ -19,11 +21,13 @@ class SimulatedLines(SimulatedController):
         *,
         terminator: bytes = b"\r",
         reply_terminator: bytes | None = None,
+        framing: Framing | None = None,
+        reply_framing: Framing | None = None,
         encoding: str = "ascii",
         **settings: Any,
     ) -> None:
-        self._terminator = terminator
-        self._reply_terminator = terminator if reply_terminator is None else reply_terminator
+        self._framing = framing or Line(terminator)
+        self._reply_framing = reply_framing or Line(reply_terminator or terminator)
         self._encoding = encoding
         super().__init__(plant, **settings)
 
@@ -37,13 +41,18 @@ class SimulatedLines(SimulatedController):
         return None
 
     def _next_request(self) -> bytes | None:
-        if self._terminator not in self._received:
+        try:
+            found = self._framing.cut(self._received)
+        except ValueError:  # a damaged frame is not answered
+            self._received = b""
             return None
-        line, self._received = self._received.split(self._terminator, 1)
-        return line
+        if found is None:
+            return None
+        text, self._received = found
+        return text
 
     def _text(self, request: bytes) -> str:
-        return request.decode(self._encoding, errors="replace").strip()
+        return request.decode(self._encoding, errors="replace")
 
     def _name(self, request: bytes) -> str:
         return self._text(request)
@@ -55,7 +64,7 @@ class SimulatedLines(SimulatedController):
         return self._line(self._refuse(self._text(request), refusal))
 
     def _line(self, reply: str | None) -> bytes:
-        return b"" if reply is None else reply.encode(self._encoding) + self._reply_terminator
+        return b"" if reply is None else self._reply_framing.packed(reply.encode(self._encoding))
 
     def _noise(self) -> bytes:
-        return super()._noise() + self._reply_terminator
+        return self._reply_framing.packed(super()._noise())

@@ -7,11 +7,13 @@ are minimalmodbus as a client and the published frames, byte for byte.
 
 import struct
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsResponse, ReadDiscreteInputsResponse, WriteSingleCoilResponse
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersResponse,
     ReadInputRegistersResponse,
@@ -21,9 +23,25 @@ from pymodbus.pdu.register_message import (
 
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.modbus import Table
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = "1", "2", "3"
-_LOWEST_FUNCTIONS = {3: "read", 4: "read", 6: "write", 16: "write"}
+_FUNCTIONS = {1: "read", 2: "read", 3: "read", 4: "read", 5: "write", 6: "write", 16: "write"}
+_TABLES: Mapping[int, Table] = {
+    1: "coil",
+    2: "discrete",
+    3: "holding",
+    4: "input",
+    5: "coil",
+    6: "holding",
+    16: "holding",
+}
+_RESPONSES = {
+    1: ReadCoilsResponse,
+    2: ReadDiscreteInputsResponse,
+    3: ReadHoldingRegistersResponse,
+    4: ReadInputRegistersResponse,
+}
 
 
 class SimulatedModbus(SimulatedController):
@@ -31,7 +49,7 @@ class SimulatedModbus(SimulatedController):
 
     A controller says what is in a register (`_register`) and what writing it does (`_set_register`); both raise
     `Refusal` with the number of the exception. Faults know requests as `read 100` and `write 300`. `silent_refusals`
-    is for units that answer a bad request with nothing.
+    is for units that answer a bad request with nothing, `coils` for those that have coils.
     """
 
     def __init__(
@@ -42,6 +60,7 @@ class SimulatedModbus(SimulatedController):
         framing: Literal["rtu", "tcp"] = "rtu",
         silent_refusals: bool = False,
         most_at_once: int = 60,
+        coils: bool = False,
         **settings: Any,
     ) -> None:
         decoder = DecodePDU(True)
@@ -50,20 +69,16 @@ class SimulatedModbus(SimulatedController):
         self._address = address
         self._silent_refusals = silent_refusals
         self._most_at_once = most_at_once
+        self._functions = _FUNCTIONS if coils else {3: "read", 4: "read", 6: "write", 16: "write"}
         super().__init__(plant, **settings)
 
     @abstractmethod
-    def _register(self, address: int, now_s: float) -> int:
-        """Return a register, signed or unsigned; raise `Refusal` where there is none."""
+    def _register(self, address: int, now_s: float, table: Table) -> int:
+        """Return a register or coil, signed or unsigned; raise `Refusal` where there is none."""
 
     @abstractmethod
-    def _set_register(self, address: int, value: int) -> None:
-        """Write a register, unsigned; raise `Refusal` where it cannot be."""
-
-    def _set_registers(self, address: int, values: list[int]) -> None:
-        """Write several registers in one request."""
-        for place, value in enumerate(values):
-            self._set_register(address + place, value)
+    def _set_registers(self, address: int, values: list[int], table: Table) -> None:
+        """Write registers, unsigned, or a coil in one request; raise `Refusal` where they cannot be."""
 
     def _next_request(self) -> bytes | None:
         """Cut one frame off; throw away what cannot be one, as a unit does at the next pause on the line."""
@@ -87,7 +102,7 @@ class SimulatedModbus(SimulatedController):
 
     def _name(self, request: bytes) -> str:
         function, address = self._head(request)
-        return f"{_LOWEST_FUNCTIONS.get(function, f'function {function}')} {address}"
+        return f"{self._functions.get(function, f'function {function}')} {address}"
 
     def _head(self, request: bytes) -> tuple[int, int]:
         body = request[6:] if self._framing == "tcp" else request
@@ -119,7 +134,7 @@ class SimulatedModbus(SimulatedController):
         unit = request[6] if self._framing == "tcp" else request[0]
         if unit != self._address:
             return None
-        if function not in _LOWEST_FUNCTIONS:
+        if function not in self._functions:
             if self._framing == "rtu" and not FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big")):
                 return None
             raise Refusal(ILLEGAL_FUNCTION)
@@ -129,25 +144,23 @@ class SimulatedModbus(SimulatedController):
             raise Refusal(ILLEGAL_VALUE) from None
 
     def _reply(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
-        unit, transaction = asked.dev_id, asked.transaction_id
-        if asked.function_code in (3, 4):
+        answer = self._answer_to(asked, now_s)
+        answer.dev_id, answer.transaction_id = asked.dev_id, asked.transaction_id
+        return answer
+
+    def _answer_to(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
+        table, function = _TABLES[asked.function_code], asked.function_code
+        if function in _RESPONSES:
             if asked.count > self._most_at_once:
                 raise Refusal(ILLEGAL_VALUE)
-            registers = [self._register(asked.address + place, now_s) & 0xFFFF for place in range(asked.count)]
-            kind = ReadHoldingRegistersResponse if asked.function_code == 3 else ReadInputRegistersResponse
-            return kind(registers=registers, dev_id=unit, transaction_id=transaction)
+            found = [self._register(asked.address + place, now_s, table) & 0xFFFF for place in range(asked.count)]
+            if table in ("coil", "discrete"):
+                return _RESPONSES[function](bits=[bool(each) for each in found])
+            return _RESPONSES[function](registers=found)
         self._refuse_if_locked()
-        if asked.function_code == 6:
-            self._set_register(asked.address, asked.registers[0])
-            return WriteSingleRegisterResponse(
-                address=asked.address, registers=asked.registers, dev_id=unit, transaction_id=transaction
-            )
-        self._set_registers(asked.address, list(asked.registers))
-        return WriteMultipleRegistersResponse(
-            address=asked.address, count=asked.count, dev_id=unit, transaction_id=transaction
-        )
-
-
-def signed(register: int) -> int:
-    """Return an unsigned register as a signed number."""
-    return struct.unpack(">h", struct.pack(">H", register))[0]  # type: ignore[no-any-return]
+        self._set_registers(asked.address, [int(each) for each in asked.bits or asked.registers], table)
+        if function == 5:
+            return WriteSingleCoilResponse(address=asked.address, bits=asked.bits)
+        if function == 6:
+            return WriteSingleRegisterResponse(address=asked.address, registers=asked.registers)
+        return WriteMultipleRegistersResponse(address=asked.address, count=asked.count)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from pydantic import ValidationInfo
 
+from drivers.outside import brought, loaded
 from hil.campaign import Conditions
 from hil.errors import InputError
 from hil.model.effects import (
@@ -31,6 +32,9 @@ from hil.model.effects.inside import SeriesEffect
 
 BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
 """In every model, so never looked for."""
+
+_BROUGHT = tuple(made() if isinstance(made, type) else made for made in map(loaded, brought("hil.effects").values()))
+"""Effects of other installed distributions: classes, or instances, of any of the three kinds below."""
 
 EFFECTS: tuple[Effect, ...] = (
     thermal.BiasTemperature(),
@@ -68,6 +72,7 @@ EFFECTS: tuple[Effect, ...] = (
     electronics.QuadratureLeakage(),
     electronics.SupplyVoltage(),
     electronics.MagneticSensitivity(),
+    *(each for each in _BROUGHT if isinstance(each, Effect)),
 )
 """Effects on the averages of collects."""
 
@@ -82,6 +87,7 @@ VARIANCE_EFFECTS: tuple[VarianceEffect, ...] = (
     noise.RetainerNoise(),
     environment.Frost(),
     environment.BaseMotion(),
+    *(each for each in _BROUGHT if isinstance(each, VarianceEffect)),
 )
 """Effects that only scatter the averages."""
 
@@ -93,6 +99,7 @@ SERIES_EFFECTS: tuple[SeriesEffect, ...] = (
     series.Lattice(),
     series.Saturation(),
     series.Bursts(),
+    *(each for each in _BROUGHT if isinstance(each, SeriesEffect)),
 )
 """Effects that show in the series of samples within a collect. Some have the id of an effect on averages: one cause."""
 

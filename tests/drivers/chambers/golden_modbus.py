@@ -13,19 +13,21 @@ import pytest
 
 from drivers.chambers import ChamberLimits
 from drivers.chambers.controller import Controller
-from drivers.chambers.controllers.ezt570i import Ezt570i
-from drivers.chambers.controllers.watlow_f4 import WatlowF4
-from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
-from drivers.simulators.chambers.ezt570i import SimulatedEzt570i
 from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
-from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
 from drivers.transports import Transport
-from drivers.transports.modbus import Framing, ModbusExchange, float_of, registers_of
+from drivers.transports.modbus import Framing, ModbusExchange, Table, decoded, encoded
+from tests.drivers.chambers.shipped import (
+    ezt570i,
+    simulated_ezt570i,
+    simulated_f4,
+    simulated_f4t,
+    watlow_f4,
+    watlow_f4t,
+)
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -38,35 +40,35 @@ class _Bank(SimulatedModbus):
         self._known = registers
         super().__init__(ChamberPlant(), **settings)
 
-    def _register(self, address: int, now_s: float) -> int:
+    def _register(self, address: int, now_s: float, table: Table) -> int:
         if address not in self._known:
             raise Refusal(ILLEGAL_ADDRESS)
         return self._known[address]
 
-    def _set_register(self, address: int, value: int) -> None:
+    def _set_registers(self, address: int, values: list[int], table: Table) -> None:
         if address not in self._known:
             raise Refusal(ILLEGAL_ADDRESS)
-        if address == 7 and value == 12000:
+        if (address, values) == (7, [12000]):
             raise Refusal(ILLEGAL_VALUE)
-        self._known[address] = value
+        self._known |= {address + place: value for place, value in enumerate(values)}
 
 
 def _f4(air: float = 22.0, **settings: Any) -> Build:
     settings = {"limits": ChamberLimits(-40.0, 130.0), "latency_s": 0.0} | settings
-    return lambda: SimulatedWatlowF4(ChamberPlant(ambient_degC=air), **settings)
+    return lambda: simulated_f4(ChamberPlant(ambient_degC=air), **settings)
 
 
 def _f4t(**settings: Any) -> Build:
-    return lambda: SimulatedWatlowF4t(ChamberPlant(ambient_degC=25.0), latency_s=0.0, **settings)
+    return lambda: simulated_f4t(ChamberPlant(ambient_degC=25.0), latency_s=0.0, **settings)
 
 
 def _ezt(air: float = 22.0, **settings: Any) -> Build:
-    return lambda: SimulatedEzt570i(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
+    return lambda: simulated_ezt570i(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
 
 
 def _alarmed() -> SimulatedController:
     device = _ezt()()
-    device.alarms = ("32",)
+    device.alarms = ("57.0",)
     return device
 
 
@@ -90,7 +92,7 @@ def _reads(address: int, *expected: int, unit: int = 1) -> Act:
 
 def _reads_float(address: int, expected: float, framing: Framing = "rtu") -> Act:
     def use(exchange: ModbusExchange) -> None:
-        assert float_of(exchange.read(address, 2)) == expected
+        assert decoded(exchange.read(address, 2), "float32") == expected
 
     return _exchange(use, framing=framing)
 
@@ -115,8 +117,8 @@ def _sees(kind: Callable[[Transport, Clock], Controller], **expected: object) ->
     return act
 
 
-def _rtu(transport: Transport, clock: Clock) -> WatlowF4t:
-    return WatlowF4t(transport, clock, framing="rtu")
+def _rtu(transport: Transport, clock: Clock) -> Controller:
+    return watlow_f4t(transport, clock, framing="rtu")
 
 
 def _sets(value: float) -> Callable[[Any], object]:
@@ -131,44 +133,44 @@ _FRAMES: dict[Key, tuple[str, str, Build, Act | str]] = {
         "010300000001840a",
         "0103021496372a",
         _f4(),
-        _does(WatlowF4, lambda driver: driver.identify()),
+        _does(watlow_f4, lambda driver: driver.identify()),
     ),
     ("watlow_f4", "write_sp_-30.0"): (
         "0106012cfed409c0",
         "0106012cfed409c0",
         _f4(),
-        _does(WatlowF4, _sets(-30.0)),
+        _does(watlow_f4, _sets(-30.0)),
     ),
-    ("watlow_f4", "write_sp_60.0"): ("0106012c02584965", "0106012c02584965", _f4(), _does(WatlowF4, _sets(60.0))),
+    ("watlow_f4", "write_sp_60.0"): ("0106012c02584965", "0106012c02584965", _f4(), _does(watlow_f4, _sets(60.0))),
     ("watlow_f4", "read_sp"): (
         "0103012c0001443f",
         "010302fed4f87b",
         _f4(setpoint_degC=-30.0),
-        _sees(WatlowF4, setpoint=-30.0),
+        _sees(watlow_f4, setpoint=-30.0),
     ),
     ("watlow_f4", "read_limits"): (
         "0103025a0002e5a0",
         "010304fe700514c95f",
         _f4(),
-        _sees(WatlowF4, low=-40.0, high=130.0),
+        _sees(watlow_f4, low=-40.0, high=130.0),
     ),
     ("watlow_f4", "read_decimals_1"): (
         "0103025e0001e460",
         "01030200017984",
         _f4(),
-        _sees(WatlowF4, temperature=22.0),
+        _sees(watlow_f4, temperature=22.0),
     ),
     ("watlow_f4", "event1_on"): (
         "010607d000014887",
         "010607d000014887",
         _f4(),
-        _does(WatlowF4, lambda driver: driver.start()),
+        _does(watlow_f4, lambda driver: driver.start()),
     ),
     ("watlow_f4", "event1_off"): (
         "010607d000008947",
         "010607d000008947",
         _f4(),
-        _does(WatlowF4, lambda driver: driver.stop(off=True)),
+        _does(watlow_f4, lambda driver: driver.stop(off=True)),
     ),
     ("watlow_any", "exc01"): ("010200010002a80b", "0182018160", _f4(), "no driver sends function 2"),
     ("watlow_any", "exc02"): ("0106002d0001d803", "018602c3a1", _f4(), _is_refused(45, 1, 2)),
@@ -207,7 +209,7 @@ _FRAMES: dict[Key, tuple[str, str, Build, Act | str]] = {
         "00010000000b01100ade0002040000c1f0",
         "00010000000601100ade0002",
         _f4t(),
-        _does(WatlowF4t, _sets(-30.0)),
+        _does(watlow_f4t, _sets(-30.0)),
     ),
     ("ezt570i", "read_pv"): ("0103003d000115c6", "01030200ecb9c9", _ezt(23.6), _reads(61, 236)),
     ("ezt570i", "read_sp_pv"): (
@@ -216,31 +218,31 @@ _FRAMES: dict[Key, tuple[str, str, Build, Act | str]] = {
         _ezt(32.8, setpoint_degC=40.0),
         _reads(60, 400, 328),
     ),
-    ("ezt570i", "write_sp_20"): ("0106003c00c84850", "0106003c00c84850", _ezt(), _does(Ezt570i, _sets(20.0))),
-    ("ezt570i", "write_sp_-30"): ("0106003cfed409f9", "0106003cfed409f9", _ezt(), _does(Ezt570i, _sets(-30.0))),
+    ("ezt570i", "write_sp_20"): ("0106003c00c84850", "0106003c00c84850", _ezt(), _does(ezt570i, _sets(20.0))),
+    ("ezt570i", "write_sp_-30"): ("0106003cfed409f9", "0106003cfed409f9", _ezt(), _does(ezt570i, _sets(-30.0))),
     ("ezt570i", "chamber_on"): (
         "010600160001a9ce",
         "010600160001a9ce",
         _ezt(),
-        _does(Ezt570i, lambda driver: driver.start()),
+        _does(ezt570i, lambda driver: driver.start()),
     ),
     ("ezt570i", "chamber_off"): (
         "010600160000680e",
         "010600160000680e",
         _ezt(),
-        _does(Ezt570i, lambda driver: driver.stop(off=True)),
+        _does(ezt570i, lambda driver: driver.stop(off=True)),
     ),
     ("ezt570i", "alarms_none"): (
         "0103003700053407",
         "01030a0000000000000000000024b6",
         _ezt(),
-        _sees(Ezt570i, alarms=()),
+        _sees(ezt570i, alarms=()),
     ),
     ("ezt570i", "alarms_heater_high_limit"): (
         "0103003700053407",
         "01030a000000000001000000001976",
         _alarmed,
-        _sees(Ezt570i, alarms=("heater high limit",)),
+        _sees(ezt570i, alarms=("heater high limit",)),
     ),
     ("binder_mk53", "read_pv_25"): (
         "010311a900021117",
@@ -252,7 +254,7 @@ _FRAMES: dict[Key, tuple[str, str, Build, Act | str]] = {
         "011015810002040000c1f09947",
         "01101581000215ec",
         _bank({0x1581: 0, 0x1582: 0}),
-        _exchange(lambda exchange: exchange.write_several(0x1581, registers_of(-30.0))),
+        _exchange(lambda exchange: exchange.write_several(0x1581, encoded(-30.0, "float32"))),
     ),
 }
 MODBUS: dict[Key, Vector] = {

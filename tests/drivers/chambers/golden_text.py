@@ -9,21 +9,21 @@ import pytest
 
 from drivers.chambers import ChamberLimits
 from drivers.chambers.controller import Controller
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
 from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.espec import SimulatedEspec
-from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.simserv import SimulatedSimServ
-from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
+from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
+from tests.drivers.chambers.shipped import julabo, simulated_julabo, simulated_thermotron, thermotron
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -66,15 +66,19 @@ def _simserv(air: float = 22.0, **settings: Any) -> Build:
 
 def _thermotron(**settings: Any) -> Build:
     settings = {"setpoint_degC": 22.0, "replies": "echo"} | settings
-    return lambda: SimulatedThermotron(ChamberPlant(), latency_s=0.0, **settings)
+    return lambda: simulated_thermotron(ChamberPlant(), latency_s=0.0, **settings)
 
 
 def _julabo(**settings: Any) -> Build:
-    return lambda: SimulatedJulabo(ChamberPlant(), latency_s=0.0, **settings)
+    return lambda: simulated_julabo(ChamberPlant(), latency_s=0.0, **settings)
 
 
 def _ascii2(transport: Transport, clock: Clock) -> VoetschAscii:
     return VoetschAscii(transport, clock, limits=ChamberLimits(-40.0, 100.0))
+
+
+def _sb22(transport: Transport, clock: Clock) -> SetpointBox:
+    return SetpointBox(transport, clock, load_box(EXAMPLE_BOX.with_name("weiss-sb22.yaml")))
 
 
 def _does(kind: Callable[[Transport, Clock], Controller], action: Callable[[Any], object]) -> Act:
@@ -206,11 +210,11 @@ _SIMSERV: dict[str, Vector] = {
     "running": Vector(b"14003\xb61\xb61\r", b"1\xb60\r\n", _simserv(), _sees(SimServ, mode="OFF")),
 }
 _8200: dict[str, Vector] = {
-    "pv": Vector(b"PVAR1?\r", b"22.000\r", _thermotron(), _sees(Thermotron, temperature=22.0)),
-    "sp": Vector(b"SETP1?\r", b"22.000\r", _thermotron(), _sees(Thermotron, setpoint=22.0)),
-    "set": Vector(b"SETP1,22.000\r", b"22.000\r", _thermotron(), _does(Thermotron, _sets(22.0))),
-    "run": Vector(b"RUNM\r", b"", _thermotron(), _does(Thermotron, lambda driver: driver.start())),
-    "stop": Vector(b"STOP\r", b"", _thermotron(), _does(Thermotron, lambda driver: driver.stop(off=True))),
+    "pv": Vector(b"PVAR1?\r", b"22.000\r", _thermotron(), _sees(thermotron, temperature=22.0)),
+    "sp": Vector(b"SETP1?\r", b"22.000\r", _thermotron(), _sees(thermotron, setpoint=22.0)),
+    "set": Vector(b"SETP1,22.000\r", b"22.000\r", _thermotron(), _does(thermotron, _sets(22.0))),
+    "run": Vector(b"RUNM\r", b"", _thermotron(), _does(thermotron, lambda driver: driver.start())),
+    "stop": Vector(b"STOP\r", b"", _thermotron(), _does(thermotron, lambda driver: driver.stop(off=True))),
 }
 _NO_TERMINATOR = "the source gives no terminator, and "
 _8800: dict[str, Vector] = {
@@ -220,15 +224,17 @@ _8800: dict[str, Vector] = {
 _CF31 = "JULABO CRYOCOMPACT CF31 VERSION 5.0"
 _LINE_ENDS = "that simulator ends its lines with CR LF; ours ends them with LF, as the manual says"
 _JULABO: dict[str, Vector] = {
-    "read_sp": Vector(b"IN_SP_00\r", b"55.5\n", _julabo(setpoint_degC=55.5), _sees(Julabo, setpoint=55.5)),
-    "set_sp": Vector(b"OUT_SP_00 55.5\r", b"", _julabo(), _does(Julabo, _sets(55.5))),
-    "version": Vector(b"VERSION\r", f"{_CF31}\r\n".encode(), _LINE_ENDS, _is(Julabo, _CF31)),
-    "status": Vector(b"STATUS\r", b"03 REMOTE START\r\n", _LINE_ENDS, _sees(Julabo, alarms=())),
+    "read_sp": Vector(b"IN_SP_00\r", b"55.5\n", _julabo(setpoint_degC=55.5), _sees(julabo, setpoint=55.5)),
+    "set_sp": Vector(b"OUT_SP_00 55.5\r", b"", _julabo(), _does(julabo, _sets(55.5))),
+    "version": Vector(b"VERSION\r", f"{_CF31}\r\n".encode(), _LINE_ENDS, _is(julabo, _CF31)),
+    "status": Vector(b"STATUS\r", b"03 REMOTE START\r\n", _LINE_ENDS, _sees(julabo, alarms=())),
 }
-_SB22_REASON = "there is no driver for the SB22 protocol: its replies are not published"
+_SB22_REASON = "its replies are not published, and ours would only be what we describe"
 _SB22: dict[str, Vector] = {
-    "read": Vector(b"\x021?8E\x03", b"", *[_SB22_REASON] * 2),
-    "stop": Vector(b"\x021T025.0F00R00000000000000008C\x03", b"", *[_SB22_REASON] * 2),
+    "read": Vector(b"\x021?8E\x03", b"", _SB22_REASON, "sent three times: test_described_boxes has its bytes"),
+    "stop": Vector(
+        b"\x021T025.0F00R00000000000000008C\x03", b"", _SB22_REASON, _does(_sb22, lambda driver: driver.stop(off=True))
+    ),
 }
 _BY_CONTROLLER = {
     "espec": _ESPEC,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -13,13 +13,33 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 
-@contextmanager
-def modbus_server(registers: Mapping[int, int], framer: FramerType) -> Iterator[str]:
-    """Serve `registers` of unit 1 on a free port of this machine; gives the URL that a driver opens."""
-    data = [
+def _registers(registers: Mapping[int, int]) -> list[SimData]:
+    return [
         SimData(address, values=value & 0xFFFF, datatype=DataType.REGISTERS)
         for address, value in sorted(registers.items())
     ]
+
+
+@contextmanager
+def modbus_server(
+    registers: Mapping[int, int],
+    framer: FramerType,
+    *,
+    inputs: Mapping[int, int] | None = None,
+    coils: Sequence[int] = (),
+    discretes: Sequence[int] = (),
+) -> Iterator[str]:
+    """Serve `registers` of unit 1 on a free port of this machine; gives the URL that a driver opens.
+
+    With `inputs` the holding registers, input registers, coils and discrete inputs are four tables; else they are one.
+    """
+    data: Any = _registers(registers)
+    if inputs is not None:
+        bits = [
+            [SimData(place, values=bool(bit), datatype=DataType.BITS) for place, bit in enumerate(each)]
+            for each in (coils, discretes)
+        ]
+        data = (*bits, data, _registers(inputs))
     started: threading.Event = threading.Event()
     shared: dict[str, Any] = {}
 

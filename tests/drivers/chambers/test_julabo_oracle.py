@@ -10,14 +10,13 @@ import pytest
 from julabo import simulator
 
 from drivers.chambers import ChamberLimits, SafeState
-from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceTimeout
-from drivers.simulators.chambers.julabo import SimulatedJulabo
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
 from tests.drivers.chambers.chamber_benches import ChamberBench
+from tests.drivers.chambers.shipped import julabo, simulated_julabo
 
 
 class _Peer:
@@ -56,7 +55,7 @@ def _quiet() -> Iterator[None]:
 
 def _bench(safe: SafeState = SafeState("off")) -> tuple[SupervisedChamber, _Peer]:  # noqa: B008 - frozen
     clock, peer = VirtualClock(), _Peer()
-    controller = Julabo(MemoryTransport(peer, clock, "sim://bath"), clock)
+    controller = julabo(MemoryTransport(peer, clock, "sim://bath"), clock)
     return SupervisedChamber(controller, clock, limits=ChamberLimits(10.0, 80.0), safe=safe), peer
 
 
@@ -116,6 +115,6 @@ def test_a_model_that_was_described_wrongly_says_what_to_write() -> None:
 
 def test_lower_case_is_heard_too() -> None:
     """As the manual prints requests."""
-    device = SimulatedJulabo(ChamberPlant())
+    device = simulated_julabo(ChamberPlant())
     device.receive(b"out_sp_00 55.5\rin_sp_00\r", 0.0)
     assert device.transmit(1.0) == b"55.5\n"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 
 import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.controllers.ezt570i import Ezt570i
-from drivers.chambers.controllers.watlow_f4 import WatlowF4
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.watlow_f4 import SimulatedWatlowF4
 from drivers.simulators.memory import MemoryTransport
-from drivers.transports.modbus import ModbusExchange, scaled, signed
+from drivers.transports.modbus import ModbusExchange, decoded, encoded
+from tests.drivers.chambers.shipped import ezt570i, simulated_f4, watlow_f4
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -50,7 +49,9 @@ def _device(exchanges: list[tuple[str, str]]) -> TranscriptDevice:
     return TranscriptDevice([(bytes.fromhex(request), bytes.fromhex(reply)) for request, reply in exchanges])
 
 
-def _chamber(controller: type[WatlowF4] | type[Ezt570i], device: TranscriptDevice) -> SupervisedChamber:
+def _chamber(
+    controller: Callable[[MemoryTransport, VirtualClock], Controller], device: TranscriptDevice
+) -> SupervisedChamber:
     clock = VirtualClock()
     built: Controller = controller(MemoryTransport(device, clock, "sim://chamber"), clock)
     return SupervisedChamber(built, clock, limits=LIMITS, safe=SafeState("off"), celsius_confirmed=True)
@@ -66,14 +67,14 @@ def test_f4_sets_a_temperature() -> None:
             *_f4_state(AIR_23, "fe d7 b8 7a"),
         ]
     )
-    _chamber(WatlowF4, device).set_temperature((-21.5 - 32.0) / 1.8)
+    _chamber(watlow_f4, device).set_temperature((-21.5 - 32.0) / 1.8)
     device.finish()
 
 
 def test_f4_reads_its_alarms_and_writes_nothing() -> None:
     """Register 106 tells alarm 2; registers 311, 331 and 332, which clear and silence, are never written."""
     device = _device([F4_IDENTIFY[2], *_f4_state(AIR_23_ALARM, "00 e6 39 ce")])
-    assert _chamber(WatlowF4, device).read().alarms == ("alarm 2 (1)",)
+    assert _chamber(watlow_f4, device).read().alarms == ("alarm 2 (1)",)
     device.finish()
 
 
@@ -81,7 +82,7 @@ def test_f4_in_fahrenheit_is_refused_before_anything_is_written() -> None:
     """Register 901 is 0."""
     device = _device([*F4_IDENTIFY[:3], (F4_IDENTIFY[3][0], "01 03 02 00 00 b8 44")])
     with pytest.raises(WrongDevice, match="set to °F; set it to °C at its panel"):
-        _chamber(WatlowF4, device).set_temperature(25.0)
+        _chamber(watlow_f4, device).set_temperature(25.0)
     device.finish()
 
 
@@ -90,7 +91,7 @@ def test_f4_with_decimals_that_cannot_be_is_not_guessed_at(reply: str, error: st
     """A wrong scale is a setpoint ten times off."""
     device = _device([*F4_IDENTIFY[:2], *[(F4_IDENTIFY[2][0], reply)] * 3])
     with pytest.raises(ProtocolError, match=error):
-        _chamber(WatlowF4, device).identify()
+        _chamber(watlow_f4, device).identify()
     device.finish()
 
 
@@ -105,7 +106,7 @@ EZT_STATE = [
 def test_ezt570i_reads() -> None:
     """Online, loop 1, what is switched on, the alarm words."""
     device = _device(EZT_STATE)
-    reading = _chamber(Ezt570i, device).read()
+    reading = _chamber(ezt570i, device).read()
     assert (reading.temperature_degC, reading.setpoint_degC, reading.mode) == (23.0, 23.0, "CONSTANT")
     assert (reading.low_limit_degC, reading.high_limit_degC, reading.alarms) == (-40.0, 70.0, ())
     device.finish()
@@ -115,7 +116,7 @@ def test_ezt570i_names_its_alarms() -> None:
     """Bit 0 of word 57 is the heater's high limit; nothing is written to register 54."""
     heater = "01 03 0a 00 00 00 00 00 01 00 00 00 00 19 76"
     device = _device([*EZT_STATE[:3], (EZT_STATE[3][0], heater)])
-    assert _chamber(Ezt570i, device).read().alarms == ("heater high limit",)
+    assert _chamber(ezt570i, device).read().alarms == ("heater high limit",)
     device.finish()
 
 
@@ -123,7 +124,7 @@ def test_ezt570i_offline_is_not_believed() -> None:
     """Register 0 is 0: its values are frozen."""
     device = _device([(EZT_STATE[0][0], "01 03 02 00 00 b8 44")] * 3)
     with pytest.raises(ProtocolError, match="offline or under maintenance"):
-        _chamber(Ezt570i, device).read()
+        _chamber(ezt570i, device).read()
     device.finish()
 
 
@@ -136,7 +137,7 @@ def test_ezt570i_is_switched_with_its_other_events_as_they_were() -> None:
             ("01 06 00 16 00 10 69 c2", "01 06 00 16 00 10 69 c2"),
         ]
     )
-    controller = Ezt570i(MemoryTransport(device, clock, "sim://chamber"), clock)
+    controller = ezt570i(MemoryTransport(device, clock, "sim://chamber"), clock)
     controller.state()
     controller.stop(off=True)
     device.finish()
@@ -226,14 +227,14 @@ def test_what_does_not_fit_is_never_wrapped_around(value: int) -> None:
 )
 def test_temperatures_are_rounded_and_not_cut(value: float, decimals: int, register: int) -> None:
     """int(100.1 / 0.1) is 1000, and int(0.29 * 100) is 28."""
-    assert scaled(value, decimals) == register
-    assert signed(register & 0xFFFF) == register
+    assert encoded(value, "int16", scale=10.0**-decimals) == (register & 0xFFFF,)
+    assert decoded([register & 0xFFFF], "int16") == register
 
 
 def test_a_temperature_that_no_register_holds_is_refused() -> None:
     """3276.8 in tenths."""
     with pytest.raises(ValueError, match="nothing was sent"):
-        scaled(3276.8, 1)
+        encoded(3276.8, "int16", scale=0.1)
 
 
 def test_frames_with_wrong_checksums_are_called_that() -> None:
@@ -249,7 +250,7 @@ def test_frames_with_wrong_checksums_are_called_that() -> None:
 def test_the_late_reply_to_a_question_that_was_given_up_does_not_answer_another(delay_s: float) -> None:
     """Three late replies of -30.0 °C, and then the mode is asked for: it is 1 and not 65236."""
     faults = [ChamberFault(ChamberFaultKind.LATE, command="read 300", times=3, delay_s=delay_s)]
-    device = SimulatedWatlowF4(ChamberPlant(), setpoint_degC=-30.0, faults=faults)
+    device = simulated_f4(ChamberPlant(), setpoint_degC=-30.0, faults=faults)
     clock = VirtualClock()
     exchange = ModbusExchange(MemoryTransport(device, clock, "sim://chamber"), clock, device="chamber")
     with suppress(DeviceTimeout):
@@ -261,7 +262,7 @@ def test_the_late_reply_to_a_question_that_was_given_up_does_not_answer_another(
 def test_modbus_tcp_needs_no_wait_for_late_replies() -> None:
     """Its transactions have numbers: a late reply is passed over."""
     faults = [ChamberFault(ChamberFaultKind.LATE, command="read 300", delay_s=1.2)]
-    device = SimulatedWatlowF4(ChamberPlant(), setpoint_degC=-30.0, faults=faults, framing="tcp")
+    device = simulated_f4(ChamberPlant(), setpoint_degC=-30.0, faults=faults, framing="tcp")
     clock = VirtualClock()
     exchange = ModbusExchange(MemoryTransport(device, clock, "sim://c"), clock, device="chamber", framing="tcp")
     assert exchange.read(300, 1) == [65236]

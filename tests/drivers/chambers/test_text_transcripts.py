@@ -9,14 +9,14 @@ import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.controllers.julabo import Julabo
 from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.thermotron import Thermotron
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
+from tests.drivers.chambers.shipped import julabo, simulated_thermotron, thermotron
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -227,7 +227,7 @@ def _thermotron(setpoint: str, mode: str = "16", alarms: str = "0") -> list[tupl
 def test_thermotron_sets_a_temperature(set_reply: str | None, run_reply: str | None) -> None:
     """RUNM lets it take effect, however operations are answered."""
     chamber, device = _chamber(
-        Thermotron,
+        thermotron,
         [
             ("IDEN?", "THERMOTRON 8800"),
             *_thermotron("22.000"),
@@ -243,7 +243,7 @@ def test_thermotron_sets_a_temperature(set_reply: str | None, run_reply: str | N
 def test_thermotron_refusals_are_not_guessed_at() -> None:
     """Any code but 0 is a refusal."""
     chamber, device = _chamber(
-        Thermotron, [("IDEN?", "THERMOTRON 8800"), *_thermotron("22.000"), ("SETP1,60.000", "5")]
+        thermotron, [("IDEN?", "THERMOTRON 8800"), *_thermotron("22.000"), ("SETP1,60.000", "5")]
     )
     with pytest.raises(CommandRefused, match="with code 5; look at its panel"):
         chamber.set_temperature(60.0)
@@ -252,10 +252,42 @@ def test_thermotron_refusals_are_not_guessed_at() -> None:
 
 def test_thermotron_alarm_bits_have_names() -> None:
     """Bits 1 and 5."""
-    chamber, device = _chamber(Thermotron, _thermotron("22.000", mode="2", alarms="34"))
+    chamber, device = _chamber(thermotron, _thermotron("22.000", mode="2", alarms="34"))
     reading = chamber.read()
     assert (reading.alarms, reading.mode) == (("high deviation", "high process"), "OFF")
     device.finish()
+
+
+@pytest.mark.parametrize(
+    ("exchanges", "native"),
+    [
+        ([("MRMP1,2.5", "0"), ("MRMP1?", "2.5")], True),
+        ([("MRMP1,2.5", "2.5"), ("MRMP1?", "2.500")], True),
+        ([("MRMP1,2.5", "5")], False),
+    ],
+)
+def test_thermotron_ramps_in_units_per_minute_where_it_knows_the_command(
+    exchanges: list[tuple[str, str]], native: bool
+) -> None:
+    """As a public client sends it; one that refuses it is stepped by the host."""
+    chamber, device = _chamber(thermotron, [("IDEN?", "THERMOTRON 8800"), *exchanges])
+    assert chamber.set_ramp_rate(2.5) is native
+    device.finish()
+
+
+def test_thermotron_that_ramps_otherwise_than_it_was_told_is_an_error() -> None:
+    """Its rate is read back."""
+    exchanges = [("IDEN?", "THERMOTRON 8800"), ("MRMP1,2.5", "0"), ("MRMP1?", "5.0")]
+    chamber, _ = _chamber(thermotron, exchanges)
+    with pytest.raises(ProtocolError, match=r"reads back 5 where 2\.5 was set"):
+        chamber.set_ramp_rate(2.5)
+
+
+def test_a_simulated_thermotron_answers_what_public_clients_ask() -> None:
+    """Its version and why it stopped."""
+    device = simulated_thermotron(ChamberPlant())
+    device.receive(b"VRSN?\rSCOD?\r", 0.0)
+    assert device.transmit(1.0) == b"SIMULATED\r0\r"
 
 
 def _julabo(setpoint: str, high: str, low: str, status: str = "03 REMOTE START") -> list[tuple[str, str]]:
@@ -272,7 +304,7 @@ def _julabo(setpoint: str, high: str, low: str, status: str = "03 REMOTE START")
 def test_julabo_sets_its_temperature_and_its_warning_limits() -> None:
     """The high limit is widened before, the low one tightened after; nothing is answered, everything read back."""
     chamber, device = _chamber(
-        Julabo,
+        julabo,
         [
             ("VERSION", "JULABO CRYOCOMPACT CF31 VERSION 5.0"),
             *_julabo("20.0", "60.00", "-50.00"),
@@ -290,6 +322,6 @@ def test_julabo_sets_its_temperature_and_its_warning_limits() -> None:
 def test_julabo_alarms_and_complaints_about_commands_are_told_apart() -> None:
     """-01 is an alarm; -10 was about the last command."""
     for status, alarms in (("-01 LOW LEVEL ALARM", ("-01 LOW LEVEL ALARM",)), ("-10 VALUE TOO SMALL", ())):
-        chamber, device = _chamber(Julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
+        chamber, device = _chamber(julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
         assert chamber.read().alarms == alarms
         device.finish()

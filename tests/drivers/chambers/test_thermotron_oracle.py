@@ -11,9 +11,10 @@ from pymeasure.adapters import SerialAdapter
 from pymeasure.instruments.thermotron import thermotron3800
 
 from drivers.clock import SystemClock
+from drivers.simulators.chambers.described import SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.thermotron import SimulatedThermotron
 from drivers.simulators.serve import DeviceServer
+from tests.drivers.chambers.shipped import simulated_thermotron
 
 
 @pytest.fixture(autouse=True)
@@ -22,8 +23,8 @@ def _without_its_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def _client(replies: Literal["echo", "code"]) -> Iterator[tuple[Any, SimulatedThermotron]]:
-    device = SimulatedThermotron(ChamberPlant(ambient_degC=23.5), replies=replies, latency_s=0.0)
+def _client(replies: Literal["echo", "code"]) -> Iterator[tuple[Any, SimulatedSetpointBox]]:
+    device = simulated_thermotron(ChamberPlant(ambient_degC=23.5), replies=replies, latency_s=0.0)
     with DeviceServer({"chamber": device}, SystemClock()) as server:
         adapter = SerialAdapter(server.urls["chamber"], timeout=2.0, write_termination="\r", read_termination="\r")
         try:

@@ -19,6 +19,7 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.transports import open_port
 from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.modbus_peer import modbus_server
+from tests.drivers.chambers.shipped import shipped, simulated_f4t, watlow_f4t
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -38,7 +39,7 @@ def test_our_driver_works_against_pymodbus_server() -> None:
     registers |= _floats(r2774=-40.0, r2776=70.0, r2782=20.0, r2820=21.5)
     clock = SystemClock()
     with modbus_server(registers, FramerType.SOCKET) as url:
-        controller = WatlowF4t(open_port(url, clock=clock), clock, timing=ModbusTiming(2.0, 0.001))
+        controller = watlow_f4t(open_port(url, clock=clock), clock, timing=ModbusTiming(2.0, 0.001))
         chamber = SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("hold", 25.0))
         try:
             assert chamber.identify().model == "F4T hardware 124"
@@ -54,9 +55,9 @@ def test_our_driver_works_against_pymodbus_server() -> None:
 
 
 def _ramped(unit: str = "C") -> tuple[SupervisedChamber, SimulatedWatlowF4t]:
-    clock, device = VirtualClock(), SimulatedWatlowF4t(ChamberPlant())
+    clock, device = VirtualClock(), simulated_f4t(ChamberPlant())
     scpi = MemoryTransport(SimulatedF4tScpi(device, unit=unit), clock, "sim://scpi")
-    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
+    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
     return SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), device
 
 
@@ -78,8 +79,8 @@ def test_a_ramp_in_fahrenheit_is_refused() -> None:
 def test_without_its_scpi_port_there_is_no_native_ramp() -> None:
     """The host steps the setpoint then."""
     clock = VirtualClock()
-    port = MemoryTransport(SimulatedWatlowF4t(ChamberPlant()), clock, "sim://chamber")
-    chamber = SupervisedChamber(WatlowF4t(port, clock), clock, limits=LIMITS, safe=SafeState("off"))
+    port = MemoryTransport(simulated_f4t(ChamberPlant()), clock, "sim://chamber")
+    chamber = SupervisedChamber(watlow_f4t(port, clock), clock, limits=LIMITS, safe=SafeState("off"))
     assert chamber.set_ramp_rate(2.0) is False
 
 
@@ -105,8 +106,9 @@ def test_the_scpi_transcript(rate: bytes, scale: bytes, action: bytes, message: 
         (b":SOURCE:CLOOP1:RACTION?\n", action),
     ]
     scpi = TranscriptDevice(exchanges)
-    port = MemoryTransport(SimulatedWatlowF4t(ChamberPlant()), clock, "sim://chamber")
-    controller = WatlowF4t(port, clock, ramp_port=MemoryTransport(scpi, clock, "sim://scpi"))
+    port = MemoryTransport(simulated_f4t(ChamberPlant()), clock, "sim://chamber")
+    ramp_port = MemoryTransport(scpi, clock, "sim://scpi")
+    controller = WatlowF4t(port, clock, shipped("watlow-f4t"), ramp_port=ramp_port)
     if message is None:
         assert controller.set_ramp_rate(2.5) is True
     else:
@@ -118,9 +120,9 @@ def test_the_scpi_transcript(rate: bytes, scale: bytes, action: bytes, message: 
 def test_the_air_moves_no_faster_than_the_ramp() -> None:
     """By the controller: one setpoint is written."""
     clock, plant = VirtualClock(), ChamberPlant()
-    device = SimulatedWatlowF4t(plant)
+    device = simulated_f4t(plant)
     scpi = MemoryTransport(SimulatedF4tScpi(device), clock, "sim://scpi")
-    controller = WatlowF4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
+    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
     chamber = RampedChamber(
         SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), clock, degC_per_min=0.5
     )

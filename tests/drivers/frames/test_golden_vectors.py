@@ -14,6 +14,7 @@ from drivers.simulators.memory import MemoryTransport
 from tests.drivers.chambers.golden_modbus import MODBUS
 from tests.drivers.chambers.golden_text import TEXT
 from tests.drivers.frames.golden_vectors import GoldenWire, Key, Vector
+from tests.drivers.transcript import TranscriptDevice
 
 VECTORS: dict[Key, Vector] = {**TEXT, **MODBUS}
 ANSWERED = [key for key, vector in VECTORS.items() if not isinstance(vector.simulator, str)]
@@ -40,7 +41,6 @@ NOT_SENT = {
     ("thermotron8800", "aux_op"),
     ("thermotron8800", "alarm"),
     ("weiss_stx", "read"),
-    ("weiss_stx", "stop"),
     ("watlow_any", "exc01"),
 }
 
@@ -96,4 +96,4 @@ def _simulator(key: Key) -> Callable[[], SimulatedDevice]:
         simulator = VECTORS[candidate].simulator
         if not isinstance(simulator, str):
             return simulator
-    raise AssertionError(f"no simulator for {key}")
+    return lambda: TranscriptDevice([])  # whatever else is sent fails

@@ -1,0 +1,93 @@
+r"""Texts with places in them, of which a box that speaks text is described.
+
+    >>> filled("SETP {value:.1f}", value=25.0)
+    'SETP 25.0'
+    >>> found_in("T={value}C{any}", "T=23.04C stable")
+    '23.04'
+
+In what is sent `{value}` stands for a number and says how it is written; `{setpoint:05.1f}` is the setpoint that the
+box holds, `{mode}` its word for its state. In what comes back `{value}` stands for what is looked for and `{any}` for
+what does not matter: `T={value}C{any}`; a value directly before `{any}` ends with its word. `{value:5}` and `{any:2}`
+are as many characters, `{code}` is a value that is a whole number.
+"""
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+_PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|mode|code)\}")
+_NUMBER = r"\s*(?P<{}>[-+]?\d+(?:\.\d*)?)\s*"
+_PROBES = (-29.7, 0.0, 25.0, 104.0)
+
+
+def filled(template: str, **values: object) -> str:
+    """Return what is sent: the template with values in its places."""
+    return _PLACE.sub(lambda place: f"{{{place[1]}}}".format(**values), template)
+
+
+def taken_from(template: str, request: str) -> dict[str, str] | None:
+    """Return what stands in the places of a request, None where it is another: for simulators."""
+    found = re.fullmatch(_pattern(template, {"mode": "(?P<mode>.+)"}, _NUMBER), request)
+    return None if found is None else found.groupdict()
+
+
+def found_in(template: str, line: str) -> str | None:
+    """Return what stands for the value in a reply, None where it is no such reply."""
+    pattern = _pattern(template, {"any": ".*", "value": "(?P<value>.+?)", "code": r"(?P<value>\d+)"}, "")
+    # Where nothing written ends the value, it ends with the word: else it would be the first character alone.
+    found = re.fullmatch(pattern.replace("(?P<value>.+?).*", r"(?P<value>[^\s,;]+).*"), line, re.DOTALL)
+    return None if found is None else found["value"].strip()
+
+
+def agrees(template: str, line: str) -> bool:
+    """Tell whether a reply is of this form; it need not hold a value."""
+    return re.fullmatch(_pattern(template, {"any": ".*"}, ""), line, re.DOTALL) is not None
+
+
+def reply_with(template: str, value: str) -> str:
+    """Return the reply that says `value`, as a simulator sends it."""
+
+    def said(place: re.Match[str]) -> str:
+        name, _, size = place[1].partition(":")
+        return (value if name in ("value", "code") else "").rjust(int(size or 0))
+
+    return _PLACE.sub(said, template)
+
+
+def _pattern(template: str, named: dict[str, str], number: str) -> str:
+    def of(place: str) -> str:
+        name, _, size = place.partition(":")
+        if name in named:
+            return named[name] if not size else f"(?P<value>.{{{size}}})" if name == "value" else f".{{{size}}}"
+        return number.format(name)
+
+    split = enumerate(_PLACE.split(template))
+    return "".join(of(text) if place % 2 else re.escape(text) for place, text in split)
+
+
+def _reply(template: str) -> str:
+    names = [name for name in _PLACE.findall(template) if not name.startswith("any")]
+    if len(names) != 1 or not re.fullmatch(r"value(:\d+)?|code", names[0]):
+        raise ValueError(f"{template!r} must hold {{value}} once, where the answer stands")
+    return template
+
+
+def _order(template: str) -> str:
+    """Check a template that carries a number: it must write and give back what it was given."""
+    names = [name for name in _PLACE.findall(template) if name != "mode"]
+    if len(names) != 1 or not names[0].startswith("value"):
+        raise ValueError(f"{template!r} must hold {{value}} once, as in 'SETP {{value:.1f}}'")
+    for probe in _PROBES:
+        try:
+            written = f"{{{names[0]}}}".format(value=probe)
+            wrong = abs(float(written) - probe) > 0.051
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{template!r} cannot write {probe}: {error}") from None
+        if wrong:
+            raise ValueError(f"{template!r} writes {written!r} for {probe}; it must keep at least one decimal")
+    return template
+
+
+Order = Annotated[str, AfterValidator(_order)]
+Reply = Annotated[str, AfterValidator(_reply)]

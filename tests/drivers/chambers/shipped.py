@@ -1,0 +1,79 @@
+"""Drivers and simulators of the descriptions that ship with the drivers, made as a driver of code would be."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from drivers.chambers import CHAMBER_DRIVERS
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import BoxDescription, load_box
+from drivers.chambers.controllers.watlow_f4t import WatlowF4t
+from drivers.clock import Clock
+from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
+from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
+from drivers.transports import Transport
+
+
+def shipped(name: str) -> BoxDescription:
+    """Return the description of a driver, by the name that a bench file gives it."""
+    path = CHAMBER_DRIVERS[name].description
+    assert path is not None
+    return load_box(path)
+
+
+def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of an F4."""
+    return SetpointBox(transport, clock, shipped("watlow-f4"), **settings)
+
+
+def watlow_f4t(transport: Transport, clock: Clock, **settings: Any) -> WatlowF4t:
+    """Return the driver of an F4T."""
+    return WatlowF4t(transport, clock, shipped("watlow-f4t"), **settings)
+
+
+def ezt570i(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of an EZT-570i."""
+    return SetpointBox(transport, clock, shipped("ezt-570i"), **settings)
+
+
+def simulated_f4(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
+    """Return a simulated F4."""
+    return SimulatedRegisterBox(plant, shipped("watlow-f4"), **settings)
+
+
+def simulated_f4t(plant: ChamberPlant, **settings: Any) -> SimulatedWatlowF4t:
+    """Return a simulated F4T."""
+    return SimulatedWatlowF4t(plant, shipped("watlow-f4t"), **settings)
+
+
+def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
+    """Return a simulated EZT-570i."""
+    return SimulatedRegisterBox(plant, shipped("ezt-570i"), **settings)
+
+
+def thermotron(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of a Thermotron."""
+    return SetpointBox(transport, clock, shipped("thermotron"), **settings)
+
+
+def simulated_thermotron(
+    plant: ChamberPlant, *, replies: Literal["echo", "code"] = "code", **settings: Any
+) -> SimulatedSetpointBox:
+    """Return a simulated 8800, or an 8200 that echoes a setpoint and answers RUNM and STOP with nothing."""
+    box = shipped("thermotron")
+    if replies == "echo":
+        silent = tuple(each.model_copy(update={"confirm": ()}) for each in (*box.start, *box.stop))
+        setpoint = box.setpoint.model_copy(update={"confirm": box.setpoint.confirm[::-1]})
+        box = box.model_copy(update={"setpoint": setpoint, "start": silent[:1], "stop": silent[1:]})
+    return SimulatedSetpointBox(plant, box, **settings)
+
+
+def julabo(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of a Julabo."""
+    return SetpointBox(transport, clock, shipped("julabo"), **settings)
+
+
+def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
+    """Return a simulated Julabo."""
+    return SimulatedSetpointBox(plant, shipped("julabo"), **settings)
