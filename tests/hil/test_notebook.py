@@ -126,6 +126,20 @@ def test_the_collects_are_the_files(folder: Path) -> None:
     assert frame["RA_deg_per_hr"].tolist() == known["RA_deg_per_hr"]
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+def test_what_is_simulated_says_so_in_every_row(simulated: bool, tmp_path: Path) -> None:
+    """In the table of the collects, of an answer, in its text and its picture."""
+    folder = written("short soaks", tmp_path / "campaign")
+    header = folder / "campaign.yaml"
+    header.write_text(header.read_text() + "simulated: true\n" * simulated)
+    campaign = hil.read_campaign(folder)
+    answer = campaign.solve()
+    assert ("SIMULATED" in repr(campaign)) is ("SIMULATED" in answer._repr_html_()) is simulated
+    assert ("SIMULATED" in answer.plot(2)._repr_svg_()) is simulated
+    pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    assert set(campaign.to_dataframe()["simulated"]) == set(answer.to_dataframe()["simulated"]) == {simulated}
+
+
 def test_what_cannot_be_answered_is_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No such folder, no night, no picture, no table, no library."""
     with pytest.raises(InputError, match="there is no such folder"):
