@@ -74,6 +74,7 @@ def test_names_and_signatures_are_those_that_notebooks_rely_on() -> None:
     for kind in (hil.Measured, hil.Night, hil.Answer):
         public = {name for name, each in vars(kind).items() if inspect.isfunction(each) and not name.startswith("_")}
         assert public - {"show"} == {each.partition(".")[2] for each in FACE if each.startswith(f"{kind.__name__}.")}
+    assert (ROOT / "hil" / "py.typed").is_file(), "a type checker is told that hil is typed"
     with pytest.raises(AttributeError, match="no attribute 'read_nigth'; it has Answer"):
         hil.read_nigth  # type: ignore[attr-defined]  # noqa: B018
 
