@@ -25,7 +25,7 @@ def _refuse_others_floors() -> None:
                 f"hil: the package {floor!r} that Python finds is not hil's own ({where or 'none is installed'}): "
                 "start in another folder, or install hil in an environment of its own, as pipx install hil does"
             )
-            if Path(sys.argv[0]).stem in ("-m", "hil"):  # somebody at a terminal, who needs no traceback
+            if Path(*sys.argv[:1]).stem in ("-m", "hil"):  # somebody at a terminal, who needs no traceback
                 raise SystemExit(sentence)
             raise ImportError(sentence)
 

@@ -52,7 +52,7 @@ def write_file(campaign: Campaign, path: Path, form: Format, series: Iterable[tu
 
 def unit_of(column: str) -> str:
     """Return the unit that the end of a column's name says; empty where it says none."""
-    return next((_UNITS[end] for end in sorted(_UNITS, key=len, reverse=True) if column.endswith(f"_{end}")), "")
+    return next((unit for end, unit in _UNITS.items() if column.endswith(f"_{end}")), "")
 
 
 def _array(cells: list[Any]) -> np.ndarray[Any, Any]:

@@ -74,6 +74,7 @@ def test_names_and_signatures_are_those_that_notebooks_rely_on() -> None:
     for kind in (hil.Measured, hil.Night, hil.Answer):
         public = {name for name, each in vars(kind).items() if inspect.isfunction(each) and not name.startswith("_")}
         assert public - {"show"} == {each.partition(".")[2] for each in FACE if each.startswith(f"{kind.__name__}.")}
+    assert (ROOT / "hil" / "py.typed").is_file(), "a type checker is told that hil is typed"
     with pytest.raises(AttributeError, match="no attribute 'read_nigth'; it has Answer"):
         hil.read_nigth  # type: ignore[attr-defined]  # noqa: B018
 
@@ -124,6 +125,20 @@ def test_the_collects_are_the_files(folder: Path) -> None:
     known = columns_of(read_campaign(folder))
     assert list(frame) == [*known, "simulated"]
     assert frame["RA_deg_per_hr"].tolist() == known["RA_deg_per_hr"]
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_what_is_simulated_says_so_in_every_row(simulated: bool, tmp_path: Path) -> None:
+    """In the table of the collects, of an answer, in its text and its picture."""
+    folder = written("short soaks", tmp_path / "campaign")
+    header = folder / "campaign.yaml"
+    header.write_text(header.read_text() + "simulated: true\n" * simulated)
+    campaign = hil.read_campaign(folder)
+    answer = campaign.solve()
+    assert ("SIMULATED" in repr(campaign)) is ("SIMULATED" in answer._repr_html_()) is simulated
+    assert ("SIMULATED" in answer.plot(2)._repr_svg_()) is simulated
+    pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    assert set(campaign.to_dataframe()["simulated"]) == set(answer.to_dataframe()["simulated"]) == {simulated}
 
 
 def test_what_cannot_be_answered_is_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

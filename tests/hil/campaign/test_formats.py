@@ -60,11 +60,14 @@ READERS: dict[Format, Read] = {"hdf5": from_hdf5, "netcdf": from_netcdf, "mat": 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    """Return a campaign with repeats; one rate is not known."""
+    """Return a campaign with repeats of two sensors; a rate is not known, nor one sensor's temperatures."""
     found = read_campaign(written("short soaks", tmp_path_factory.mktemp("given") / "campaign"))
-    rows = next(iter(found.sensors.values()))
+    number, rows = next(iter(found.sensors.items()))
     rows.rates_deg_per_hr[3, 0] = np.nan
-    return found
+    sensor = replace(rows.conditions.sensor, number=number + 1)
+    fewer = {name: values for name, values in rows.conditions.columns.items() if name != "temperature_degC"}
+    conditions = replace(rows.conditions, sensor=sensor, collect=rows.conditions.collect + 1000, columns=fewer)
+    return replace(found, sensors={number: rows, number + 1: replace(rows, conditions=conditions)})
 
 
 @pytest.mark.parametrize("form", READERS)
@@ -78,7 +81,8 @@ def test_a_file_reads_back_to_the_last_bit(form: Format, campaign: Campaign, tmp
     assert set(columns) == set(known)
     for name, values in known.items():
         assert np.array_equal(columns[name], [np.nan if v is None else v for v in values], equal_nan=name != "position")
-    assert np.isnan(columns["RA_deg_per_hr"]).sum() == 1
+    assert np.isnan(columns["RA_deg_per_hr"]).sum() == 2
+    assert np.isnan(columns["temperature_degC"]).sum() == len(known["run"]) / 2
     assert (units["RA_deg_per_hr"], units["temperature_degC"], units["position"].strip("[]")) == ("deg/hr", "degC", "")
     assert (attributes["title"], int(attributes["simulated"])) == (campaign.title, 1)
 
@@ -124,7 +128,7 @@ def test_what_cannot_be_written_is_one_sentence(
 
 
 def test_units_come_from_the_ends_of_names() -> None:
-    """The longest end that fits."""
+    """A name that ends otherwise has none."""
     assert [unit_of(name) for name in ("RA_se_deg_per_hr", "dTdt_degC_per_min", "f_A_g", "start_s", "run")] == [
         "deg/hr",
         "degC/min",

@@ -20,7 +20,7 @@ from hil.files.strict import config_folders
 GIVEN = {
     "--chamber": "espec",
     "--chamber-port": "COM3",
-    "--limits": "-40 degF to 185 degF",
+    "--limits": "-40 to 185 degF",
     "--unit": "stim300",
     "--unit-port": "socket://127.0.0.1:1",
     "--latitude": "59.9 deg",

@@ -138,6 +138,7 @@ def test_the_site_holds_together(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["docs", "wire-a-chamber", "--site", str(tmp_path)]).exit_code == 0
     pages = {path.resolve(): path.read_text("utf-8") for path in tmp_path.rglob("*.html")}
     assert len(pages) == len(manual()) == len(PAGES) - 1
+    assert sum(len(re.findall(r'href="[^":]+\.html#', text)) for text in pages.values()) > 10
     for path, text in pages.items():
         for target in re.findall(r'(?:href|src)="([^":]*)"', text):
             file, _, anchor = target.partition("#")
