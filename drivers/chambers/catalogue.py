@@ -148,7 +148,7 @@ _SHIPPED: Mapping[str, ChamberDriver] = {
     "voetsch-ascii2": ChamberDriver(
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
-    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
+    "simserv": _described(_BOXES / "simserv.yaml", SimServ),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),

@@ -110,6 +110,7 @@ class Quantity(Number):
     send: Order | None = None
     confirm: Several[str] = ()
     then_start: bool = False  # takes effect when it is started, where it runs
+    step: PositiveFloat = 0.1  # in which it is held
     write: Several[Address] = ()
 
     @model_validator(mode="after")
@@ -157,6 +158,7 @@ class Identity(Question):
     expect: Word = ""
     model: Plain = "{value}"
     otherwise: Plain | None = None
+    hottest: Number | None = None  # what it says it can be, by which a unit that it cannot tell is judged
     requires: Several[Requirement] = ()
 
     @property
@@ -180,14 +182,14 @@ class Identity(Question):
 class UnitQuestion(Question):
     """The unit, with the words for °C and °F."""
 
-    celsius: Word
-    fahrenheit: Word
+    celsius: Several[Word]
+    fahrenheit: Several[Word]
 
     def meaning(self, word: str) -> str:
         """Return the unit."""
-        if word not in (self.celsius, self.fahrenheit):
+        if word not in (*self.celsius, *self.fahrenheit):
             raise ValueError(f"says that its unit is {word!r}, which its description does not have")
-        return "degC" if word == self.celsius else "degF"
+        return "degC" if word in self.celsius else "degF"
 
 
 class StateQuestion(Question):
@@ -276,7 +278,9 @@ class BoxDescription(Entry):
     pause_after_setting_s: float = Field(default=0.5, ge=0.0)
     resolution_degC: float = Field(default=0.1, ge=0.1, le=1.0)
     limits_are: Literal["setpoint", "alarm"] = "setpoint"
+    encoding: Literal["ascii", "latin-1"] = "ascii"
     refused: Reply | None = None  # what it answers where it will not
+    refusals: dict[Word, Plain] = Field(default_factory=dict)  # what its codes mean
     asked: tuple[Looked, ...] = ("alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit")
     identify: Identity
     believe: Several[Requirement] = ()
@@ -326,8 +330,9 @@ class BoxDescription(Entry):
     def _hangs_together(self) -> Self:
         if (self.low_limit is None) != (self.high_limit is None):
             raise ValueError("give low_limit and high_limit, or neither")
-        if sorted(self.asked) != sorted(type(self).model_fields["asked"].default):
-            raise ValueError("asked: name each of alarms, temperature, setpoint, state, the limits and unit once")
+        usual: set[str] = {key for key in type(self).model_fields["asked"].default if self._entries(key)}
+        if usual - {"unit"} - set(self.asked) or len(set(self.asked)) < len(self.asked):
+            raise ValueError("asked: name everything once; only the unit may be left to who is identified")
         if len({bool(self.state), bool(self.start), bool(self.stop)}) > 1:
             raise ValueError("give state, start and stop; or none of them where it cannot be switched over the line")
         if self.state:

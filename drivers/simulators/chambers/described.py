@@ -43,7 +43,7 @@ class _Described(SimulatedController, ABC):
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
         if box.unit is not None:
-            yield box.unit, box.unit.fahrenheit if self.fahrenheit else box.unit.celsius
+            yield box.unit, (box.unit.fahrenheit if self.fahrenheit else box.unit.celsius)[0]
         yield box.temperature, self._air(now_s)
         yield box.setpoint, self._shown(self.setpoint_degC)
         yield box.low_limit, self._shown(self.limits.low_degC)
@@ -57,6 +57,8 @@ class _Described(SimulatedController, ABC):
         yield box.dead_man_s, self.dead_man_s
 
     def _alarm_word(self, question: AlarmQuestion) -> str:
+        if question.bit is not None:
+            return str(int(bool(self.alarms)))
         if question.bits is not None:
             return str(sum(1 << int(alarm) for alarm in set(self.alarms)))
         return self.alarms[0] if self.alarms else question.none[0]
@@ -107,7 +109,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         self._box = description
         self._usual_alarm = description.simulated.alarm
         framing, reply_framing = description.framings
-        super().__init__(plant, framing=framing, reply_framing=reply_framing, **settings)
+        super().__init__(plant, framing=framing, reply_framing=reply_framing, encoding=description.encoding, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
         request = request.upper() if self._box.simulated.any_case else request
