@@ -14,6 +14,7 @@ from typing import Any, Literal
 from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import SerialLine as SerialLine
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.simserv import SimServ
@@ -54,15 +55,6 @@ class ChamberOptions:
     dead_man_asked: bool = True
     layout: AsciiLayout | None = None
     warning_limits: WarningLimits | None = None
-
-
-@dataclass(frozen=True)
-class SerialLine:
-    """Line settings as a controller leaves its factory."""
-
-    baud: int
-    data_bits: int = 8
-    parity: Literal["N", "E", "O"] = "N"
 
 
 @dataclass(frozen=True)
@@ -114,15 +106,11 @@ def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) ->
     box = load_box(path)
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        description = load_box(options.description or path, options.warning_limits)
-        if options.terminator is not None:
-            description = description.ended_with(options.terminator)
-        settings = ("address", "framing", *said) if description.modbus else said
-        given = {name: getattr(options, name) for name in settings if getattr(options, name) is not None}
+        description = load_box(options.description or path, options.warning_limits, options.terminator)
+        given = {name: getattr(options, name) for name in ("address", "framing", *said)}
         return supervised(kind(transport, clock, description, **given), clock, options)
 
-    line = SerialLine(box.line.baud, box.line.data_bits, box.line.parity)
-    return ChamberDriver(box.title or box.name, line, build, box.dead_man_s is not None, path)
+    return ChamberDriver(box.title or box.name, box.line, build, box.dead_man_s is not None, path)
 
 
 def _any_box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
