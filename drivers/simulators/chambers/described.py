@@ -131,7 +131,9 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     def _answer_to(self, request: str, now_s: float) -> str | None:
         """Return one line that answers all questions asked by this text, each in its place or by its bit."""
-        answered = [(each, value) for each, value in self._answers(now_s) if each and each.ask == request and value]
+        answered = [
+            (each, value) for each, value in self._answers(now_s) if each and each.ask == request and value is not None
+        ]
         bits = sum(int(value) << each.bit for each, value in answered if each.bit is not None)
         lines = [each.answer(self._written(bits if each.bit is not None else value)) for each, value in answered]
         if not lines:
