@@ -9,7 +9,6 @@ Names are known without loading anything: what is broken is told to who asks for
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from drivers.errors import InputError
@@ -39,11 +38,6 @@ def loaded(point: EntryPoint) -> Any:
             f"{point.name}: {_whose(point)} brings it ({point.group}: {point.value}), and it cannot be loaded: "
             f"{type(error).__name__}: {error}"
         ) from error
-
-
-def file_of(group: str, name: str) -> Path | None:
-    """Return the file that a distribution brings under a name, None where none does; raises as `loaded` does."""
-    return Path(loaded(brought(group)[name])) if name in brought(group) else None
 
 
 def _whose(point: EntryPoint) -> str:

@@ -57,6 +57,9 @@ class ChamberOptions:
     warning_limits: WarningLimits | None = None
 
 
+Build = Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
+
+
 @dataclass(frozen=True)
 class ChamberDriver:
     """One driver: how a person calls its controllers, their line, and how it is put together.
@@ -68,7 +71,7 @@ class ChamberDriver:
 
     title: str
     line: SerialLine
-    build: Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
+    build: Build
     dead_man: bool = False
     description: Path | None = None
     simulator: Callable[..., Any] | None = None
@@ -89,9 +92,7 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
     )
 
 
-def _built(
-    kind: Callable[..., Controller], *said: str
-) -> Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]:
+def _built(kind: Callable[..., Controller], *said: str) -> Build:
     """Return what makes a chamber of such a controller and of what the bench file may say of it, the options `said`."""
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
@@ -101,22 +102,23 @@ def _built(
     return build
 
 
-def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
-    """Return the driver of a description."""
-    box = load_box(path)
+def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
+    """Return what makes a chamber of a description, the bench file's own where it has one."""
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        description = load_box(options.description or path, options.warning_limits, options.terminator)
+        if (own := options.description or path) is None:
+            raise ValueError("a box needs its description")
+        description = load_box(own, options.warning_limits, options.terminator)
         given = {name: getattr(options, name) for name in ("address", "framing", *said)}
         return supervised(kind(transport, clock, description, **given), clock, options)
 
-    return ChamberDriver(box.title or box.name, box.line, build, box.dead_man_s is not None, path)
+    return build
 
 
-def _any_box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-    if options.description is None:
-        raise ValueError("a box needs its description")
-    return _described(options.description).build(transport, clock, options)
+def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
+    """Return the driver of a description."""
+    box = load_box(path)
+    return ChamberDriver(box.title or box.name, box.line, _speaks(path, kind, *said), box.dead_man_s is not None, path)
 
 
 _BOXES = Path(__file__).parent / "boxes"
@@ -127,7 +129,7 @@ def _brought(entry: ChamberDriver | str | Path) -> ChamberDriver:
     return entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
 
 
-_SHIPPED: Mapping[str, ChamberDriver] = {
+SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver(
         "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
     ),
@@ -140,7 +142,9 @@ _SHIPPED: Mapping[str, ChamberDriver] = {
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
-    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),
+    "box": ChamberDriver(
+        "Any chamber that a file describes", SerialLine(9600), _speaks(None, SetpointBox), dead_man=True
+    ),
 }
 
-CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", _SHIPPED, _brought)
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", SHIPPED, _brought)

@@ -36,10 +36,8 @@ class _Described(SimulatedController, ABC):
     def _answers(self, now_s: float) -> Iterator[tuple[Question | None, float | str | None]]:
         """Give every question and what is answered: a temperature or another number, or a word."""
         box, identity = self._box, self._box.identify
-        yield (
-            identity,
-            identity.expect if box.modbus else box.simulated.identity or f"{identity.expect or box.name} SIMULATED",
-        )
+        own = box.simulated.identity or f"{identity.expect or box.name} SIMULATED"
+        yield identity, identity.expect if box.modbus else own
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
         if box.unit is not None:
@@ -145,10 +143,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     def _refuse(self, request: str, refusal: Refusal) -> str | None:
         del request
-        return self._box.refused and reply_with(self._box.refused, str(refusal))
-
-    def _refusal(self) -> str:
-        return "5"
+        return self._box.refused and reply_with(self._box.refused, str(refusal) or "5")
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):

@@ -39,7 +39,7 @@ _RESPONSES = {
 class SimulatedModbus(SimulatedController):
     """A `SimulatedDevice` with registers.
 
-    A controller says what is in a register (`_register`) and what writing it does (`_set_register`); both raise
+    A controller says what is in a register (`_register`) and what writing them does (`_set_registers`); both raise
     `Refusal` with the number of the exception. Faults know requests as `read 100` and `write 300`. `silent_refusals`
     is for units that answer a bad request with nothing, `coils` for those that have coils.
     """
