@@ -276,6 +276,14 @@ def test_thermotron_refusals_are_not_guessed_at() -> None:
     device.finish()
 
 
+def test_thermotron_takes_no_code_for_a_temperature() -> None:
+    """A refused question is answered with 5, which is not 5 °C."""
+    chamber, device = _chamber(thermotron, [("PVAR1?", "5")] * 3)
+    with pytest.raises(CommandRefused, match="refused 'PVAR1\\?' with code 5"):
+        chamber.read()
+    device.finish()
+
+
 def test_thermotron_alarm_bits_have_names() -> None:
     """Bits 1 and 5."""
     chamber, device = _chamber(thermotron, _thermotron("22.000", mode="2", alarms="34"))
