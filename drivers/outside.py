@@ -9,7 +9,6 @@ Names are known without loading anything: what is broken is told to who asks for
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from drivers.errors import InputError
@@ -41,11 +40,6 @@ def loaded(point: EntryPoint) -> Any:
         ) from error
 
 
-def file_of(group: str, name: str) -> Path | None:
-    """Return the file that a distribution brings under a name, None where none does; raises as `loaded` does."""
-    return Path(loaded(brought(group)[name])) if name in brought(group) else None
-
-
 def _whose(point: EntryPoint) -> str:
     return "a distribution" if point.dist is None else f"{point.dist.name} {point.dist.version}"
 
@@ -66,4 +60,4 @@ class Catalogue(Mapping[str, Entry], Generic[Entry]):
         return iter({**self._known, **brought(self._group)})
 
     def __len__(self) -> int:
-        return len({**self._known, **brought(self._group)})
+        return sum(1 for _ in self)

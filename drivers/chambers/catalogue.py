@@ -14,6 +14,7 @@ from typing import Any, Literal
 from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import SerialLine as SerialLine
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.simserv import SimServ
@@ -56,13 +57,7 @@ class ChamberOptions:
     warning_limits: WarningLimits | None = None
 
 
-@dataclass(frozen=True)
-class SerialLine:
-    """Line settings as a controller leaves its factory."""
-
-    baud: int
-    data_bits: int = 8
-    parity: Literal["N", "E", "O"] = "N"
+Build = Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
 
 
 @dataclass(frozen=True)
@@ -76,7 +71,7 @@ class ChamberDriver:
 
     title: str
     line: SerialLine
-    build: Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
+    build: Build
     dead_man: bool = False
     description: Path | None = None
     simulator: Callable[..., Any] | None = None
@@ -97,9 +92,7 @@ def supervised(controller: Controller, clock: Clock, options: ChamberOptions) ->
     )
 
 
-def _built(
-    kind: Callable[..., Controller], *said: str
-) -> Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]:
+def _built(kind: Callable[..., Controller], *said: str) -> Build:
     """Return what makes a chamber of such a controller and of what the bench file may say of it, the options `said`."""
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
@@ -109,26 +102,23 @@ def _built(
     return build
 
 
+def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
+    """Return what makes a chamber of a description, the bench file's own where it has one."""
+
+    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+        if (own := options.description or path) is None:
+            raise ValueError("a box needs its description")
+        description = load_box(own, options.warning_limits, options.terminator)
+        given = {name: getattr(options, name) for name in ("address", "framing", *said)}
+        return supervised(kind(transport, clock, description, **given), clock, options)
+
+    return build
+
+
 def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
     """Return the driver of a description."""
     box = load_box(path)
-
-    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        description = load_box(options.description or path, options.warning_limits)
-        if options.terminator is not None:
-            description = description.ended_with(options.terminator)
-        settings = ("address", "framing", *said) if description.modbus else said
-        given = {name: getattr(options, name) for name in settings if getattr(options, name) is not None}
-        return supervised(kind(transport, clock, description, **given), clock, options)
-
-    line = SerialLine(box.line.baud, box.line.data_bits, box.line.parity)
-    return ChamberDriver(box.title or box.name, line, build, box.dead_man_s is not None, path)
-
-
-def _any_box(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-    if options.description is None:
-        raise ValueError("a box needs its description")
-    return _described(options.description).build(transport, clock, options)
+    return ChamberDriver(box.title or box.name, box.line, _speaks(path, kind, *said), box.dead_man_s is not None, path)
 
 
 _BOXES = Path(__file__).parent / "boxes"
@@ -139,7 +129,7 @@ def _brought(entry: ChamberDriver | str | Path) -> ChamberDriver:
     return entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
 
 
-_SHIPPED: Mapping[str, ChamberDriver] = {
+SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver(
         "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
     ),
@@ -148,11 +138,13 @@ _SHIPPED: Mapping[str, ChamberDriver] = {
     "voetsch-ascii2": ChamberDriver(
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
-    "simserv": ChamberDriver("Vötsch and Weiss, S!MPAC SimServ", SerialLine(9600), _built(SimServ)),
+    "simserv": _described(_BOXES / "simserv.yaml", SimServ),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
-    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _any_box, dead_man=True),
+    "box": ChamberDriver(
+        "Any chamber that a file describes", SerialLine(9600), _speaks(None, SetpointBox), dead_man=True
+    ),
 }
 
-CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", _SHIPPED, _brought)
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", SHIPPED, _brought)

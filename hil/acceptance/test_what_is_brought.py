@@ -13,7 +13,7 @@ from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, ChamberOptions, Saf
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceTimeout, SetpointOutOfLimits
 from drivers.frames.description import load_description
-from drivers.outside import brought, file_of, loaded
+from drivers.outside import brought, loaded
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -61,23 +61,13 @@ def test_an_effect_that_is_brought_says_what_it_is(name: str) -> None:
     made = loaded(brought("hil.effects")[name])
     own = made() if isinstance(made, type) else made
     assert [each.id for each in entries()].count(own.id) == 1, f"{own.id} is the id of another effect"
-    assert own.title
-    assert own.equation
-    assert own.parameters
-    assert own.signature
-    assert own.experiment
+    assert all((own.title, own.equation, own.parameters, own.signature, own.experiment))
     assert set(own.confusable_with) <= {each.id for each in entries()}
 
 
-@_every("hil.positioners")
-def test_a_positioner_that_is_brought_can_be_made(name: str) -> None:
-    """It is a class or a function; what it does is tried on a bench, by the tests marked hardware."""
-    assert callable(loaded(brought("hil.positioners")[name]))
-
-
-@_every("hil.frames")
-def test_a_frame_description_that_is_brought_can_be_read(name: str) -> None:
-    """As a bench that names it would."""
-    path = file_of("hil.frames", name)
-    assert path is not None
-    assert load_description(path).frames
+@pytest.mark.parametrize("group", ["hil.positioners", "hil.frames"])
+def test_positioners_and_frame_descriptions_that_are_brought_can_be_loaded(group: str) -> None:
+    """A positioner is made on a bench, by the tests marked hardware; frames are read as a bench would."""
+    for name, point in brought(group).items():
+        entry = loaded(point)
+        assert callable(entry) or load_description(entry).frames, name

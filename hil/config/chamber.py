@@ -27,6 +27,13 @@ def _off_is_a_word(value: object) -> object:
 _PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
 
 
+_OF_ONE_DRIVER = {
+    "layout": ("voetsch-ascii2", "has layouts that differ"),
+    "warning_limits": ("julabo", "has them under parameters that differ"),
+    "ramp_port": ("watlow-f4t", "sets its ramp on a port of its own"),
+}
+
+
 def _chamber_driver(value: str) -> str:
     if value not in CHAMBER_DRIVERS:
         raise ValueError(f"{value!r} is not a chamber driver; there are {', '.join(sorted(CHAMBER_DRIVERS))}")
@@ -127,19 +134,15 @@ class ChamberSection(Section):
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
             having = listed(name for name, driver in CHAMBER_DRIVERS.items() if driver.dead_man)
             raise ValueError(f"dead_man: {self.driver} has no timer of its own; {having} can have one; leave it out")
-        if self.layout is not None and self.driver != "voetsch-ascii2":
-            raise ValueError("layout: only voetsch-ascii2 has layouts that differ")
-        if self.warning_limits is not None and self.driver != "julabo":
-            raise ValueError("warning_limits: only julabo has them under parameters that differ")
+        for key, (driver, why) in _OF_ONE_DRIVER.items():
+            if getattr(self, key) is not None and self.driver != driver:
+                raise ValueError(f"{key}: only {driver} {why}; leave it out")
         return self
 
     @model_validator(mode="after")
     def _a_ramp_port_goes_with_its_chamber(self) -> ChamberSection:
-        if self.ramp_port is None:
-            return self
-        if self.driver != "watlow-f4t":
-            raise ValueError("ramp_port: only watlow-f4t sets its ramp on a port of its own; leave it out")
-        if self.ramp_port.startswith(SIMULATED_SCHEME) != self.port.startswith(SIMULATED_SCHEME):
+        simulated = self.port.startswith(SIMULATED_SCHEME)
+        if self.ramp_port is not None and self.ramp_port.startswith(SIMULATED_SCHEME) != simulated:
             raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
         return self
 

@@ -12,7 +12,7 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError, model_validator
 
 from drivers.given_file import read_text as read_text
-from drivers.outside import file_of
+from drivers.outside import brought, loaded
 from drivers.strict_yaml import first_mistake
 from drivers.strict_yaml import parse_yaml as parse_yaml
 from hil.errors import InputError
@@ -109,8 +109,8 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
         for candidate in (folder / path, folder / f"{path}{ending}"):
             if _is(Path.is_file, candidate):
                 return candidate
-    if kind == "imus" and (file := file_of("hil.frames", str(name))) is not None:
-        return file
+    if kind == "imus" and str(name) in brought("hil.frames"):
+        return Path(loaded(brought("hil.frames")[str(name)]))
     what = SINGULAR.get(kind, kind)
     if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")

@@ -19,7 +19,19 @@ import drivers
 from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
-from drivers.chambers.controllers.description import load_box
+from drivers.chambers.controllers.description import (
+    AlarmQuestion,
+    BoxDescription,
+    Command,
+    Identity,
+    Quantity,
+    Requirement,
+    SimulatedSection,
+    StateQuestion,
+    load_box,
+    parse_box,
+)
+from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS
@@ -223,3 +235,27 @@ def test_a_description_hangs_together(path: Path) -> None:
     chamber.safe_state()
     assert device.mode == "OFF" if box.stop else device.setpoint_degC == 25.0
     assert device.ignored_requests == 0
+
+
+DOCS = EXAMPLE_BOX.parents[2] / "docs"
+
+
+def test_the_how_tos_description_is_one() -> None:
+    """As it stands there, against the box that it describes."""
+    text = (DOCS / "how-to" / "describe-a-modbus-chamber.md").read_text(encoding="utf-8")
+    box = parse_box(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0], "how-to")
+    clock, device = VirtualClock(), simulated_box(ChamberPlant(), box)
+    controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)
+    chamber = SupervisedChamber(controller, clock, limits=ChamberLimits(-35.0, 65.0), safe=SafeState("off"))
+    chamber.prepare()
+    device.alarms = ("50.3",)
+    assert chamber.read().alarms == ("door open",)
+    assert chamber.safe_state().action == "off"
+
+
+def test_the_reference_has_every_key_of_a_description() -> None:
+    """In its words, or nobody would know of it."""
+    text = (DOCS / "reference" / "chamber-descriptions.md").read_text(encoding="utf-8")
+    kinds = (BoxDescription, ModbusSection, SimulatedSection, Identity, StateQuestion, AlarmQuestion, Requirement)
+    keys = {field.alias or key for kind in (*kinds, Quantity, Command) for key, field in kind.model_fields.items()}
+    assert {key for key in keys - {"step"} if not re.search(rf"\b{key}\b", text)} == set()

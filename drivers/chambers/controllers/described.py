@@ -22,7 +22,7 @@ from drivers.transports import Transport
 
 
 class SetpointBox(Controller):
-    """A `Controller` as a description says. `settings` of a Modbus box: `address`, `framing`, `timing`."""
+    """A `Controller` as a description says. `settings` are of a Modbus box alone: `address`, `framing`, `timing`."""
 
     def __init__(self, transport: Transport, clock: Clock, description: BoxDescription, **settings: Any) -> None:
         super().__init__(transport, "chamber" if description.modbus else description.name)
@@ -53,7 +53,12 @@ class SetpointBox(Controller):
         self._medium.begin(anew=True)
         if not identity.asks:
             return ControllerIdentity(model, self.state().unit)  # who cannot be asked must look like it
-        return ControllerIdentity(model, None if unit is None else self._ask([unit])[id(unit)])
+        hottest = identity.hottest
+        try:
+            about = self._ask([each for each in (unit, hottest) if each is not None])
+        except CommandRefused:
+            about = {}  # an older one, which does not know these questions
+        return ControllerIdentity(model, about.get(id(unit)), about.get(id(hottest)))
 
     def state(self) -> ControllerState:
         """Look at everything that the box can tell; raise `ProtocolError` where it contradicts itself."""
@@ -116,7 +121,7 @@ class SetpointBox(Controller):
             return False
         self._medium.set(quantity, value, self._known)
         found = self._ask([quantity])[id(quantity)]
-        if abs(found - value) > 0.051:
+        if abs(found - value) > 0.51 * quantity.step:
             raise ProtocolError(f"{self.device} reads back {found:g} where {value:g} was set")
         return True
 

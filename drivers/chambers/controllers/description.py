@@ -1,8 +1,8 @@
 """A chamber described in a file: what is sent and what comes back, or which registers it has.
 
     >>> box = load_box("configs/chambers/temptronic-ats.yaml")
-    >>> box.setpoint.request(25.0)
-    'SETP 25.0'
+    >>> box.setpoint.taken("SETP 25.0")
+    25.0
     >>> box.temperature.value("23.4")
     '23.4'
 
@@ -11,6 +11,7 @@ register's number is a word as a reply is: what a word means stands with the que
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -25,7 +26,7 @@ from pydantic import (
 )
 
 from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
-from drivers.chambers.controllers.templates import Order, Reply, filled, found_in, reply_with, taken_from
+from drivers.chambers.controllers.templates import Order, Reply, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
@@ -110,6 +111,7 @@ class Quantity(Number):
     send: Order | None = None
     confirm: Several[str] = ()
     then_start: bool = False  # takes effect when it is started, where it runs
+    step: PositiveFloat = 0.1  # in which it is held
     write: Several[Address] = ()
 
     @model_validator(mode="after")
@@ -122,10 +124,6 @@ class Quantity(Number):
     def written_to(self) -> tuple[int, ...]:
         """The registers it is written to."""
         return self.write or (() if self.address is None else (self.address,))
-
-    def request(self, value: float) -> str:
-        """Return what sets the value."""
-        return filled(self.send or "", value=value)
 
     def taken(self, request: str) -> float | None:
         """Return the number in a request of this form, None where it is another: for simulators."""
@@ -157,6 +155,7 @@ class Identity(Question):
     expect: Word = ""
     model: Plain = "{value}"
     otherwise: Plain | None = None
+    hottest: Number | None = None  # what it says it can be, by which a unit that it cannot tell is judged
     requires: Several[Requirement] = ()
 
     @property
@@ -180,14 +179,14 @@ class Identity(Question):
 class UnitQuestion(Question):
     """The unit, with the words for °C and °F."""
 
-    celsius: Word
-    fahrenheit: Word
+    celsius: Several[Word]
+    fahrenheit: Several[Word]
 
     def meaning(self, word: str) -> str:
         """Return the unit."""
-        if word not in (self.celsius, self.fahrenheit):
+        if word not in (*self.celsius, *self.fahrenheit):
             raise ValueError(f"says that its unit is {word!r}, which its description does not have")
-        return "degC" if word == self.celsius else "degF"
+        return "degC" if word in self.celsius else "degF"
 
 
 class StateQuestion(Question):
@@ -249,10 +248,11 @@ class SimulatedSection(Entry):
     answers: dict[Plain, str] = Field(default_factory=dict)  # to other texts
 
 
-class LineSection(Entry):
-    """The serial line as its maker ships it."""
+@dataclass(frozen=True)
+class SerialLine:
+    """Line settings as a controller leaves its factory."""
 
-    baud: PositiveInt = 9600
+    baud: int
     data_bits: Literal[7, 8] = 8
     parity: Literal["N", "E", "O"] = "N"
 
@@ -263,7 +263,7 @@ class BoxDescription(Entry):
     name: Plain
     title: str = ""
     verified: Plain  # what was seen on a real one, and what was not
-    line: LineSection = LineSection()
+    line: SerialLine = SerialLine(9600)
     modbus: ModbusSection | None = None
     simulated: SimulatedSection = SimulatedSection()
     terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
@@ -276,7 +276,9 @@ class BoxDescription(Entry):
     pause_after_setting_s: float = Field(default=0.5, ge=0.0)
     resolution_degC: float = Field(default=0.1, ge=0.1, le=1.0)
     limits_are: Literal["setpoint", "alarm"] = "setpoint"
+    encoding: Literal["ascii", "latin-1"] = "ascii"
     refused: Reply | None = None  # what it answers where it will not
+    refusals: dict[Word, Plain] = Field(default_factory=dict)  # what its codes mean
     asked: tuple[Looked, ...] = ("alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit")
     identify: Identity
     believe: Several[Requirement] = ()
@@ -303,10 +305,6 @@ class BoxDescription(Entry):
             return whole, whole
         return Line(_TERMINATORS[self.terminator]), Line(_TERMINATORS[self.reply_terminator or self.terminator])
 
-    def ended_with(self, terminator: bytes) -> Self:
-        """Return the same box with another terminator, as a bench file may say."""
-        return self.model_copy(update={"terminator": {end: name for name, end in _TERMINATORS.items()}[terminator]})
-
     @property
     def looked_at(self) -> list[Question]:
         """All that is asked at every look, in this order."""
@@ -326,8 +324,9 @@ class BoxDescription(Entry):
     def _hangs_together(self) -> Self:
         if (self.low_limit is None) != (self.high_limit is None):
             raise ValueError("give low_limit and high_limit, or neither")
-        if sorted(self.asked) != sorted(type(self).model_fields["asked"].default):
-            raise ValueError("asked: name each of alarms, temperature, setpoint, state, the limits and unit once")
+        usual: set[str] = {key for key in type(self).model_fields["asked"].default if self._entries(key)}
+        if usual - {"unit"} - set(self.asked) or len(set(self.asked)) < len(self.asked):
+            raise ValueError("asked: name everything once; only the unit may be left to who is identified")
         if len({bool(self.state), bool(self.start), bool(self.stop)}) > 1:
             raise ValueError("give state, start and stop; or none of them where it cannot be switched over the line")
         if self.state:
@@ -342,19 +341,21 @@ class BoxDescription(Entry):
         return self
 
 
-def load_box(path: str | Path, variant: str | None = None) -> BoxDescription:
-    """Read a description, or what it is for one of its `variants`.
+def load_box(path: str | Path, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
+    """Read a description, or what it is for one of its `variants`, or with another terminator than its own.
 
     Raises `InputError` in one sentence that names the file and the key.
     """
-    return parse_box(read_text(path), str(path), variant)
+    return parse_box(read_text(path), str(path), variant, terminator)
 
 
-def parse_box(text: str, source: str, variant: str | None = None) -> BoxDescription:
-    """Read a description from YAML text; `source` names it in messages. Raises `InputError` where it is none."""
+def parse_box(text: str, source: str, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
+    """Read a description from YAML text as `load_box` does; `source` names it in messages. Raises `InputError`."""
     document = parse_yaml(text, source)
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})
+    if terminator is not None:
+        document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
     try:
         return BoxDescription.model_validate(document)
     except ValidationError as error:

@@ -28,10 +28,16 @@ class TextMedium:
         framing, reply_framing = box.framings
         timing = LineTiming(box.timeout_s, box.pause_after_question_s, box.pause_after_setting_s, late_s=box.late_s)
         self._exchange = LineExchange(
-            transport, clock, device=device, framing=framing, reply_framing=reply_framing, timing=timing
+            transport,
+            clock,
+            device=device,
+            framing=framing,
+            reply_framing=reply_framing,
+            timing=timing,
+            encoding=box.encoding,
         )
         self.decimals: int | None = None
-        self._device, self._refused = device, box.refused
+        self._device, self._box = device, box
         self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}
 
     def fetches(self, questions: Iterable[Question]) -> dict[str, list[Question]]:
@@ -43,7 +49,7 @@ class TextMedium:
 
     def fetch(self, text: str, accept: Callable[[str], Answers]) -> Answers:
         """Send a text until its reply is accepted, a bounded number of times; raise `DeviceTimeout` with its hint."""
-        length, hint = self._about[text]
+        length, hint = self._about.get(text, (None, ""))
         try:
             return self._exchange.query(text, accept, length)
         except DeviceTimeout as error:
@@ -53,9 +59,13 @@ class TextMedium:
         """Ask what must be known before anything else can be understood: nothing."""
 
     def word(self, question: Question, line: str) -> str:
-        """Return what stands in a reply for the answer; raise `ValueError`, which says what the box did."""
+        """Return what stands in a reply for the answer.
+
+        Raises `CommandRefused` where the box says no, and `ValueError`, which says what it did instead.
+        """
         value = question.value(line)
         if value is None:
+            self._refuse(question.ask or "", line)
             raise ValueError(f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}")
         if question.bit is not None and value.isdecimal():
             return str(int(value) >> question.bit & 1)
@@ -81,11 +91,16 @@ class TextMedium:
         def accept(line: str) -> bool:
             if any(agrees(each, line) for each in confirm):
                 return True
-            if self._refused is not None and (code := found_in(self._refused, line)) is not None:
-                raise CommandRefused(f"{self._device} refused {request!r} with code {code}; look at its panel")
+            self._refuse(request, line)
             return False
 
         self._exchange.command(request, accept, len(confirm[0]))
+
+    def _refuse(self, request: str, line: str) -> None:
+        """Raise `CommandRefused` where a line says no."""
+        if self._box.refused is not None and (code := found_in(self._box.refused, line)) is not None:
+            meaning = self._box.refusals.get(code, "look at its panel")
+            raise CommandRefused(f"{self._device} refused {request!r} with code {code}; {meaning}")
 
 
 class RegisterMedium:

@@ -8,7 +8,7 @@ r"""Texts with places in them, of which a box that speaks text is described.
 In what is sent `{value}` stands for a number and says how it is written; `{setpoint:05.1f}` is the setpoint that the
 box holds, `{mode}` its word for its state. In what comes back `{value}` stands for what is looked for and `{any}` for
 what does not matter: `T={value}C{any}`; a value directly before `{any}` ends with its word. `{value:5}` and `{any:2}`
-are as many characters, `{code}` is a value that is a whole number.
+are as many characters; `{code}` is a value that is a whole number, `{decimal}` one that has a decimal point.
 """
 
 import re
@@ -16,8 +16,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-_PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|mode|code)\}")
+_PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|mode|code|decimal)\}")
 _NUMBER = r"\s*(?P<{}>[-+]?\d+(?:\.\d*)?)\s*"
+_DECIMAL = r"(?P<value>[-+]?\d+\.\d*)"
 _PROBES = (-29.7, 0.0, 25.0, 104.0)
 
 
@@ -34,7 +35,9 @@ def taken_from(template: str, request: str) -> dict[str, str] | None:
 
 def found_in(template: str, line: str) -> str | None:
     """Return what stands for the value in a reply, None where it is no such reply."""
-    pattern = _pattern(template, {"any": ".*", "value": "(?P<value>.+?)", "code": r"(?P<value>\d+)"}, "")
+    pattern = _pattern(
+        template, {"any": ".*", "value": "(?P<value>.+?)", "code": r"(?P<value>\d+)", "decimal": _DECIMAL}, ""
+    )
     # Where nothing written ends the value, it ends with the word: else it would be the first character alone.
     found = re.fullmatch(pattern.replace("(?P<value>.+?).*", r"(?P<value>[^\s,;]+).*"), line, re.DOTALL)
     return None if found is None else found["value"].strip()
@@ -50,7 +53,7 @@ def reply_with(template: str, value: str) -> str:
 
     def said(place: re.Match[str]) -> str:
         name, _, size = place[1].partition(":")
-        return (value if name in ("value", "code") else "").rjust(int(size or 0))
+        return (value if name != "any" else "").rjust(int(size or 0))
 
     return _PLACE.sub(said, template)
 
@@ -68,7 +71,7 @@ def _pattern(template: str, named: dict[str, str], number: str) -> str:
 
 def _reply(template: str) -> str:
     names = [name for name in _PLACE.findall(template) if not name.startswith("any")]
-    if len(names) != 1 or not re.fullmatch(r"value(:\d+)?|code", names[0]):
+    if len(names) != 1 or not re.fullmatch(r"value(:\d+)?|code|decimal", names[0]):
         raise ValueError(f"{template!r} must hold {{value}} once, where the answer stands")
     return template
 

@@ -1,14 +1,14 @@
 """Every simulated chamber controller, under the name of the driver that speaks to it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from drivers.chambers import CHAMBER_DRIVERS
-from drivers.chambers.catalogue import WarningLimits
+from drivers.chambers.catalogue import SHIPPED, ChamberDriver, WarningLimits
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
+from drivers.outside import Catalogue
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.chambers.described import simulated_box
@@ -71,37 +71,25 @@ def _box(description: Path | None, kind: Callable[..., SimulatedChamberControlle
         path = options.description or description
         if path is None:
             raise ValueError("a box needs its description")
-        box = load_box(path, options.warning_limits)
-        if options.terminator is not None:
-            box = box.ended_with(options.terminator)
-        said = {
-            name: getattr(options, name) for name in ("address", "framing") if box.modbus and getattr(options, name)
-        }
+        box = load_box(path, options.warning_limits, options.terminator)
+        said = {"address": options.address, "framing": options.framing} if box.modbus else {}
         return kind(plant, box, faults=options.faults, begins_s=options.begins_s, **said)
 
     return build
 
 
+def _brought(entry: ChamberDriver | str | Path) -> Build:
+    """Return the simulator that a distribution brings: its driver's own, or the box of its description."""
+    driver = entry if isinstance(entry, ChamberDriver) else None
+    return driver.simulator or _box(driver.description) if driver else _box(Path(str(entry)))
+
+
 _SHIPPED: Mapping[str, Build] = {
+    **{name: _box(driver.description) for name, driver in SHIPPED.items()},
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
     "simserv": _built(SimulatedSimServ),
-    "watlow-f4t": _box(CHAMBER_DRIVERS["watlow-f4t"].description, SimulatedWatlowF4t),
+    "watlow-f4t": _box(SHIPPED["watlow-f4t"].description, SimulatedWatlowF4t),
 }
 
-
-class _Simulators(Mapping[str, Build]):
-    """The simulator of every driver: its own, the one that it brings, or the box of its description."""
-
-    def __getitem__(self, name: str) -> Build:
-        driver = CHAMBER_DRIVERS[name]
-        return _SHIPPED.get(name) or driver.simulator or _box(driver.description)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(CHAMBER_DRIVERS)
-
-    def __len__(self) -> int:
-        return len(CHAMBER_DRIVERS)
-
-
-CHAMBER_SIMULATORS: Mapping[str, Build] = _Simulators()
+CHAMBER_SIMULATORS: Mapping[str, Build] = Catalogue("hil.chambers", _SHIPPED, _brought)

@@ -36,14 +36,12 @@ class _Described(SimulatedController, ABC):
     def _answers(self, now_s: float) -> Iterator[tuple[Question | None, float | str | None]]:
         """Give every question and what is answered: a temperature or another number, or a word."""
         box, identity = self._box, self._box.identify
-        yield (
-            identity,
-            identity.expect if box.modbus else box.simulated.identity or f"{identity.expect or box.name} SIMULATED",
-        )
+        own = box.simulated.identity or f"{identity.expect or box.name} SIMULATED"
+        yield identity, identity.expect if box.modbus else own
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
         if box.unit is not None:
-            yield box.unit, box.unit.fahrenheit if self.fahrenheit else box.unit.celsius
+            yield box.unit, (box.unit.fahrenheit if self.fahrenheit else box.unit.celsius)[0]
         yield box.temperature, self._air(now_s)
         yield box.setpoint, self._shown(self.setpoint_degC)
         yield box.low_limit, self._shown(self.limits.low_degC)
@@ -57,6 +55,8 @@ class _Described(SimulatedController, ABC):
         yield box.dead_man_s, self.dead_man_s
 
     def _alarm_word(self, question: AlarmQuestion) -> str:
+        if question.bit is not None:
+            return str(int(bool(self.alarms)))
         if question.bits is not None:
             return str(sum(1 << int(alarm) for alarm in set(self.alarms)))
         return self.alarms[0] if self.alarms else question.none[0]
@@ -107,7 +107,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         self._box = description
         self._usual_alarm = description.simulated.alarm
         framing, reply_framing = description.framings
-        super().__init__(plant, framing=framing, reply_framing=reply_framing, **settings)
+        super().__init__(plant, framing=framing, reply_framing=reply_framing, encoding=description.encoding, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
         request = request.upper() if self._box.simulated.any_case else request
@@ -129,7 +129,9 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     def _answer_to(self, request: str, now_s: float) -> str | None:
         """Return one line that answers all questions asked by this text, each in its place or by its bit."""
-        answered = [(each, value) for each, value in self._answers(now_s) if each and each.ask == request and value]
+        answered = [
+            (each, value) for each, value in self._answers(now_s) if each and each.ask == request and value is not None
+        ]
         bits = sum(int(value) << each.bit for each, value in answered if each.bit is not None)
         lines = [each.answer(self._written(bits if each.bit is not None else value)) for each, value in answered]
         if not lines:
@@ -141,10 +143,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     def _refuse(self, request: str, refusal: Refusal) -> str | None:
         del request
-        return self._box.refused and reply_with(self._box.refused, str(refusal))
-
-    def _refusal(self) -> str:
-        return "5"
+        return self._box.refused and reply_with(self._box.refused, str(refusal) or "5")
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):

@@ -26,16 +26,8 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.modbus import Table
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = "1", "2", "3"
-_FUNCTIONS = {1: "read", 2: "read", 3: "read", 4: "read", 5: "write", 6: "write", 16: "write"}
-_TABLES: Mapping[int, Table] = {
-    1: "coil",
-    2: "discrete",
-    3: "holding",
-    4: "input",
-    5: "coil",
-    6: "holding",
-    16: "holding",
-}
+_BY_TABLE: Mapping[Table, tuple[int, ...]] = {"coil": (1, 5), "discrete": (2,), "holding": (3, 6, 16), "input": (4,)}
+_TABLES: Mapping[int, Table] = {function: table for table, several in _BY_TABLE.items() for function in several}
 _RESPONSES = {
     1: ReadCoilsResponse,
     2: ReadDiscreteInputsResponse,
@@ -47,7 +39,7 @@ _RESPONSES = {
 class SimulatedModbus(SimulatedController):
     """A `SimulatedDevice` with registers.
 
-    A controller says what is in a register (`_register`) and what writing it does (`_set_register`); both raise
+    A controller says what is in a register (`_register`) and what writing them does (`_set_registers`); both raise
     `Refusal` with the number of the exception. Faults know requests as `read 100` and `write 300`. `silent_refusals`
     is for units that answer a bad request with nothing, `coils` for those that have coils.
     """
@@ -69,7 +61,11 @@ class SimulatedModbus(SimulatedController):
         self._address = address
         self._silent_refusals = silent_refusals
         self._most_at_once = most_at_once
-        self._functions = _FUNCTIONS if coils else {3: "read", 4: "read", 6: "write", 16: "write"}
+        self._functions = {
+            function: "read" if function in _RESPONSES else "write"
+            for function, table in _TABLES.items()
+            if coils or table in ("holding", "input")
+        }
         super().__init__(plant, **settings)
 
     @abstractmethod

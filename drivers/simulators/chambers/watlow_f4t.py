@@ -10,6 +10,8 @@ SCPI settings are not answered, questions are (formats inferred).
 from typing import Any
 
 from drivers.simulators.chambers.described import SimulatedRegisterBox
+from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.plant import ChamberPlant
 
 
 class SimulatedWatlowF4t(SimulatedRegisterBox):
@@ -19,6 +21,11 @@ class SimulatedWatlowF4t(SimulatedRegisterBox):
         self.ramp = {"RSCALE": "HOURS", "RRATE": "0.0", "RACTION": "OFF"}
         super().__init__(*described, **settings)
 
+    @property
+    def plant(self) -> ChamberPlant:
+        """Return the air that it conditions."""
+        return self._plant
+
     def set_ramp(self, name: str, value: str) -> None:
         """Set one of the three things that make a ramp; together they bound the air from the next setpoint on."""
         self.ramp[name] = value
@@ -27,44 +34,31 @@ class SimulatedWatlowF4t(SimulatedRegisterBox):
         self._bound_ramp(rate if works else 0.0, rate if works else 0.0)
 
 
-class SimulatedF4tScpi:
-    """A `SimulatedDevice`: the SCPI port of an F4T, as far as its ramp goes. `unit` is that of communication."""
+class SimulatedF4tScpi(SimulatedLines):
+    """A `SimulatedDevice`: the SCPI port of an F4T, its loop, output and ramp. `unit` is that of communication."""
 
-    def __init__(self, device: SimulatedWatlowF4t, *, unit: str = "C", latency_s: float = 0.05) -> None:
+    def __init__(self, device: SimulatedWatlowF4t, *, unit: str = "C") -> None:
         self._device = device
         self._unit = unit
-        self._latency_s = latency_s
-        self._line = b""
-        self._pending: list[tuple[float, bytes]] = []
+        super().__init__(device.plant, terminator=b"\n")
 
-    def receive(self, data: bytes, now_s: float) -> None:
-        """Take lines; questions are answered."""
-        self._line += data
-        while b"\n" in self._line:
-            line, self._line = self._line.split(b"\n", 1)
-            reply = self._respond(line.decode("ascii", errors="replace").strip().upper())
-            if reply is not None:
-                self._pending.append((now_s + self._latency_s, reply.encode("ascii") + b"\n"))
+    def _condition(self, at_s: float) -> None:
+        """Leave the air to the controller itself."""
 
-    def transmit(self, now_s: float) -> bytes:
-        """Return the replies that are due."""
-        due = b"".join(reply for at_s, reply in self._pending if at_s <= now_s + 1e-9)
-        self._pending = [(at_s, reply) for at_s, reply in self._pending if at_s > now_s + 1e-9]
-        return due
-
-    def next_transmission(self, now_s: float) -> float | None:
-        """Return when the next reply is due, None where none is."""
-        return max(now_s, self._pending[0][0]) if self._pending else None
-
-    def _respond(self, request: str) -> str | None:
-        if request == "*IDN?":
-            return "Watlow Electric,F4T,SIMULATED,04:07:0012"
-        if request == ":UNIT:TEMPERATURE?":
-            return self._unit
-        name, _, value = request.removeprefix(":SOURCE:CLOOP1:").partition(" ")
-        ramp = self._device.ramp
-        if name.endswith("?") and name[:-1] in ramp:
-            return ramp[name[:-1]]
-        if name in ramp and value:
-            self._device.set_ramp(name, value)
-        return None
+    def _respond(self, request: str, now_s: float) -> str | None:
+        device, request = self._device, request.upper()
+        loop, at = request.partition(":SOURCE:CLOOP1:")[2], device.plant.advance(now_s)
+        answers = {
+            "*IDN?": "Watlow Electric,F4T,SIMULATED,04:07:0012",
+            ":UNIT:TEMPERATURE?": self._unit,
+            ":UNIT:TEMPERATURE:DISPLAY?": "F" if device.fahrenheit else "C",
+            ":OUTPUT1:STATE?": "OFF" if device.mode == "OFF" else "ON",
+            ":SOURCE:CLOOP1:PVALUE?": f"{at if self._unit == 'C' else at * 1.8 + 32.0:.1f}",
+            ":SOURCE:CLOOP1:SPOINT?": f"{device.setpoint_degC:.1f}",
+            ":SOURCE:CLOOP1:ERROR?": "NONE",
+            **{f":SOURCE:CLOOP1:{name}?": value for name, value in device.ramp.items()},
+        }
+        name, _, value = loop.partition(" ")
+        if name in device.ramp and value:
+            device.set_ramp(name, value)
+        return answers.get(request)

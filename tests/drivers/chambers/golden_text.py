@@ -12,7 +12,6 @@ from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
@@ -23,7 +22,7 @@ from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
-from tests.drivers.chambers.shipped import julabo, simulated_julabo, simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import julabo, simserv, simulated_julabo, simulated_thermotron, thermotron
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -198,16 +197,16 @@ _SIMSERV: dict[str, Vector] = {
         b"99997\xb61\xb61\r",
         b"1\xb6LabEvent T/110/70/3\r\n",
         _simserv(model="LabEvent T/110/70/3"),
-        _is(SimServ, "LabEvent T/110/70/3"),
+        _is(simserv, "LabEvent T/110/70/3", 185.0),
     ),
-    "pv": Vector(b"11004\xb61\xb61\r", b"1\xb623.456\r\n", _simserv(23.456), _sees(SimServ, temperature=23.456)),
-    "sp": Vector(b"11002\xb61\xb61\r", b"1\xb620.0\r\n", _simserv(setpoint_degC=20.0), _sees(SimServ, setpoint=20.0)),
-    "set": Vector(b"11001\xb61\xb61\xb6-30\r", b"1\r\n", _simserv(), _does(SimServ, _sets(-30.0))),
-    "start": Vector(b"14001\xb61\xb61\xb61\r", b"1\r\n", _simserv(), _does(SimServ, lambda driver: driver.start())),
+    "pv": Vector(b"11004\xb61\xb61\r", b"1\xb623.456\r\n", _simserv(23.456), _sees(simserv, temperature=23.456)),
+    "sp": Vector(b"11002\xb61\xb61\r", b"1\xb620.0\r\n", _simserv(setpoint_degC=20.0), _sees(simserv, setpoint=20.0)),
+    "set": Vector(b"11001\xb61\xb61\xb6-30\r", b"1\r\n", _simserv(), _does(simserv, _sets(-30.0))),
+    "start": Vector(b"14001\xb61\xb61\xb61\r", b"1\r\n", _simserv(), _does(simserv, lambda driver: driver.start())),
     "stop": Vector(
-        b"14001\xb61\xb61\xb60\r", b"1\r\n", _simserv(), _does(SimServ, lambda driver: driver.stop(off=True))
+        b"14001\xb61\xb61\xb60\r", b"1\r\n", _simserv(), _does(simserv, lambda driver: driver.stop(off=True))
     ),
-    "running": Vector(b"14003\xb61\xb61\r", b"1\xb60\r\n", _simserv(), _sees(SimServ, mode="OFF")),
+    "running": Vector(b"14003\xb61\xb61\r", b"1\xb60\r\n", _simserv(), _sees(simserv, mode="OFF")),
 }
 _8200: dict[str, Vector] = {
     "pv": Vector(b"PVAR1?\r", b"22.000\r", _thermotron(), _sees(thermotron, temperature=22.0)),

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
+from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
 from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
@@ -77,3 +78,8 @@ def julabo(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
 def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
     """Return a simulated Julabo."""
     return SimulatedSetpointBox(plant, shipped("julabo"), **settings)
+
+
+def simserv(transport: Transport, clock: Clock, **settings: Any) -> SimServ:
+    """Return the driver of SimServ."""
+    return SimServ(transport, clock, shipped("simserv"), **settings)

@@ -232,3 +232,11 @@ def test_a_file_that_is_no_description_is_refused(text: str, tmp_path: Path) -> 
         parse_box(text, "box.yaml")
     with pytest.raises(InputError, match="there is no such file"):
         load_box(tmp_path / "nothing.yaml")
+
+
+def test_a_simulated_box_answers_at_nought_degrees() -> None:
+    """Which is a temperature, and not the want of one; a ramp of nought is answered too."""
+    device = SimulatedSetpointBox(ChamberPlant(ambient_degC=0.0), _full(), setpoint_degC=0.0)
+    for question, answer in ((b"T?\r", b"T=0.0\r\n"), (b"S?\r", b"S=0.0 C\r\n"), (b"R?\r", b"0.0\r\n")):
+        device.receive(question, 0.0)
+        assert device.transmit(1.0) == answer

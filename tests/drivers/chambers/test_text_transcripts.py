@@ -15,8 +15,9 @@ from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.memory import MemoryTransport
-from tests.drivers.chambers.shipped import julabo, simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import julabo, shipped, simserv, simulated_thermotron, thermotron
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -148,6 +149,7 @@ def test_ascii2_has_a_ramp() -> None:
 
 
 SIMSERV = ("\r", "\r\n")
+SIMSERV_IDENTIFY = [("99997¶1¶1", "1¶LabEvent"), ("11023¶1¶1", "1¶°C"), ("11009¶1¶1", "1¶180.0")]
 
 
 def _simserv(setpoint: str, status: str = "3", running: str = "1") -> list[tuple[str, str]]:
@@ -162,18 +164,42 @@ def _simserv(setpoint: str, status: str = "3", running: str = "1") -> list[tuple
 def test_simserv_sets_a_temperature() -> None:
     """-21.5 °F: type, look, write, look again."""
     chamber, device = _chamber(
-        SimServ,
-        [("99997¶1¶1", "1¶LabEvent"), *_simserv("20.0"), ("11001¶1¶1¶-29.7", "1"), *_simserv("-29.7")],
+        simserv,
+        [*SIMSERV_IDENTIFY, *_simserv("20.0"), ("11001¶1¶1¶-29.7", "1"), *_simserv("-29.7")],
         SIMSERV,
     )
     chamber.set_temperature((-21.5 - 32.0) / 1.8)
     device.finish()
 
 
+@pytest.mark.parametrize(
+    ("replies", "unit", "maximum"),
+    [(["1¶°C", "1¶180.0"], "degC", 180.0), (["1¶°F", "1¶356.0"], "degF", 356.0), (["-5"] * 3, None, None)],
+)
+def test_simserv_says_its_unit_and_how_hot_it_can_be(
+    replies: list[str], unit: str | None, maximum: float | None
+) -> None:
+    """11023 and 11009; an older one knows neither, and a person must have seen °C."""
+    asked = ["11023¶1¶1", "11009¶1¶1"] if unit else ["11023¶1¶1"] * 3
+    lines = [("99997¶1¶1", "1¶LabEvent"), *zip(asked, replies, strict=True)]
+    exchanges = [((ask + "\r").encode("latin-1"), (reply + "\r\n").encode("latin-1")) for ask, reply in lines]
+    clock, device = VirtualClock(), TranscriptDevice(exchanges)
+    identity = SimServ(MemoryTransport(device, clock, "sim://chamber"), clock, shipped("simserv")).identify()
+    assert (identity.unit, identity.maximum) == (unit, maximum)
+    device.finish()
+
+
+def test_a_simulated_simserv_answers_what_public_clients_ask() -> None:
+    """Its unit and the limits of what may be entered."""
+    device = SimulatedSimServ(ChamberPlant())
+    device.receive("11023¶1¶1\r11007¶1¶1\r11009¶1¶1\r".encode("latin-1"), 0.0)
+    assert device.transmit(1.0) == "1¶°C\r\n1¶-75.0\r\n1¶185.0\r\n".encode("latin-1")
+
+
 def test_simserv_names_its_alarms() -> None:
     """Only messages that are alarms and active; 17012, which would reset them, is never sent."""
     chamber, device = _chamber(
-        SimServ,
+        simserv,
         [
             *_simserv("20.0", status="9", running="0"),
             ("17002¶1", "1¶3"),
@@ -193,8 +219,8 @@ def test_simserv_names_its_alarms() -> None:
 def test_simserv_refusals_are_in_words() -> None:
     """-12: whoever is logged in may not do this; sent once."""
     chamber, device = _chamber(
-        SimServ,
-        [("99997¶1¶1", "1¶LabEvent"), *_simserv("20.0"), ("11001¶1¶1¶60", "-12")],
+        simserv,
+        [*SIMSERV_IDENTIFY, *_simserv("20.0"), ("11001¶1¶1¶60", "-12")],
         SIMSERV,
     )
     with pytest.raises(CommandRefused, match="may not do this"):
@@ -205,9 +231,9 @@ def test_simserv_refusals_are_in_words() -> None:
 def test_simserv_has_a_ramp_no_faster_than_it_can() -> None:
     """4 °C/min: up as asked, down as fast as it can; both read back."""
     chamber, device = _chamber(
-        SimServ,
+        simserv,
         [
-            ("99997¶1¶1", "1¶LabEvent"),
+            *SIMSERV_IDENTIFY,
             ("11068¶1¶1¶4", "1"),
             ("11066¶1¶1", "1¶4.0"),
             ("11072¶1¶1¶3.5", "1"),
@@ -247,6 +273,14 @@ def test_thermotron_refusals_are_not_guessed_at() -> None:
     )
     with pytest.raises(CommandRefused, match="with code 5; look at its panel"):
         chamber.set_temperature(60.0)
+    device.finish()
+
+
+def test_thermotron_takes_no_code_for_a_temperature() -> None:
+    """A refused question is answered with 5, which is not 5 °C."""
+    chamber, device = _chamber(thermotron, [("PVAR1?", "5")] * 3)
+    with pytest.raises(CommandRefused, match="refused 'PVAR1\\?' with code 5"):
+        chamber.read()
     device.finish()
 
 

@@ -132,3 +132,25 @@ def test_the_air_moves_no_faster_than_the_ramp() -> None:
     clock.sleep(1800.0)
     assert chamber.read().temperature_degC == pytest.approx(37.0, abs=0.5)
     assert device.setpoint_degC == pytest.approx(52.0)
+
+
+@pytest.mark.parametrize(
+    ("question", "answer"),
+    [
+        (b":SOURCE:CLOOP1:PVALUE?\n", b"22.0\n"),
+        (b":SOURce:CLOop1:PVALue?\n", b"22.0\n"),
+        (b":SOURCE:CLOOP1:SPOINT?\r\n", b"23.0\n"),
+        (b":SOURCE:CLOOP1:ERROR?\n", b"NONE\n"),
+        (b":UNIT:TEMPERATURE:DISPLAY?\n", b"C\n"),
+        (b":OUTPUT1:STATE?\n", b"OFF\n"),
+        (b"*IDN?\n", b"Watlow Electric,F4T,SIMULATED,04:07:0012\n"),
+    ],
+)
+def test_its_scpi_port_answers_what_public_clients_ask(question: bytes, answer: bytes) -> None:
+    """Temperature, setpoint, error, units and output, as they write the questions; the air is left alone."""
+    device = simulated_f4t(ChamberPlant(), mode="CONSTANT")
+    scpi = SimulatedF4tScpi(device)
+    assert device.plant.commanded_degC == 23.0
+    device.mode = "OFF"
+    scpi.receive(question, 0.0)
+    assert scpi.transmit(1.0) == answer
