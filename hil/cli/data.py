@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
@@ -33,9 +34,16 @@ def solve(
             help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."
         ),
     ] = None,
+    limits: Limits = None,
+    against: Annotated[
+        Path | None, typer.Option("--against", help="An earlier campaign: limits of changes are since then.")
+    ] = None,
+    strict: Strict = False,
     as_json: JsonFlag = False,
-) -> None:
+) -> int:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
+    from hil.analysis.against import compare
+    from hil.analysis.in_spec import in_spec_of
     from hil.model.forms import MODEL_NAMES
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
@@ -56,8 +64,12 @@ def solve(
     shown, both = repeats(campaign, solutions), common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()
+    comparison = None if against is None else compare(campaign, read_source(against))
+    unit = in_spec_of(source, campaign, solutions, limits, comparison)
+    document["in_spec"] = None if unit is None else unit.document()
+    status = of_unit(document["in_spec"], strict)
     if printed(document, as_json):
-        return
+        return status
     console = results()
     mark = "  SIMULATED" if campaign.simulated else ""
     console.print(f"{campaign.title}{mark}")
@@ -78,6 +90,9 @@ def solve(
         console.print(f"assumed: {text}")
     for sentence in () if both is None else both.sentences():
         console.print(sentence)
+    for sentence in () if unit is None else unit.sentences():
+        console.print(sentence)
+    return status
 
 
 def _odd(solution: RunSolution) -> bool:
