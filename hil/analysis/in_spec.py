@@ -34,7 +34,7 @@ from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
-from hil.solve.repeats import SensorRepeats, Uncertain
+from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
 from procedures.verdict import Judgement
 from procedures.words import numbered
 
@@ -51,7 +51,7 @@ class Word(StrEnum):
     UNKNOWN = "cannot tell"
 
 
-Interval = tuple[float, float]
+_Ends = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ class Characteristic:
     sensor: int
     parameter: str
     of: str
-    limits: tuple[float | None, float | None]
+    limits: _Ends
     unit: str = ""
     temperature_degC: float | None = None
     value: float | None = None
-    interval: Interval | None = None
+    interval: tuple[float, float] | None = None
     reason: str = ""
 
     @property
@@ -195,6 +195,14 @@ class _Judged:
     shown: SensorRepeats
     bad: set[int]
 
+    def _doubt(self, means: Sequence[MeanAt]) -> str:
+        """Say why these means tell nothing of the unit; empty where they do."""
+        if any(self.name not in mean.values for mean in means):
+            return "no run could tell it here"
+        if bad := self.bad.intersection(run for mean in means for run in mean.runs):
+            return f"{numbered('run', bad)}: not good (INCONCLUSIVE or FAIL)"
+        return "" if self._degrees or not self.rule.sigmas else _ALONE
+
     @property
     def _place(self) -> int:
         return self.shown.names.index(self.name)
@@ -203,82 +211,71 @@ class _Judged:
     def _degrees(self) -> int:
         return int(self.shown.spread.degrees[self._place])
 
-    def _one(self, of: str, limits: tuple[float | None, float | None], **more: Any) -> Characteristic:
-        return Characteristic(self.sensor, self.name, of, limits, self.shown.units[self._place], **more)
+    def _wide(self, means: Sequence[Uncertain]) -> float:
+        """Return half the interval of a mean, or of a difference of two."""
+        return math.hypot(*(each.expanded(self.rule.sigmas) for each in means)) if self.rule.sigmas else 0.0
 
-    def _doubt(self, runs: Sequence[int]) -> str:
-        """Say why these runs tell nothing; empty where they do."""
-        bad = sorted(self.bad.intersection(runs))
-        if bad:
-            return f"{numbered('run', bad)} {'is' if len(bad) == 1 else 'are'} not good (FAIL or INCONCLUSIVE)"
-        return _ALONE if self.rule.sigmas and not self._degrees else ""
+    def _told(
+        self, of: str, limits: _Ends, doubt: str, value: float | None = None, *ends: float, **at: Any
+    ) -> Characteristic:
+        unit, known = self.shown.units[self._place], (ends[0], ends[1]) if ends and not doubt else None
+        return Characteristic(self.sensor, self.name, of, limits, unit, value=value, interval=known, reason=doubt, **at)
 
     def values(self) -> Iterator[Characteristic]:
         limits = (self.limits.low, self.limits.high)
         for mean in self.shown.means if limits != (None, None) else ():
-            at, each = mean.temperature_degC, mean.values.get(self.name)
-            if each is None:
-                yield self._one("value", limits, reason="no run could tell it here", temperature_degC=at)
-            elif doubt := self._doubt(mean.runs):
-                yield self._one("value", limits, value=each.value, reason=doubt, temperature_degC=at)
+            at, doubt = mean.temperature_degC, self._doubt([mean])
+            if (each := mean.values.get(self.name)) is None:
+                yield self._told("value", limits, doubt, temperature_degC=at)
             else:
-                wide = self._wide(each)
-                interval = each.value - wide, each.value + wide
-                yield self._one("value", limits, value=each.value, interval=interval, temperature_degC=at)
-
-    def _wide(self, *means: Uncertain) -> float:
-        """Return half the interval of a mean, or of a difference of two."""
-        return math.hypot(*(each.expanded(self.rule.sigmas) for each in means)) if self.rule.sigmas else 0.0
-
-    @property
-    def _runs(self) -> Sequence[int]:
-        return [run for mean in self.shown.means for run in mean.runs]
+                wide = self._wide([each])
+                ends = each.value - wide, each.value + wide
+                yield self._told("value", limits, doubt, each.value, *ends, temperature_degC=at)
 
     def scatter(self) -> Iterator[Characteristic]:
-        if self.limits.scatter is None:
-            return
-        limits, doubt = (None, self.limits.scatter), self._doubt(self._runs)
-        if doubt or not self._degrees:
-            yield self._one("scatter", limits, reason=doubt or _ALONE)
-            return
-        sd, chance = float(self.shown.spread.observed[self._place]), float(ndtr(-self.rule.sigmas))
-        ends = [sd * math.sqrt(self._degrees / chdtri(self._degrees, each)) for each in (chance, 1.0 - chance)]
-        yield self._one("scatter", limits, value=sd, interval=(ends[0], ends[1]) if self.rule.sigmas else (sd, sd))
+        limits, doubt = (None, self.limits.scatter), self._doubt(self.shown.means)
+        if self.limits.scatter is not None and (doubt or not self._degrees):
+            yield self._told("scatter", limits, doubt or _ALONE)
+        elif self.limits.scatter is not None:
+            sd, chance = float(self.shown.spread.observed[self._place]), float(ndtr(-self.rule.sigmas))
+            ends = [sd * math.sqrt(self._degrees / chdtri(self._degrees, each)) for each in (chance, 1.0 - chance)]
+            yield self._told("scatter", limits, "", sd, *(ends if self.rule.sigmas else (sd, sd)))
 
     def span(self) -> Iterator[Characteristic]:
-        if self.limits.span is None:
-            return
-        limits, doubt = (None, self.limits.span), self._doubt(self._runs)
-        known = [each for mean in self.shown.means if (each := mean.values.get(self.name)) is not None]
-        if len(known) < max(2, len(self.shown.means)):
-            doubt = "it takes a mean at each of two temperatures or more"
-        if doubt:
-            yield self._one("span", limits, reason=doubt)
-            return
-        pairs = list(combinations(known, 2))
-        apart = [(abs(one.value - other.value), self._wide(one, other)) for one, other in pairs]
-        interval = max(0.0, *(size - wide for size, wide in apart)), max(size + wide for size, wide in apart)
-        yield self._one("span", limits, value=max(size for size, _ in apart), interval=interval)
+        limits, doubt = (None, self.limits.span), self._doubt(self.shown.means)
+        if len(self.shown.means) < 2:
+            doubt = "it takes two temperatures or more"
+        if self.limits.span is not None and doubt:
+            yield self._told("span", limits, doubt)
+        elif self.limits.span is not None:
+            pairs = list(combinations([mean.values[self.name] for mean in self.shown.means], 2))
+            sizes, wide = ([of(pair) for pair in pairs] for of in (_apart, self._wide))
+            least = max(size - each for size, each in zip(sizes, wide, strict=True))
+            most = max(size + each for size, each in zip(sizes, wide, strict=True))
+            yield self._told("span", limits, "", max(sizes), max(least, 0.0), most)
 
     def change(self, comparison: Comparison | None) -> Iterator[Characteristic]:
         if self.limits.change is None:
             return
         limits = (-self.limits.change, self.limits.change)
         if comparison is None:
-            yield self._one("change", limits, reason=_NOT_COMPARED)
+            yield self._told("change", limits, _NOT_COMPARED)
             return
         found = {(each.sensor, each.parameter, each.temperature_degC): each for each in comparison.differences}
         whole = next(filter(None, [comparison.meaningless, *comparison.doubts]), "")
         for mean in self.shown.means:
-            each, at = found.get((self.sensor, self.name, mean.temperature_degC)), mean.temperature_degC
-            doubt = whole or self._doubt(mean.runs)
-            if each is None or doubt:
-                reason = doubt or "one of the two campaigns has no such mean"
-                yield self._one("change", limits, reason=reason, temperature_degC=at)
+            at, doubt = mean.temperature_degC, whole or self._doubt([mean])
+            if (each := found.get((self.sensor, self.name, at))) is None:
+                yield self._told(
+                    "change", limits, doubt or "the earlier campaign has no such mean", temperature_degC=at
+                )
             else:
-                value, wide = each.difference, self._wide(*each.means)
-                interval = value - wide, value + wide
-                yield self._one("change", limits, value=value, interval=interval, temperature_degC=at)
+                ends = each.difference - self._wide(each.means), each.difference + self._wide(each.means)
+                yield self._told("change", limits, doubt, each.difference, *ends, temperature_degC=at)
+
+
+def _apart(pair: tuple[Uncertain, Uncertain]) -> float:
+    return abs(pair[0].value - pair[1].value)
 
 
 def in_spec_of(
