@@ -32,7 +32,7 @@ from hil.cli.output import always_writable
 GROUPS = {
     "Before a night": "plan check visibility design budget",
     "A night": "demo run status dashboard pause continue confirm abort resume watchdog notify",
-    "Its results": "report solve reconcile twin scatter thermal allan plot export verify repair replay",
+    "Its results": "report solve reconcile fleet twin scatter thermal allan plot export verify repair replay",
     "Tables and the catalogue": "import audit reproduce effects",
     "Devices": "simulate chamber decode frames",
 }

@@ -13,12 +13,14 @@ from rich.progress import Progress
 
 from hil.cli.data import Source, read_source
 from hil.cli.output import JsonFlag, check_result_folder, listing, messages, printed, results, warn
+from hil.errors import InputError
 
 if TYPE_CHECKING:
     from hil.model import Model
     from hil.reconcile import Reconciliation
 
 _SHOWN = 3
+_MOST_UNITS = 20
 _LEVEL = 0.05
 _PARTS = {
     "averages": "averages, beside the fitted model",
@@ -72,6 +74,46 @@ def reconcile(
     for line in _reconciled(result):
         results().print(line)
     results().print(f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml")
+
+
+def fleet(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.", show_default=False),
+    ],
+    model: _ModelName = "matrix-6",
+    workers: Annotated[int, typer.Option(min=1, help="Processes that share the work.")] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the page here, .html.", show_default=False)] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.", show_default=False)] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
+    from hil.files.durable import RealDisk, write_durably
+    from hil.reconcile.campaigns import screen_folders
+    from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
+
+    for path, ending in ((out, ".html"), (csv, ".csv")):
+        if path is not None and (path.suffix.lower() != ending or not path.parent.is_dir()):
+            raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
+    found = screen_folders(folders, model, workers, cluster)
+    for path, write in ((out, fleet_page), (csv, fleet_csv)):
+        if path is not None:
+            write_durably(RealDisk(), path, write(found).encode())
+    if printed(fleet_document(found), as_json):
+        return
+    warn([f"{folder}: {why}" for folder, why in found.not_screened.items()])
+    for line in fleet_sentences(found):
+        results().print(line)
+    table = listing("unit", "serial", "date", "what leads", "q", "folder")
+    for each in [each for each in found.units if each.worth][:_MOST_UNITS]:
+        of = each.finding
+        table.add_row(each.title, each.serial, each.date, of.leader, f"{of.q_value:.1g}", each.folder)
+    results().print(table)
+    for path in filter(None, (out, csv)):
+        results().print(f"written: {path}")
 
 
 def _reconciled(result: Reconciliation) -> Iterator[str]:
@@ -208,4 +250,4 @@ def effects(as_json: JsonFlag = False) -> None:
     results().print(table)
 
 
-COMMANDS = (reconcile, twin, visibility, effects)
+COMMANDS = (reconcile, fleet, twin, visibility, effects)
