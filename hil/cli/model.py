@@ -81,7 +81,7 @@ def fleet(
         list[Path],
         typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.", show_default=False),
     ],
-    model: _ModelName = "matrix-6",
+    model: _ModelName,
     workers: Annotated[int, typer.Option(min=1, help="Processes that share the work.")] = 1,
     cluster: Annotated[
         str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.", show_default=False)

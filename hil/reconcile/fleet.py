@@ -138,7 +138,7 @@ class Screen:
         return names, np.array([max(odds for name, odds in every if name == own) for own in names])
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
-        """Log Bayes factor of every name in each of the units, whose `rates` these are, (names, units)."""
+        """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""
         parts = [self._weighed(units[first : first + TOGETHER]) for first in range(0, len(units), TOGETHER)]
         return np.concatenate([np.zeros((len(self._names[0]), 0)), *parts], axis=1)
 
@@ -166,7 +166,7 @@ class Screen:
         return total
 
     def findings(self, titles: Sequence[str], by_name: FloatArray) -> list[UnitFinding]:
-        """Return what is found of each unit, by what `weigh` says of all of them."""
+        """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
         names, odds = self._names
         posterior = by_name + odds[:, None]
         statistic = log_sum(posterior)
@@ -178,7 +178,7 @@ class Screen:
         return [UnitFinding(*each) for each in told]
 
     def in_common(self, by_name: FloatArray) -> SharedFinding:
-        """Return the effect that many units lack, each with an amplitude of its own, by what `weigh` says of them.
+        """Return the effect that many units lack, each by an amplitude of its own; `weigh` says (n, u).
 
         The evidence for a name is that of a mixture: in some fraction of the units it is missing, in the others nothing
         is.
