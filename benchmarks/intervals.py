@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hil.analysis.against import compare
 from hil.analysis.allan.deviation import octaves
 from hil.analysis.allan.fit import fit_noise
 from hil.analysis.thermal import fit_thermal
@@ -22,7 +23,6 @@ from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign
 from hil.reconcile import reconcile
 from hil.reconcile.scattering import what_scatters
-from hil.report.against import compare
 from hil.solve import solve_campaign
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.document import solution_document

@@ -22,6 +22,7 @@ from pathlib import Path
 
 from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
+from hil.analysis.against import compare
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
 from hil.campaign.reader import read_campaign
@@ -30,7 +31,6 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night, export_campaign
-from hil.report.against import compare
 from hil.report.content import gather
 from hil.report.statements import good
 from procedures.attended import Terminal

@@ -34,7 +34,7 @@ GROUPS = {
     "To begin with": "init docs",
     "Before a night": "plan check visibility design budget",
     "A night": "demo run status dashboard pause continue confirm abort resume watchdog notify",
-    "Its results": "report solve reconcile twin scatter thermal allan plot export verify repair replay",
+    "Its results": "report solve reconcile fleet twin scatter thermal allan plot export verify repair replay",
     "Tables and the catalogue": "import audit reproduce effects",
     "Devices": "simulate chamber decode frames",
 }
@@ -65,7 +65,7 @@ app = typer.Typer(
     cls=Grouped,
     help="Run a gyro self-calibration bench by itself: chamber, collects, matrix solution, report.",
     epilog="Exit status: 0 done, 1 failed or aborted, 2 bad input, 3 stopped with the bench safe, 4 incomplete, "
-    "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN.",
+    "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN; with --strict 7 out of spec, 8 nobody can tell.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -70,8 +70,9 @@ def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Col
 def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> Preflight:
     from hil.bench.lock import bench_lock
     from hil.bench.preflight import preflight
-    from hil.config import cautions, check_sweep_against_bench
+    from hil.config import cautions, check_sweep_against_bench, limits_of
 
+    limits_of(sweep, bench)
     if sweep is not None:
         check_sweep_against_bench(sweep, bench)
         warn(cautions(sweep, bench))

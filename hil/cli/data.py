@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
+from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import listing, messages, results, warn
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
@@ -38,8 +39,15 @@ def solve(
             help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."
         ),
     ] = None,
+    limits: Limits = None,
+    against: Annotated[
+        Path | None, typer.Option("--against", help="An earlier campaign: limits of changes are since then.")
+    ] = None,
+    strict: Strict = False,
 ) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
+    from hil.analysis.against import compare
+    from hil.analysis.in_spec import in_spec_of
     from hil.model.forms import MODEL_NAMES
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
@@ -56,7 +64,10 @@ def solve(
     both = common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()
-    sentences = () if both is None else both.sentences()
+    comparison = None if against is None else compare(campaign, read_source(against))
+    unit = in_spec_of(source, campaign, solutions, limits, comparison)
+    document["in_spec"] = None if unit is None else unit.document()
+    of_all = [*(() if both is None else both.sentences()), *(() if unit is None else unit.sentences())]
 
     def drawn(sensor: int | None) -> Figure:
         from hil.report.plots import draw_parameters
@@ -64,7 +75,8 @@ def solve(
         return draw_parameters(source, campaign, sensor)
 
     shown = repeats(campaign, solutions)
-    return Answer(document, lambda: _solved(campaign, solutions, shown, document, sentences), drawn)
+    status = of_unit(document["in_spec"], strict)
+    return Answer(document, lambda: _solved(campaign, solutions, shown, document, of_all), drawn, status)
 
 
 def _solved(
@@ -72,7 +84,7 @@ def _solved(
     solutions: list[RunSolution],
     shown: Mapping[int, SensorRepeats],
     document: Mapping[str, Any],
-    of_both: Sequence[str],
+    of_all: Sequence[str],
 ) -> Iterator[str | Table]:
     from hil.solve.wrong_rows import in_words
 
@@ -88,7 +100,7 @@ def _solved(
         yield from shown[sensor].sentences()
     yield from dict.fromkeys(f"run {e.run}, sensor {e.sensor}: {e.reason}" for e in solutions if e.verdict != "PASS")
     yield from dict.fromkeys(f"assumed: {text}" for each in solutions for text in each.assumed)
-    yield from of_both
+    yield from of_all
 
 
 def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table:

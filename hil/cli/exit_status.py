@@ -8,10 +8,11 @@ import sqlite3
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -33,6 +34,25 @@ class Exit(IntEnum):
     INCOMPLETE = 4
     CHAMBER_NOT_SAFE = 5
     CHAMBER_NOT_KNOWN = 6
+    OUT_OF_SPEC = 7  # this and the next only where --strict asks for it
+    SPEC_NOT_TOLD = 8
+
+
+Strict = Annotated[
+    bool, typer.Option("--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell.")
+]
+Limits = Annotated[
+    str | None,
+    typer.Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own."),
+]
+
+
+def of_unit(in_spec: Mapping[str, str] | None, strict: bool) -> Exit:
+    """Return how a command ends that found a unit in spec, out of spec or neither, where that is asked for."""
+    said = in_spec["verdict"] if in_spec else ""
+    return (
+        {"in spec": Exit.DONE, "out of spec": Exit.OUT_OF_SPEC}.get(said, Exit.SPEC_NOT_TOLD) if strict else Exit.DONE
+    )
 
 
 def with_status(command: Callable[..., Answer | int | None]) -> Callable[..., None]:

@@ -10,16 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress
+from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
 from hil.cli.output import check_result_folder, listing, messages
+from hil.errors import InputError
 
 if TYPE_CHECKING:
     from hil.model import Model
     from hil.reconcile import Reconciliation
+    from hil.reconcile.campaigns import Screened
 
 _SHOWN = 3
+_MOST_UNITS = 20
 _LEVEL = 0.05
 _PARTS = {
     "averages": "averages, beside the fitted model",
@@ -69,6 +73,48 @@ def reconcile(
     if out is not None:
         write_result(result, out)
     return Answer(result.document(), lambda: _reconciled(result, data.warnings, out))
+
+
+def fleet(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.", show_default=False),
+    ],
+    model: _ModelName,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that share the work.")] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the page here, .html.", show_default=False)] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.", show_default=False)] = None,
+) -> Answer:
+    """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
+    from hil.files.durable import RealDisk, write_durably
+    from hil.reconcile.campaigns import screen_folders
+    from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
+
+    for path, ending in ((out, ".html"), (csv, ".csv")):
+        if path is not None and (path.suffix.lower() != ending or not path.parent.is_dir()):
+            raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
+    found = screen_folders(folders, model, workers, cluster)
+    for path, write in ((out, fleet_page), (csv, fleet_csv)):
+        if path is not None:
+            write_durably(RealDisk(), path, write(found).encode())
+    return Answer(fleet_document(found), lambda: _screened(found, [path for path in (out, csv) if path is not None]))
+
+
+def _screened(found: Screened, written: Sequence[Path]) -> Iterator[str | Table]:
+    """What a screening found, the units that deserve more, and where it was written."""
+    from hil.reconcile.outcome.fleet import fleet_sentences
+
+    yield from (Aside(f"warning: {folder}: {why}") for folder, why in found.not_screened.items())
+    yield from fleet_sentences(found)
+    table = listing("unit", "serial", "date", "what leads", "q", "folder")
+    for each in [each for each in found.units if each.worth][:_MOST_UNITS]:
+        of = each.finding
+        table.add_row(each.title, each.serial, each.date, of.leader, f"{of.q_value:.1g}", each.folder)
+    yield table
+    yield from (f"written: {path}" for path in written)
 
 
 def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path | None) -> Iterator[str]:
@@ -203,4 +249,4 @@ def effects() -> Answer:
     return Answer(document, lambda: [table])
 
 
-COMMANDS = (reconcile, twin, visibility, effects)
+COMMANDS = (reconcile, fleet, twin, visibility, effects)

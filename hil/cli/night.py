@@ -19,7 +19,7 @@ from drivers.given_file import check_folder
 from hil.cli.answer import Answer
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
-from hil.cli.exit_status import Exit
+from hil.cli.exit_status import Exit, Strict, of_unit
 from hil.cli.output import Folder, JsonFlag, listing, messages, printed, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
@@ -187,6 +187,8 @@ def _end(ended: NightOutcome) -> int:
         status = look_at(ended.folder)[0]
         if judged := status["verdict"]:
             messages().print(f"{judged['verdict']}: {judged['reason']}")
+        if unit := status["in_spec"]:
+            messages().print(f"{unit['verdict'].upper()}: {unit['reason']}")
         messages().print(f"{status['chamber_in_words']}\nto do: {status['to_do']}".strip())
     return ended.exit_status
 
@@ -214,6 +216,7 @@ def status(
     folder: Folder,
     as_json: JsonFlag = False,
     watch: Annotated[bool, typer.Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
+    strict: Strict = False,
 ) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
     from hil.cli.watch import look_at, say
@@ -228,7 +231,7 @@ def status(
         say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
     well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
-    return Exit.DONE if well else Exit.INCOMPLETE
+    return of_unit(document["in_spec"], strict) if well else Exit.INCOMPLETE
 
 
 def verify(

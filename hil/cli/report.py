@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hil.cli.data import Source, read_source
+from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import results, warn
 from hil.errors import InputError
 
@@ -31,20 +33,22 @@ def report(
             show_default=False,
         ),
     ] = None,
+    limits: Limits = None,
+    strict: Strict = False,
     whole: Annotated[
         bool, typer.Option("--whole", help="Nothing folded, and all of it printed; by default the evidence is.")
     ] = False,
     pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Beside it its tables, for a program.")] = False,
-) -> None:
+) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.report.pdf import find_browser, write_pdf
     from hil.report.tables import write_tables
 
     if pdf:
         find_browser()  # before anything is written
-    path, content = write_report(source, out, against, whole=whole)
+    path, content = write_report(source, out, against, limits, whole=whole)
     results().print(f"report: {path}")
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for kind in formats:
@@ -53,16 +57,23 @@ def report(
     if pdf:
         write_pdf(path, path.with_suffix(".pdf"))
         results().print(f"pdf: {path.with_suffix('.pdf')}")
+    return of_unit(None if content.in_spec is None else content.in_spec.brief(), strict)
 
 
 def write_report(
-    source: Path, out: Path | None = None, against: Path | None = None, *, whole: bool = False
+    source: Path,
+    out: Path | None = None,
+    against: Path | None = None,
+    limits: str | None = None,
+    *,
+    whole: bool = False,
 ) -> tuple[Path, ReportContent]:
     """Write the report of a night or a campaign folder; return where it is, and what it says.
 
     Raises `InputError` where the source cannot be read, or `out` is a folder, in none, or not named .html.
     """
-    from hil.report.against import compare
+    from hil.analysis.against import compare
+    from hil.analysis.in_spec import in_spec_of
     from hil.report.content import gather
     from hil.report.page import write_page
 
@@ -78,6 +89,8 @@ def write_report(
     warn(tuple(campaign.warnings))
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
+    state = "complete" if night is None else night.state
+    content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
     try:
         write_page(content, path, whole=whole)
     except OSError as error:

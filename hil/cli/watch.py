@@ -87,6 +87,8 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     # Why a night is not judged that is not whole, its state has said.
     if verdict and verdict["verdict"] != "PASS" and (status["state"] == "complete" or verdict["verdict"] == "ERROR"):
         alarm(verdict["verdict"], verdict["reason"])
+    if unit := status["in_spec"]:
+        console.print(_cut(f"{unit['verdict'].upper()}: {unit['reason']}"), style="bold")
     for line in (*_asked(status), *(f"over: {line}" for line in status["over"])):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]

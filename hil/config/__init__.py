@@ -1,7 +1,7 @@
 """Bench and sweep files: read strictly, with units, and refused in one sentence where they are wrong."""
 
 from hil.config.bench import Bench, load_bench, parse_bench
-from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, load_sweep, parse_sweep
+from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, limits_of, load_sweep, parse_sweep
 from hil.files.strict import find_config
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "cautions",
     "check_sweep_against_bench",
     "find_config",
+    "limits_of",
     "load_bench",
     "load_sweep",
     "parse_bench",

@@ -186,6 +186,7 @@ class Bench(WholeFile):
     polling: Annotated[Polling, settings_of(Polling)] = Polling()
     pose: Annotated[PoseTolerance, settings_of(PoseTolerance)] = PoseTolerance()
     largest_standard_error: Annotated[DegreesPerHour, Field(gt=0.0)] | None = None
+    limits: str | None = None  # of the unit's parameters: a file, where the sweep names none
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
     notify: NotifySection | None = None

@@ -9,7 +9,9 @@ without a driver of its own, which the bench file only names.
 """
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ import yaml
 
 from drivers.frames.description import whole_text
 from drivers.given_file import read_bytes
-from hil.config import Bench, Sweep, parse_bench, parse_sweep
+from hil.config import Bench, Sweep, limits_of, parse_bench, parse_sweep
+from hil.config.limits import Limits
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import parse_yaml, read_text
@@ -25,8 +28,13 @@ from hil.files.strict import parse_yaml, read_text
 SCHEMA = "hil.configuration/1"
 CONFIGURATION = "configuration"
 """The folder within a night's that the files are written into."""
-_FILES = {"imu": ("imu", "description"), "model": ("simulation", "model"), "chamber": ("chamber", "description")}
-"""Where the bench file names what stands in the text, by its name there."""
+_FILES: Mapping[str, tuple[str, ...]] = {
+    "imu": ("bench", "imu", "description"),
+    "model": ("bench", "simulation", "model"),
+    "chamber": ("bench", "chamber", "description"),
+    "limits": ("sweep", "limits"),
+}
+"""Where bench and sweep file name what stands in the text, by its name there."""
 
 
 def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> str:
@@ -47,6 +55,8 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         document["model"] = read_text(bench.simulation_model)
     if bench.chamber_description is not None:
         document["chamber"] = read_text(bench.chamber_description)
+    if (limits := limits_of(sweep, bench)) is not None:
+        document |= {"limits": limits.text, "limits_file": limits.source}
     if seed is not None:
         if bench.simulation is None:
             raise InputError(f"{bench.source}: a seed was given, but nothing on this bench is simulated")
@@ -65,10 +75,10 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     bench: dict[str, Any] = document["bench"]
     folder = folder.resolve()
     folder.mkdir(exist_ok=True)
-    for name, (section, key) in _FILES.items():
+    for name, (*sections, key) in _FILES.items():
         if name in document:
             write_durably(RealDisk(), folder / f"{name}.yaml", document[name].encode())
-            bench[section][key] = str(folder / f"{name}.yaml")
+            reduce(getitem, sections, document)[key] = str(folder / f"{name}.yaml")
     return (
         parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
         parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),
@@ -85,6 +95,15 @@ def lost_files(text: str, folder: Path) -> Iterator[str]:
             what = f"is lost ({error})"
         if what:
             yield f"{folder.name}/{path.name} {what}; nothing is read from it, the journal has its text"
+
+
+def recorded_limits(text: str) -> Limits | None:
+    """Return the limits of a night's unit, as the file was when the night began; None where none was named.
+
+    Raises `InputError` where this version does not understand them.
+    """
+    document = understood(text if "limits_file:" in text else "")
+    return Limits.parse(document["limits"], document["limits_file"]) if "limits" in document else None
 
 
 def key_file(text: str) -> Path | None:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 
 from hil.config.bench import Bench
+from hil.config.limits import Limits, load_limits
 from hil.config.sections import settings_of
 from hil.errors import InputError
 from hil.files.strict import WholeFile, find_config, near, read_text
@@ -44,6 +45,7 @@ class Sweep(WholeFile):
     start: Celsius = 23.0
     final: Celsius | None = None
     vocabulary: Literal["plain", "rd-gc-86-1"] = "plain"  # whose words the report speaks
+    limits: str | None = None  # of the unit's parameters: a file
 
     def procedure(self) -> SweepProcedure:
         """Return the sweep as the procedures take it."""
@@ -71,9 +73,26 @@ def parse_sweep(text: str, source: str) -> Sweep:
     return Sweep.parse(text, source)
 
 
+def limits_of(sweep: Sweep | None, bench: Bench) -> Limits | None:
+    """Return the limits that the sweep names, or else the bench, held against its sensors; None where neither does.
+
+    Raises `InputError` where there are none of this name, or they are not this unit's.
+    """
+    named = sweep if sweep is not None and sweep.limits is not None else bench
+    if named.limits is None:
+        return None
+    try:
+        limits = load_limits(named.limits, Path(named.source).parent)
+        limits.check({number: bench.sensor(number) for number in bench.sensors}, bench.unit.model)
+    except InputError as error:
+        raise InputError(f"{named.source}: limits: {error}") from error
+    return limits
+
+
 def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
     """Raise `InputError` where the sweep asks for what cannot be: of the bench, of the equations, or in one life."""
     _refuse_endless(sweep)
+    limits_of(sweep, bench)
     _refuse_one_position_repeated(sweep, bench)
     limits = bench.chamber.limits
     wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]

@@ -21,6 +21,7 @@ SINGULAR = {
     "benches": "bench",
     "chambers": "chamber description",
     "imus": "IMU description",
+    "limits": "set of limits",
     "models": "model",
     "sweeps": "sweep",
     "tables": "table",

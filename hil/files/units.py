@@ -41,6 +41,7 @@ SLOPE = Kind("a rate of temperature change", "delta_degC/minute", "3 degC/min", 
 ANGLE = Kind("an angle", "degree", "34.6 deg")
 ACCELERATION = Kind("an acceleration", "standard_gravity", "-0.016 g")
 RATE = Kind("a rotation rate", "degree/hour", "30 deg/hr")
+RATE_PER_G = Kind("a drift per g", "degree/hour/standard_gravity", "4 deg/hr/g")
 DRIFT = Kind("a drift of a rate", "degree/hour/minute", "10 deg/hr/min", zero=0.0)
 RANDOM_WALK = Kind("an angle random walk", "degree/hour**0.5", "0.12 deg/sqrt(hr)", zero=0.0)
 BIAS_SLOPE = Kind("a change of a rate with temperature", "degree/hour/delta_degC", "1.6 deg/hr/degC", True, zero=0.0)

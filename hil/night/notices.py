@@ -6,7 +6,7 @@ import sqlite3
 from hil.config import Bench
 from hil.night.notify import Notifier
 from hil.records import SqliteJournal
-from hil.records.status import recorded_verdict
+from hil.records.status import recorded_end
 
 
 def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
@@ -32,7 +32,8 @@ def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:
 def in_words_at_the_end(journal: SqliteJournal, how: str) -> str:
     """Say how it ended, whether it is good, with the reason and the numbers."""
     done, asked = journal.completed(), journal.plan.self_calibrations
-    judged = recorded_verdict(journal) or {"verdict": "not judged"}
+    end = recorded_end(journal)
+    unit = f"; {in_spec['verdict'].upper()}: {in_spec['reason']}" if (in_spec := end.get("in_spec")) else ""
     runs = sum(all(step.key in done for step in steps) for steps in asked.values())
-    counts = f"{judged['verdict']}; {runs} of {len(asked)} self-calibrations"
+    counts = f"{end.get('verdict', 'not judged')}{unit}; {runs} of {len(asked)} self-calibrations"
     return f"{how}; {counts}; {len(done)} of {len(journal.plan.steps)} steps; {journal.folder}"

@@ -280,14 +280,17 @@ def _carry_out(
 
 def judge(journal: SqliteJournal, state: str) -> None:
     """Record what the report will say of the night, so that whoever only asks how it stands need not solve it."""
-    from hil.analysis.night_verdict import night_solutions, night_verdict  # only an end needs what solves
+    from hil.analysis.in_spec import in_spec_of  # only an end needs what solves
+    from hil.analysis.night_verdict import night_solutions, night_verdict
 
     try:
-        judged = night_verdict(state, night_solutions(journal.folder)[1])
+        campaign, solutions = night_solutions(journal.folder)
+        judged = night_verdict(state, solutions)
     except InputError:
         return  # whoever reads it is told why
+    unit = in_spec_of(journal.folder, campaign, solutions, state=state)
     seals = {"trace": seal(journal.folder / TRACE_NAME), "log": sealed_log(journal.folder)}
-    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **seals)
+    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **seals, in_spec=unit and unit.brief())
 
 
 def _polling(live: LiveBench) -> Polling:

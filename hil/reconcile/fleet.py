@@ -6,6 +6,10 @@ Is anything missing, in which of them, in all of them?
     findings = screen.units(campaigns)                  # milliseconds per unit
     shared = screen.shared(campaigns)                   # one effect that many of the fleet have
 
+Every term is tried at a few models of the noise, in many units at once. Where that finds something, it is tried again
+at all that forty units of the fleet leave probable: what only the few find is the noise of a unit that is like none of
+them. What weighs a unit never depends on which others are weighed, so that processes may share the work.
+
 Units whose layout differs (a missing row, another order, other temperatures) need a screen of their own; what an effect
 follows (supply, temperature) is taken from the first unit. Discoveries over units are held to a false discovery rate;
 what a screening finds is worth a full `reconcile`, nothing more.
@@ -13,8 +17,9 @@ what a screening finds is worth a full `reconcile`, nothing more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,13 +31,20 @@ from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.sets import BlockSearch, SensorSearch
-from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
+from hil.reconcile.search.sets import SensorSearch
+from hil.reconcile.search.terms import Term
+from hil.solve.temperatures import ELSEWHERE_DEGC, WIDEST_DEGC, same_temperature
 
 NOISY_UNITS = 40
 """So many units, evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by."""
 FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Of the fleet, the shares that may have a shared effect."""
+FEW = (4, 10)
+"""Points of the noise at which every unit is weighed, and what is then asked again."""
+ASKED_AGAIN = 0.5
+"""Log odds from which a unit is weighed at more points, in the end at all: a discovery takes three and more."""
+TOGETHER = 16
+"""Units that are weighed at once: their numbers then stay in the processor's cache."""
 SAME_G = 0.05
 """Units whose accelerations differ by more stood in other positions."""
 
@@ -84,42 +96,94 @@ class Screen:
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
         found = searches(problem, (), VARIANCE_EFFECTS)
-        some = [fleet[i] for i in np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))]
+        out = cls(chosen, conditions, found)
+        some = [out.rates(fleet[i]) for i in np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))]
+        of_block = iter(zip(*some, strict=True))
         for search in found.values():
             search.terms = [term for term in search.terms if not term.is_mistake]
             for block in search.blocks:
-                block.choose([np.zeros((len(block.y), 0))], [_rates(unit, block, conditions) for unit in some])
-                block.scanned = np.arange(len(block.points))  # what a screen calls is not weighed again
+                block.choose([np.zeros((len(block.y), 0))], next(of_block))
+                likeliest = block.scanned
+                block.scanned = np.append(likeliest, np.setdiff1d(np.arange(len(block.points)), likeliest))
             search.forget()
-        return cls(chosen, conditions, found)
+        return out
 
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
         """Screen units with this layout; raises `InputError` for a unit whose layout differs."""
-        names, by_name, odds = self._by_name(campaigns)
+        return self.findings([each.title for each in campaigns], self.weigh([self.rates(each) for each in campaigns]))
+
+    def shared(self, campaigns: Sequence[Campaign]) -> SharedFinding:
+        """Test whether one effect is missing from many units; raises `InputError` for a unit whose layout differs."""
+        return self.in_common(self.weigh([self.rates(each) for each in campaigns]))
+
+    def rates(self, campaign: Campaign) -> list[FloatArray]:
+        """Return what a unit is weighed by: its rates (N,) in every block; raises `InputError` for another layout."""
+        if not laid_out_alike(self.conditions, campaign):
+            raise InputError(f"{campaign.title}: it is laid out otherwise than the screen")
+        return self.in_blocks(beside_the_earth(campaign), campaign.title)
+
+    def in_blocks(self, values: Mapping[int, FloatArray], title: str) -> list[FloatArray]:
+        """Return rates less the earth's (n, c) of each sensor by block; raises `InputError` where one is missing."""
+        own = [block.block for search in self.found.values() for block in search.blocks]
+        found = [values[block.sensor][block.rows, block.channel] for block in own]
+        if not all(np.all(np.isfinite(each)) for each in found):
+            raise InputError(f"{title}: rows are missing that the screen's layout has")
+        return found
+
+    @cached_property
+    def _names(self) -> tuple[list[str], FloatArray]:
+        """The names, and their log odds: those of the sensor in which each is likeliest."""
+        every = [(t.name, odds) for search in self.found.values() for t, odds in _with_odds(search)]
+        names = list(dict.fromkeys(name for name, _ in every))
+        return names, np.array([max(odds for name, odds in every if name == own) for own in names])
+
+    def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
+        """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""
+        parts = [self._weighed(units[first : first + TOGETHER]) for first in range(0, len(units), TOGETHER)]
+        return np.concatenate([np.zeros((len(self._names[0]), 0)), *parts], axis=1)
+
+    def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
+        data = [np.column_stack(each) for each in zip(*units, strict=True)]
+        by_name = self._by_name(data, FEW[0])
+        for most in (*FEW[1:], None):
+            again = np.flatnonzero(log_sum(by_name + self._names[1][:, None]) > ASKED_AGAIN)
+            if len(again):
+                by_name[:, again] = self._by_name([rates[:, again] for rates in data], most)
+        return by_name
+
+    def _by_name(self, data: Sequence[FloatArray], most: int | None) -> FloatArray:
+        """Log Bayes factor of each name whatever its shape, (names, m), of rates (N, m) by block, at `most` points."""
+        names, first = self._names[0], 0
+        total = np.zeros((len(names), data[0].shape[1]))
+        for search in self.found.values():
+            of_units = search.scan_many(data[first : first + len(search.blocks)], most)
+            first += len(search.blocks)
+            own, odds = np.array([names.index(term.name) for term in search.terms]), search.log_odds[:, None]
+            order = np.argsort(own, kind="stable")
+            places, starts = np.unique(own[order], return_index=True)
+            whole = np.logaddexp.reduceat(odds[order], starts, axis=0)
+            total[places] += np.logaddexp.reduceat((of_units + odds)[order], starts, axis=0) - whole
+        return total
+
+    def findings(self, titles: Sequence[str], by_name: FloatArray) -> list[UnitFinding]:
+        """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
+        names, odds = self._names
         posterior = by_name + odds[:, None]
         statistic = log_sum(posterior)
         p_values = _ville(statistic)
-        q_values = false_discovery(p_values)
         leaders = np.argmax(posterior, axis=0)
-        return [
-            UnitFinding(
-                campaign.title,
-                float(statistic[i]),
-                float(p_values[i]),
-                float(q_values[i]),
-                names[leader],
-                float(np.exp(posterior[leader, i] - statistic[i])),
-            )
-            for i, (campaign, leader) in enumerate(zip(campaigns, leaders.tolist(), strict=True))
-        ]
+        share = np.exp(posterior[leaders, np.arange(len(titles))] - statistic)
+        numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
+        told = zip(titles, *numbers, [names[each] for each in leaders], share.tolist(), strict=True)
+        return [UnitFinding(*each) for each in told]
 
-    def shared(self, campaigns: Sequence[Campaign]) -> SharedFinding:
-        """Test whether one effect is missing from many units, each with an amplitude of its own.
+    def in_common(self, by_name: FloatArray) -> SharedFinding:
+        """Return the effect that many units lack, each by an amplitude of its own; `weigh` says (n, u).
 
         The evidence for a name is that of a mixture: in some fraction of the units it is missing, in the others nothing
-        is. Raises `InputError` for a unit whose layout differs.
+        is.
         """
-        names, by_name, odds = self._by_name(campaigns)
+        names, odds = self._names
         mixed = [np.logaddexp(np.log1p(-p) if p < 1.0 else -np.inf, np.log(p) + by_name) for p in FRACTIONS]
         posterior = np.array(mixed).sum(axis=2) + odds - np.log(len(FRACTIONS))
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
@@ -129,25 +193,14 @@ class Screen:
         p_value = float(_ville(np.array([statistic]))[0])
         return SharedFinding(names[leader], float(share[:, leader].sum()), statistic, p_value, fraction)
 
-    def _by_name(self, campaigns: Sequence[Campaign]) -> tuple[list[str], FloatArray, FloatArray]:
-        """Names, log Bayes factor of each in each unit whatever its shape (names, units), and log odds (names,)."""
-        names = list(dict.fromkeys(term.name for search in self.found.values() for term in search.terms))
-        total, prior = np.zeros((len(names), len(campaigns))), np.full(len(names), -np.inf)
-        for search in self.found.values():
-            odds = search.log_odds
-            of_units = np.array([self._scanned(search, campaign) for campaign in campaigns]).T
-            for i, name in enumerate(names):
-                own = [j for j, term in enumerate(search.terms) if term.name == name]
-                if own:
-                    whole = log_sum(odds[own][:, None])[0]
-                    total[i] += log_sum(of_units[own] + odds[own][:, None]) - whole
-                    prior[i] = max(prior[i], float(whole))
-        return names, total, prior
 
-    def _scanned(self, search: SensorSearch, campaign: Campaign) -> FloatArray:
-        for block in search.blocks:
-            block.measure(_rates(campaign, block, self.conditions) / block.unit)
-        return search.scan(())
+def _with_odds(search: SensorSearch) -> Iterator[tuple[Term, float]]:
+    """Yield each term with the log odds of its name, whatever its shape."""
+    of_name: dict[str, list[float]] = {}
+    for term, odds in zip(search.terms, search.log_odds.tolist(), strict=True):
+        of_name.setdefault(term.name, []).append(odds)
+    for term in search.terms:
+        yield term, float(np.logaddexp.reduce(of_name[term.name]))
 
 
 def _ville(log_odds: FloatArray) -> FloatArray:
@@ -155,35 +208,30 @@ def _ville(log_odds: FloatArray) -> FloatArray:
     return np.asarray(1.0 / (1.0 + np.exp(np.clip(log_odds, -50.0, 700.0))))
 
 
-def _rates(campaign: Campaign, search: BlockSearch, conditions: Mapping[int, Conditions]) -> FloatArray:
-    """Rates less the earth's in a block, (N,); raises `InputError` for a unit that is laid out otherwise."""
-    block = search.block
-    collects = campaign.sensors.get(block.sensor)
-    if collects is None or not _alike(conditions[block.sensor], collects.conditions):
-        raise InputError(f"{campaign.title}: sensor {block.sensor} is laid out otherwise than the screen")
-    rates = collects.rates_deg_per_hr - collects.conditions.w_channels_deg_per_hr
-    values = rates[block.rows, block.channel]
-    if not np.all(np.isfinite(values)):
-        raise InputError(f"{campaign.title}: rows are missing that the screen's layout has")
-    return np.asarray(values)
+def beside_the_earth(campaign: Campaign) -> dict[int, FloatArray]:
+    """Return the rates of each sensor less the earth's, (n, c) deg/hr: what of a unit is no part of the layout."""
+    return {n: of.rates_deg_per_hr - of.conditions.w_channels_deg_per_hr for n, of in campaign.sensors.items()}
+
+
+def laid_out_alike(known: Mapping[int, Conditions], campaign: Campaign) -> bool:
+    """Whether every sensor of a layout stood so in a campaign."""
+    sensors = campaign.sensors
+    return all(number in sensors and _alike(own, sensors[number].conditions) for number, own in known.items())
 
 
 def _alike(known: Conditions, other: Conditions) -> bool:
     """Whether two units stood in the same positions, in the same runs, at the same temperatures."""
     if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
         return False
-    warm, warm_too = known.columns.get("temperature_degC"), other.columns.get("temperature_degC")
+    warm, warm_too = (each.columns.get("temperature_degC") for each in (known, other))
     if (warm is None) != (warm_too is None):
         return False
-    number = same_temperature(known)
-    same_warmth = np.array_equal(number, same_temperature(other)) and (
-        warm is None
-        or warm_too is None
-        or all(abs(np.nanmean((warm - warm_too)[number == k])) <= ELSEWHERE_DEGC for k in set(number[number >= 0]))
-    )
     in_order = [np.unique(rows.run, return_inverse=True)[1] for rows in (known, other)]
-    return (
-        same_warmth
-        and bool(np.all(in_order[0] == in_order[1]))
-        and bool(np.all(np.abs(known.f_g - other.f_g) < SAME_G))
-    )
+    if np.any(in_order[0] != in_order[1]) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
+        return False
+    if warm is None or warm_too is None:
+        return True
+    number, apart = same_temperature(known), warm_too - warm
+    if not np.all(np.abs(apart[number >= 0]) <= WIDEST_DEGC):
+        return False
+    return all(abs(np.mean(apart[number == k])) <= ELSEWHERE_DEGC for k in set(number[number >= 0].tolist()))

@@ -136,6 +136,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
         "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
+        "in_spec": None if working or facts.journal.found else recorded_end(facts.journal).get("in_spec"),
         "chamber": left.word.value if left else None,
         "chamber_in_words": forsaken or str(left or (_NOT_TOLD if facts.journal.found else "")),
         "problems": [
@@ -153,11 +154,11 @@ def _document(facts: _Facts) -> dict[str, Any]:
 def without_samples(status: dict[str, Any]) -> dict[str, Any]:
     """Return the status of a night (hil.status/1) whose samples are found damaged: it is not complete."""
     damaged = {"state": "incomplete", "reason": "every planned step was done, but records are damaged"}
-    return status | (damaged if status["state"] == "complete" else {})
+    return status | {"in_spec": None} | (damaged if status["state"] == "complete" else {})
 
 
 def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
-    """Return what the newest controller recorded at its end: `verdict`, `reason`, `trace`; empty where it could not."""
+    """Return what the newest controller recorded at its end: `verdict`, `reason`, `in_spec`, `trace`; empty if not."""
     newest = max((controller.number for controller in journal.controllers()), default=0)
     event = next((e for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest), None)
     return {} if event is None else event.evidence

@@ -6,11 +6,12 @@ Everything here is plain text and numbers; `page.py` turns it into HTML.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from hil.analysis.against import Comparison
+from hil.analysis.in_spec import InSpec
 from hil.analysis.published.reproduction import Reproduction, reproduce
 from hil.campaign import Campaign
 from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
-from hil.report.against import Comparison
 from hil.report.night import NightContent
 from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
@@ -74,10 +75,16 @@ class ReportContent:
     night: NightContent | None = None
     comparison: Comparison | None = None
     both_sensors: Sequence[str] = ()
+    in_spec: InSpec | None = None
+
+    @property
+    def solutions(self) -> Sequence[RunSolution]:
+        """Every solution of every sensor."""
+        return [each for sensor in self.sensors for each in sensor.solutions]
 
     def verdict_counts(self) -> Mapping[Verdict, int]:
         """How many solutions got which verdict."""
-        found = [each.verdict for sensor in self.sensors for each in sensor.solutions]
+        found = [each.verdict for each in self.solutions]
         return {verdict: found.count(verdict) for verdict in Verdict if verdict in found}
 
 

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+from hil.analysis.against import Comparison, Difference
 from hil.files.durable import RealDisk, write_durably
 from hil.files.numbers import decimals_for, degrees
 from hil.files.page import in_style, rendered
 from hil.records.status import in_brief
-from hil.report.against import Comparison, Difference
 from hil.report.content import ReportContent
 from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
@@ -48,7 +48,8 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "simulated": campaign.simulated,
         "verdict": verdict,
         "good": sentence,
-        "no_residual": not any(each.degrees_of_freedom for sensor in sensors for each in sensor.solutions),
+        "in_spec": content.in_spec,
+        "no_residual": not any(each.degrees_of_freedom for each in content.solutions),
         "to_do": list(to_do(content)),
         "headline": headline(content),
         "numbers": key_numbers(content.sensors),

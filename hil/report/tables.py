@@ -20,6 +20,7 @@ from hil.report.content import ReportContent
 
 TableFormat = Literal["csv", "parquet"]
 _SIMULATED = b"simulated"
+_OF_A_DIFFERENCE = ("sensor", "temperature_degC", "parameter", "unit", "now", "earlier", "sigma")
 
 
 def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
@@ -33,7 +34,7 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
         if content.comparison is None
         else [
             {
-                **{name: value for name, value in vars(each).items() if name != "runs"},
+                **{name: getattr(each, name) for name in _OF_A_DIFFERENCE},
                 "runs_now": each.runs[0],
                 "runs_earlier": each.runs[1],
                 "difference": each.difference,

@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtr, stdtrit
 
 from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
-from hil.solve.temperatures import runs_by_temperature, told_by, unit_range_degC
+from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import pooled
 from procedures.words import numbered
 
@@ -100,6 +100,13 @@ class Uncertain:
         """Half the 95 % interval."""
         return self.sd * float(stdtrit(self.freedom, 0.5 + 0.5 * CONFIDENCE))
 
+    def expanded(self, sigmas: float) -> float:
+        """Return what chance passes on one side as rarely as `sigmas` (more than 0) of a normal one, NaN where unknown.
+
+        It is Student's t on the degrees of freedom behind the standard deviation: k·u of the GUM, G.3 and G.6.
+        """
+        return self.sd * float(-stdtrit(self.freedom, ndtr(-sigmas)))
+
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: null where a thing is not known."""
         known = math.isfinite(self.sd)
@@ -142,6 +149,13 @@ class SensorRepeats:
     means: Sequence[MeanAt]
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
+
+    def at(self, temperature_degC: float | None) -> MeanAt | None:
+        """Return the mean at what is this temperature of another campaign, None where there is none."""
+        known = {each.temperature_degC: each for each in self.means}
+        if temperature_degC is None or not math.isfinite(temperature_degC):
+            return known.get(None)
+        return known.get(nearest(temperature_degC, [each for each in known if each is not None]))
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""

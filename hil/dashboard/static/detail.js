@@ -71,6 +71,9 @@ export class Detail {
     const why = head.verdict && head.verdict.verdict !== "ERROR" ? `: ${sentence(head.verdict.reason)}` : ""; // the line at the top says that
     put("verdict", head.verdict ? `${head.verdict.verdict}${why}` : "");
     $("verdict").className = `verdict ${head.verdict ? head.verdict.verdict : ""}`;
+    const unit = head.in_spec;
+    put("in-spec", unit ? `${capital(unit.verdict)}: ${sentence(unit.reason)}` : "");
+    $("in-spec").className = unit ? `verdict ${{ "in spec": "PASS", "out of spec": "FAIL" }[unit.verdict] || "INCONCLUSIVE"}` : "";
     put("to-do", `To do: ${head.to_do}`);
     put("chamber", head.problems.includes(head.chamber_in_words) ? "" : sentence(head.chamber_in_words));
     put("over", (head.over || []).map((line) => `Over: ${sentence(line)}`).join(" · "));

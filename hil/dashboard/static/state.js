@@ -9,6 +9,7 @@ export function stateOf(head) {
   if (head.killed) return ["controller dead", "dead"];
   if (head.working && troubleOf(head)?.bad) return [`${head.state}, in trouble`, "trouble"];
   const verdict = head.verdict && head.verdict.verdict;
+  if (head.state === "complete" && head.in_spec?.verdict === "out of spec") return ["complete, out of spec", "failed"];
   if (head.state !== "complete" || !verdict || GOOD.includes(verdict)) return [head.state, head.state];
   return [`${head.state}, ${verdict}`, verdict === "FAIL" ? "failed" : "incomplete"];
 }

@@ -213,19 +213,23 @@ class Laid:
 def log_factors(beside: Beside, laid: Sequence[Laid], added: FloatArray, count: int) -> FloatArray:
     """Log evidence of each of `count` candidates at every point, (t, count), the point's prior apart.
 
-    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with.
+    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with. Beside many
+    data, whose residuals are (t, m, N) and their squares (t, m), it is (t, m, count).
     """
-    out = np.repeat(beside.log_null()[:, None], count, axis=1)
+    out = np.repeat(beside.log_null()[..., None], count, axis=-1)
+    many = beside.rss.ndim > 1
     for own in laid:
-        group, (points, _, size, _) = own.group, own.gram.shape
-        score = (beside.residual[:, None, :] @ own.columns).reshape(points, -1, size)
+        group, size = own.group, own.gram.shape[2]
+        residual = beside.residual if many else beside.residual[:, None, :]
+        score = (residual @ own.columns).reshape(*beside.rss.shape, -1, size)
         gram = own.gram - _grams(np.swapaxes(added, 1, 2) @ own.columns, size) if added.shape[2] else own.gram
-        terms = _weighed(beside, gram[:, group.owner], score[:, group.owner], group)
+        gram = gram[:, None, group.owner] if many else gram[:, group.owner]
+        terms = _weighed(beside, gram, score[..., group.owner, :], group)
         if len(group.owner) > len(group.places):
             terms = np.stack(
-                [np.logaddexp.reduce(terms[:, group.owner == j], axis=1) for j in range(len(group.places))], 1
+                [np.logaddexp.reduce(terms[..., group.owner == j], axis=-1) for j in range(len(group.places))], -1
             )
-        out[:, group.places] = terms
+        out[..., group.places] = terms
     return out
 
 
@@ -239,14 +243,14 @@ def _grams(columns: FloatArray, size: int) -> FloatArray:
 
 
 def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) -> FloatArray:
-    """Log evidence (t, p) of columns given their Gram (t, p, q, q) and score (t, p, q), for each prior of the group."""
+    """Log evidence (t, …, p) of columns given Gram (t, …, p, q, q) and score (t, …, p, q), for each of p priors."""
     mean, deviation = group.mean, group.deviation
     if np.any(mean):
-        pull = np.einsum("tjpq,jq->tjp", gram, mean)
-        rss = beside.rss[:, None] + np.einsum("tjq,jq->tj", pull - 2.0 * score, mean)
+        pull = np.einsum("...jpq,jq->...jp", gram, mean)
+        rss = beside.rss[..., None] + np.einsum("...jq,jq->...j", pull - 2.0 * score, mean)
         score = score - pull
     else:
-        rss = beside.rss[:, None]
+        rss = beside.rss[..., None]
     values, z = decoupled(gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation)
     least = np.maximum(rss - explained(values, z), LEAST)
     variance = beside.scale_left(least)[..., None]

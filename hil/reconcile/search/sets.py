@@ -17,6 +17,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.chains import Whitened
 from hil.reconcile.search.evidence import (
     HOLDS,
+    LEAST,
     SEEN,
     UNKNOWN,
     Beside,
@@ -170,6 +171,23 @@ class SensorSearch:
             by_point = log_factors(beside, laid, added, len(self.terms)) + points.log_prior[:, None]
             total += log_sum(by_point) - log_sum(beside.log_null() + points.log_prior)
         return total
+
+    def scan_many(self, data: Sequence[FloatArray], most: int | None = None) -> FloatArray:
+        """Log Bayes factor of every term beside the base in other data: (j, m) of rates (N, m), deg/hr, by block.
+
+        At the points that are scanned, or the first `most` of them.
+        """
+        total = np.zeros((data[0].shape[1], len(self.terms)))
+        for search, laid, rates in zip(self.blocks, self._groups(), data, strict=True):
+            at = search.scanned[:most]
+            residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
+            base = search.beside.at(at)
+            own = replace(base, residual=residual, rss=np.maximum(np.sum(residual**2, axis=2), LEAST))
+            first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in laid]
+            log_prior = search.points.log_prior[at][:, None]
+            by_point = log_factors(own, first, residual[:, :0, :0], len(self.terms)) + log_prior[..., None]
+            total += log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None]
+        return total.T
 
     def evidence(self, chosen: Set) -> list[FloatArray]:
         """Log evidence of a set by block: (v,) each, ordinary noise first, without the kinds' own odds."""

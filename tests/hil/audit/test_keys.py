@@ -36,6 +36,7 @@ QUICK = {
 SLOW = {
     "scatter": ["scatter", "{folder}"],
     "reconcile": ["reconcile", "{folder}", "--model", "collins-4", "--out", "{folder}/out"],
+    "fleet": ["fleet", "{folder}", "--model", "matrix-6"],
     "reproduce": ["reproduce", "{folder}"],
     "design": ["design", "quick", "--goal", "MU 20 deg/hr"],
     "check": ["check", "quick", "--bench", "simulated"],

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.analysis.against import compare
 from hil.campaign import Campaign, Collects, Conditions
 from hil.config import load_bench
 from hil.model.earth import Site
-from hil.report.against import compare
 from hil.report.content import gather
 from hil.report.statements import cannot_tell
 from hil.solve import solve_campaign

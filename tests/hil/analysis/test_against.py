@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.cases import make_case, write_case
+from hil.analysis.against import Comparison, compare
 from hil.campaign import Campaign, Collects
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
-from hil.report.against import Comparison, compare
 from hil.report.content import gather
 from hil.report.page import render
 from hil.report.statements import good

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.special import stdtrit
 
+from hil.analysis.night_verdict import NOT_GOOD, night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.solve import repeats, solve_campaign
-from hil.solve.repeats import MeanAt
+from hil.solve.repeats import Uncertain
 from hil.solve.temperatures import nearest, runs_by_temperature
 
 SIGMAS = 3.0
@@ -31,21 +31,43 @@ _GAIN = 0.02
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter at one temperature, in `unit`; `sigma` is None where neither noise nor scatter is known."""
+    """One parameter at one temperature: its `means`, this campaign's and the earlier one's."""
 
     sensor: int
     temperature_degC: float | None
     parameter: str
-    unit: str
-    now: float
-    earlier: float
-    runs: tuple[int, int]
-    sigma: float | None
+    means: tuple[Uncertain, Uncertain]
+
+    @property
+    def now(self) -> float:
+        """This campaign's mean."""
+        return self.means[0].value
+
+    @property
+    def earlier(self) -> float:
+        """The earlier campaign's mean."""
+        return self.means[1].value
+
+    @property
+    def unit(self) -> str:
+        """The unit of both."""
+        return self.means[0].unit
+
+    @property
+    def runs(self) -> tuple[int, int]:
+        """Of how many runs the means are."""
+        return self.means[0].runs, self.means[1].runs
 
     @property
     def difference(self) -> float:
         """This campaign's mean less the earlier one's."""
         return self.now - self.earlier
+
+    @property
+    def sigma(self) -> float | None:
+        """A third of what is passed as rarely as three sigma; None where neither noise nor scatter is known."""
+        third = math.hypot(*(each.expanded(SIGMAS) for each in self.means)) / SIGMAS
+        return third if math.isfinite(third) else None
 
     @property
     def flagged(self) -> bool:
@@ -63,6 +85,7 @@ class Comparison:
     differences: Sequence[Difference]
     remarks: Sequence[str]
     doubts: Sequence[str] = ()  # those of the remarks that contradict this campaign
+    meaningless: str = ""  # why no difference says anything of the unit: the same rates, two units, a bad campaign
 
     @property
     def flagged(self) -> Sequence[Difference]:
@@ -87,24 +110,32 @@ _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperat
 
 def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
     """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
-    now, before = (repeats(each, solve_campaign(each)) for each in (campaign, earlier))
+    solved = solve_campaign(campaign), solve_campaign(earlier)
+    now, before = repeats(campaign, solved[0]), repeats(earlier, solved[1])
     differences: list[Difference] = []
-    remarks = [*_itself(campaign, earlier), *_units(_unit(campaign), _unit(earlier))]
+    units = _unit(campaign), _unit(earlier)
+    itself, told = list(_itself(campaign, earlier)), list(_units(*units))
+    remarks = [*itself, *told]
+    judged = night_verdict("complete", solved[1])
+    bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
+    meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
     for sensor, shown in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
             continue
         for mean in shown.means:
-            match = _nearest(mean.temperature_degC, before[sensor].means)
+            match = before[sensor].at(mean.temperature_degC)
             if match is None:
                 at = _at(mean.temperature_degC)
                 remarks.append(f"Sensor {sensor} at {at}: the earlier campaign has no such temperature.")
                 continue
-            differences += _differences(sensor, mean, match)
+            both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
+            differences += [Difference(sensor, mean.temperature_degC, name, each) for name, each in both.items()]
     doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
-    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, [*doubts, *remarks], doubts)
+    remarks = [*doubts, *remarks]
+    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks, doubts, meaningless)
 
 
 def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
@@ -176,29 +207,6 @@ def _units(unit: str, earlier_unit: str) -> Iterator[str]:
         yield "That both campaigns are of the same unit is taken on trust: the records do not say."
     elif unit != earlier_unit:
         yield f"These are two units, {unit} now and {earlier_unit} before: what differs may be that."
-
-
-def _nearest(temperature: float | None, means: Sequence[MeanAt]) -> MeanAt | None:
-    known = {each.temperature_degC: each for each in means}
-    if temperature is None or not math.isfinite(temperature):
-        return known.get(None)
-    return known.get(nearest(temperature, [each for each in known if each is not None]))
-
-
-def _differences(sensor: int, now: MeanAt, before: MeanAt) -> Iterator[Difference]:
-    for name, one in now.values.items():
-        if (other := before.values.get(name)) is not None:
-            sigma = math.hypot(*(each.sd * float(-stdtrit(each.freedom, _BY_CHANCE)) / SIGMAS for each in (one, other)))
-            yield Difference(
-                sensor,
-                now.temperature_degC,
-                name,
-                one.unit,
-                one.value,
-                other.value,
-                (one.runs, other.runs),
-                sigma if math.isfinite(sigma) else None,
-            )
 
 
 def _at(temperature: float | None) -> str:

@@ -1,0 +1,306 @@
+"""Whether a unit is in spec: its parameters against a limits file, beside whether it was measured well.
+
+    found = judge(limits, repeats(campaign, solutions), night_verdict("complete", solutions))
+    found.word                     # in spec, out of spec, cannot tell
+    found.characteristics[0].word  # so of one parameter at one temperature
+
+By a guard band (ISO 14253-1, ILAC-G8) a characteristic is in spec where all of the interval that it is known to lie in
+is within its limits, out of spec where none of it is, and cannot be told otherwise. The interval is k·u on either side,
+u being the uncertainty of the unit's parameter that `hil.solve.repeats` states, with Student's t for few repeats: so a
+unit whose parameter lies on a limit is called in spec as rarely as k sigma are passed on one side, 2.3 % of times at
+k = 2. A scatter's interval is that of chi-square at the same probability. Simple acceptance takes the value alone.
+A measurement that is FAIL or INCONCLUSIVE tells nothing of the unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from scipy.special import chdtri, ndtr
+
+from hil.analysis.against import Comparison
+from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.campaign import Campaign
+from hil.config.limits import Limits, ParameterLimits, load_limits
+from hil.config.recorded import recorded_limits
+from hil.files.numbers import decimals_for
+from hil.records import reading
+from hil.records.reader import is_night
+from hil.records.status import night_status
+from hil.solve import RunSolution, repeats
+from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
+from procedures.verdict import Judgement
+from procedures.words import numbered
+
+_ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
+_NOT_COMPARED = "no earlier campaign was given to compare with (--against)"
+_OF = {"value": "", "scatter": " from run to run", "change": ", change since the earlier campaign", "span": ", span"}
+
+
+class Word(StrEnum):
+    """Whether a unit, or one of its characteristics, is in spec."""
+
+    IN = "in spec"
+    OUT = "out of spec"
+    UNKNOWN = "cannot tell"
+
+
+_Ends = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """What a limit is of: a parameter's `value` at a temperature, `scatter`, `change` at a temperature, or `span`.
+
+    `interval` is where it lies by the decision rule, None where nobody can tell, and then `reason` says why.
+    """
+
+    sensor: int
+    parameter: str
+    of: str
+    limits: _Ends
+    unit: str = ""
+    temperature_degC: float | None = None
+    value: float | None = None
+    interval: tuple[float, float] | None = None
+    reason: str = ""
+
+    @property
+    def word(self) -> Word:
+        """Whether it is in spec: the limits themselves are."""
+        if self.interval is None or not all(map(math.isfinite, self.interval)):
+            return Word.UNKNOWN
+        least = -math.inf if self.limits[0] is None else self.limits[0]
+        most = math.inf if self.limits[1] is None else self.limits[1]
+        if least <= self.interval[0] and self.interval[1] <= most:
+            return Word.IN
+        return Word.OUT if self.interval[1] < least or self.interval[0] > most else Word.UNKNOWN
+
+    @property
+    def name(self) -> str:
+        """Which it is, in words."""
+        at = "" if self.temperature_degC is None else f" at {self.temperature_degC:.1f} °C"
+        return f"sensor {self.sensor}, {self.parameter}{_OF[self.of]}{at}"
+
+    @property
+    def sentence(self) -> str:
+        """What was found of it, and what it may be."""
+        wide = [abs(end - (self.value or 0.0)) for end in self.interval or ()]
+        digits = decimals_for(wide)
+        if self.value is None or self.interval is None:
+            return f"{self.name}: {self.reason}"
+        within = f", within {self.interval[0]:.{digits}f} … {self.interval[1]:.{digits}f}" if max(wide) > 0.0 else ""
+        return f"{self.name}: {self.value:.{digits}f}{within}; allowed is {self.allowed} {self.unit}"
+
+    @property
+    def allowed(self) -> str:
+        """The limits in words."""
+        least, most = self.limits
+        if least is None or most is None:
+            return f"at most {most:g}" if least is None else f"at least {least:g}"
+        return f"{least:g} … {most:g}"
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of it: null where a thing is not known, or no limit."""
+        known = self.interval if self.interval and all(map(math.isfinite, self.interval)) else (None, None)
+        plain = {name: value for name, value in asdict(self).items() if name not in ("limits", "interval", "of")}
+        ends = {"low": known[0], "high": known[1], "limit_low": self.limits[0], "limit_high": self.limits[1]}
+        return {**plain, **ends, "characteristic": self.of, "verdict": str(self.word)}
+
+
+@dataclass(frozen=True)
+class InSpec:
+    """What the limits say of a unit, beside how it was `measured`."""
+
+    limits: Limits
+    measured: Judgement
+    characteristics: Sequence[Characteristic]
+
+    def those(self, word: Word) -> Sequence[Characteristic]:
+        """Return the characteristics that are so."""
+        return [each for each in self.characteristics if each.word is word]
+
+    @property
+    def word(self) -> Word:
+        """In spec where all characteristics are; never where the measurement is not good."""
+        if self.measured.verdict in NOT_GOOD:
+            return Word.UNKNOWN
+        return next((word for word in (Word.OUT, Word.UNKNOWN) if self.those(word)), Word.IN)
+
+    @property
+    def reason(self) -> str:
+        """Why, in a sentence."""
+        count, out = len(self.characteristics), self.those(Word.OUT)
+        if self.measured.verdict in NOT_GOOD:
+            would = f"; by the runs that are good {len(out)} of {count} would be out of spec" if out else ""
+            return f"the measurement is {self.measured.verdict}: {self.measured.reason}{would}"
+        if self.word is Word.IN:
+            return f"all {count} are within their limits, by {self.limits.rule}"
+        those = self.those(self.word)
+        return f"{len(those)} of {count}, by {self.limits.rule}; the first is {those[0].sentence}"
+
+    def sentences(self) -> list[str]:
+        """Say what the unit is, and each characteristic that is not in spec."""
+        said = f"{self.word.upper()}: {self.reason} ({self.limits.title}; {self.limits.source})"
+        return [
+            said,
+            *(f"{each.word}: {each.sentence}" for word in (Word.OUT, Word.UNKNOWN) for each in self.those(word)),
+        ]
+
+    def brief(self) -> dict[str, str]:
+        """Return what is recorded of a night: the word, why, and by which limits."""
+        by = {"title": self.limits.title, "origin": self.limits.origin, "decision": self.limits.rule}
+        return {"verdict": str(self.word), "reason": self.reason, **by}
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of it, every characteristic included."""
+        return {**self.brief(), "characteristics": [each.document() for each in self.characteristics]}
+
+
+def judge(
+    limits: Limits,
+    shown: Mapping[int, SensorRepeats],
+    solutions: Sequence[RunSolution],
+    measured: Judgement,
+    comparison: Comparison | None = None,
+) -> InSpec:
+    """Judge a unit by what repeats show of each sensor; `comparison` with an earlier campaign tells its changes."""
+    found: list[Characteristic] = []
+    for number, of in limits.sensors.items():
+        bad = {run for each in solutions if each.sensor == number and each.verdict in NOT_GOOD for run in each.runs}
+        for name, each in of.items():
+            if number not in shown or name not in shown[number].names:
+                at = Characteristic(number, name, "value", (each.low, each.high), reason="no run could tell it")
+                found.append(at)
+                continue
+            one = _Judged(limits, number, name, each, shown[number], bad)
+            found += [*one.values(), *one.scatter(), *one.span(), *one.change(comparison)]
+    return InSpec(limits, measured, found)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """One parameter of one sensor, of which some runs are `bad`."""
+
+    rule: Limits
+    sensor: int
+    name: str
+    limits: ParameterLimits
+    shown: SensorRepeats
+    bad: set[int]
+
+    def _doubt(self, means: Sequence[MeanAt]) -> str:
+        """Say why these means tell nothing of the unit; empty where they do."""
+        if any(self.name not in mean.values for mean in means):
+            return "no run could tell it here"
+        if bad := self.bad.intersection(run for mean in means for run in mean.runs):
+            return f"{numbered('run', bad)}: not good (INCONCLUSIVE or FAIL)"
+        return "" if self._degrees or not self.rule.sigmas else _ALONE
+
+    @property
+    def _place(self) -> int:
+        return self.shown.names.index(self.name)
+
+    @property
+    def _degrees(self) -> int:
+        return int(self.shown.spread.degrees[self._place])
+
+    def _wide(self, means: Sequence[Uncertain]) -> float:
+        """Return half the interval of a mean, or of a difference of two."""
+        return math.hypot(*(each.expanded(self.rule.sigmas) for each in means)) if self.rule.sigmas else 0.0
+
+    def _told(
+        self, of: str, limits: _Ends, doubt: str, value: float | None = None, *ends: float, **at: Any
+    ) -> Characteristic:
+        unit, known = self.shown.units[self._place], (ends[0], ends[1]) if ends and not doubt else None
+        return Characteristic(self.sensor, self.name, of, limits, unit, value=value, interval=known, reason=doubt, **at)
+
+    def values(self) -> Iterator[Characteristic]:
+        limits = (self.limits.low, self.limits.high)
+        for mean in self.shown.means if limits != (None, None) else ():
+            at, doubt = mean.temperature_degC, self._doubt([mean])
+            if (each := mean.values.get(self.name)) is None:
+                yield self._told("value", limits, doubt, temperature_degC=at)
+            else:
+                wide = self._wide([each])
+                ends = each.value - wide, each.value + wide
+                yield self._told("value", limits, doubt, each.value, *ends, temperature_degC=at)
+
+    def scatter(self) -> Iterator[Characteristic]:
+        limits, doubt = (None, self.limits.scatter), self._doubt(self.shown.means)
+        if self.limits.scatter is not None and (doubt or not self._degrees):
+            yield self._told("scatter", limits, doubt or _ALONE)
+        elif self.limits.scatter is not None:
+            sd, chance = float(self.shown.spread.observed[self._place]), float(ndtr(-self.rule.sigmas))
+            ends = [sd * math.sqrt(self._degrees / chdtri(self._degrees, each)) for each in (chance, 1.0 - chance)]
+            yield self._told("scatter", limits, "", sd, *(ends if self.rule.sigmas else (sd, sd)))
+
+    def span(self) -> Iterator[Characteristic]:
+        limits, doubt = (None, self.limits.span), self._doubt(self.shown.means)
+        if len(self.shown.means) < 2:
+            doubt = "it takes two temperatures or more"
+        if self.limits.span is not None and doubt:
+            yield self._told("span", limits, doubt)
+        elif self.limits.span is not None:
+            pairs = list(combinations([mean.values[self.name] for mean in self.shown.means], 2))
+            sizes, wide = ([of(pair) for pair in pairs] for of in (_apart, self._wide))
+            least = max(size - each for size, each in zip(sizes, wide, strict=True))
+            most = max(size + each for size, each in zip(sizes, wide, strict=True))
+            yield self._told("span", limits, "", max(sizes), max(least, 0.0), most)
+
+    def change(self, comparison: Comparison | None) -> Iterator[Characteristic]:
+        if self.limits.change is None:
+            return
+        limits = (-self.limits.change, self.limits.change)
+        if comparison is None:
+            yield self._told("change", limits, _NOT_COMPARED)
+            return
+        found = {(each.sensor, each.parameter, each.temperature_degC): each for each in comparison.differences}
+        whole = next(filter(None, [comparison.meaningless, *comparison.doubts]), "")
+        for mean in self.shown.means:
+            at, doubt = mean.temperature_degC, whole or self._doubt([mean])
+            if (each := found.get((self.sensor, self.name, at))) is None:
+                yield self._told(
+                    "change", limits, doubt or "the earlier campaign has no such mean", temperature_degC=at
+                )
+            else:
+                ends = each.difference - self._wide(each.means), each.difference + self._wide(each.means)
+                yield self._told("change", limits, doubt, each.difference, *ends, temperature_degC=at)
+
+
+def _apart(pair: tuple[Uncertain, Uncertain]) -> float:
+    return abs(pair[0].value - pair[1].value)
+
+
+def in_spec_of(
+    source: Path,
+    campaign: Campaign | None,
+    solutions: Sequence[RunSolution],
+    name: str | None = None,
+    comparison: Comparison | None = None,
+    state: str = "",
+) -> InSpec | None:
+    """Judge what is in a folder by the limits of that `name`, or else by those that the night has on record.
+
+    `state` is the night's (of hil.status/1) where the caller knows it. None where there are no limits. Raises
+    `InputError` for limits that are not there, or not of such a unit.
+    """
+    night = is_night(source)
+    limits = None if name is None else load_limits(name)
+    if limits is not None and campaign is not None:
+        sensors = {number: each.conditions.sensor for number, each in campaign.sensors.items()}
+        limits.check(sensors, campaign.identity.get("model", ""))
+    elif limits is None and night:
+        with reading(source) as journal:
+            limits = recorded_limits(journal.night.configuration)
+    if limits is None:
+        return None
+    state = state or (night_status(source)["state"] if night else "complete")
+    shown = {} if campaign is None else repeats(campaign, solutions)
+    return judge(limits, shown, solutions, night_verdict(state, solutions), comparison)

@@ -1,0 +1,119 @@
+"""The limits file: what a unit's parameters must be for the unit to be in spec, with units and a decision rule.
+
+    limits = load_limits("mfs-imu-example")
+    limits.sensors[2]["MUB"].high            # deg/hr/g
+    limits.check({2: sensor})                # InputError where a sensor has no such parameter
+
+`low` and `high` bound a parameter's mean at every temperature, `scatter` its standard deviation from run to run,
+`change` how far it may be from an earlier campaign's mean, either way, and `span` the largest less the smallest of its
+means over the temperatures. Biases are in deg/hr, sensitivities in deg/hr/g. `hil.analysis.in_spec` judges by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, SkipValidation, model_validator
+
+from hil.campaign import Sensor
+from hil.errors import InputError
+from hil.files.strict import Section, WholeFile, find_config, near, read_text, validated_inside
+from hil.files.units import RATE, RATE_PER_G, to_number
+from hil.model.forms import bias_names, rotor_names, sensitivity_names
+
+_Above = Annotated[float, Field(gt=0.0)] | None
+
+
+class ParameterLimits(Section):
+    """What one parameter may be, in deg/hr (a bias) or deg/hr/g; a limit that is not given is none."""
+
+    low: float | None = None
+    high: float | None = None
+    scatter: _Above = None
+    change: _Above = None
+    span: _Above = None
+
+    @model_validator(mode="after")
+    def _leaves_something(self) -> Self:
+        if all(getattr(self, name) is None for name in type(self).model_fields):
+            raise ValueError(f"no limit is given; allowed: {', '.join(type(self).model_fields)}")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise ValueError(f"low: {self.low:g} is not below high, {self.high:g}: no unit could be in spec")
+        return self
+
+
+def _parameter(name: str, given: object) -> ParameterLimits:
+    """Read one parameter's limits, in the unit of its kind: B… is a bias, all others go with acceleration."""
+    kind, plain = RATE if name.startswith("B") else RATE_PER_G, given
+    if isinstance(given, dict):
+        plain = dict(given)
+        for key in given.keys() & ParameterLimits.model_fields.keys():
+            try:
+                plain[key] = to_number(given[key], kind)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+    return validated_inside(ParameterLimits, plain)
+
+
+def _by_parameter(given: object) -> object:
+    """Read the limits of every sensor; raise `ValueError` that begins with the sensor's number and the parameter."""
+    found: dict[Any, dict[str, ParameterLimits]] = {}
+    for number, of in given.items() if isinstance(given, dict) else ():
+        if not isinstance(of, dict) or not of:
+            raise ValueError(f"sensor {number}: must be a mapping from parameters, such as BA, to their limits")
+        for name, limits in of.items():
+            try:
+                found.setdefault(number, {})[str(name)] = _parameter(str(name), limits)
+            except ValueError as error:
+                raise ValueError(f"sensor {number}, {name}: {error}") from None
+    return found or given
+
+
+class Limits(WholeFile):
+    """A limits file: for which model of unit, by which rule, and each sensor's limits by parameter."""
+
+    title: str
+    origin: str
+    unit: str = ""
+    decision: Literal["guard band", "simple acceptance"] = "guard band"
+    k: Annotated[float, Field(gt=0.0, le=6.0)] = 2.0
+    sensors: Annotated[
+        dict[int, dict[str, SkipValidation[ParameterLimits]]], BeforeValidator(_by_parameter), Field(min_length=1)
+    ]
+
+    @property
+    def rule(self) -> str:
+        """The decision rule in words."""
+        return f"guard band of {self.k:g} standard uncertainties" if self.sigmas else "simple acceptance"
+
+    @property
+    def sigmas(self) -> float:
+        """How many standard uncertainties the guard band is wide; 0 where the value alone decides."""
+        return self.k if self.decision == "guard band" else 0.0
+
+    def check(self, sensors: Mapping[int, Sensor], unit: str = "") -> None:
+        """Raise `InputError` for another model of `unit`, a sensor that is not there, a parameter that it has not."""
+        if unit and self.unit and unit != self.unit:
+            raise InputError(f"{self.source}: unit: these are limits of {self.unit}, and the unit is {unit}")
+        for number, of in self.sensors.items():
+            if number not in sensors:
+                there = ", ".join(map(str, sensors))
+                raise InputError(f"{self.source}: sensors.{number}: there is no such sensor; allowed: {there}")
+            sensor = sensors[number]
+            biases = bias_names(sensor)
+            names = rotor_names(sensor) if sensor.is_rotor else (*biases, *sensitivity_names(sensor))
+            for name in of:
+                if name not in names:
+                    kind = "a two-channel rotor sensor" if sensor.is_rotor else f"one of {len(biases)} channels"
+                    raise InputError(
+                        f"{self.source}: sensors.{number}.{name}: sensor {number} is {kind}, without such a parameter"
+                        f"{near(name, names)}"
+                    )
+
+
+def load_limits(name: str | Path, beside: Path | None = None) -> Limits:
+    """Read a limits file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
+    path = find_config("limits", name, beside)
+    return Limits.parse(read_text(path), str(path))

@@ -1,0 +1,239 @@
+"""Screen campaign folders: read each, put those of one layout together, weigh them on as many processes as there are.
+
+    screened = screen_folders([Path("units")], "matrix-6", workers=4)
+    [unit for unit in screened.units if unit.worth]     # those that a full reconcile is worth
+
+A campaign that cannot be read, or screened, is told with its reason and the others go on. What is kept of each is its
+rates and what each name says of it, some kilobytes. Units are weighed in the order of their names, in pieces of a size
+that does not depend on the workers, so that the numbers do not either.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from datetime import date
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.given_file import check_folder
+from hil.campaign import Campaign, FloatArray
+from hil.campaign.reader import HEADER_FILE
+from hil.errors import InputError
+from hil.model import Model, load_model
+from hil.reconcile.fleet import NOISY_UNITS, Screen, SharedFinding, UnitFinding, beside_the_earth, laid_out_alike
+from hil.reconcile.proof.places import false_discovery
+from hil.records.export import open_source
+from hil.records.reader import is_night
+
+LEVEL = 0.05
+"""False discoveries among the units that are called, at most, on average."""
+_MISSING = "rates are missing: a screen needs every row of its layout"
+_PIECE = 256  # units that a process takes at once
+_DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
+
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+
+
+@dataclass(frozen=True)
+class ScreenedUnit:
+    """One campaign: who and when as far as its records say, which layout it has, and what was found."""
+
+    folder: str
+    title: str
+    serial: str
+    date: str
+    simulated: bool
+    layout: int
+    finding: UnitFinding
+
+    @property
+    def worth(self) -> bool:
+        """Whether a full reconcile is worth it."""
+        return self.finding.q_value < LEVEL
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A fleet: its units, what those of each layout have in common (with their number), what could not be read."""
+
+    model: str
+    units: Sequence[ScreenedUnit]
+    shared: Sequence[tuple[int, SharedFinding]]
+    not_screened: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What a screen is made of: the first unit, and those that say what noise is. `key` tells layouts apart."""
+
+    key: str
+    model: Model = field(compare=False)
+    units: Sequence[Campaign] = field(compare=False)
+
+
+@dataclass
+class _Group:
+    """Units of one layout, by what is kept of them."""
+
+    first: Campaign
+    facts: list[tuple[str, Campaign]] = field(default_factory=list)
+    values: list[Mapping[int, FloatArray]] = field(default_factory=list)
+
+    def layout(self, model: Model) -> _Layout:
+        """Return what a screen is laid out by: the first unit, and others evenly over the fleet."""
+        some = np.unique(np.linspace(0, len(self.values) - 1, NOISY_UNITS).astype(np.int64)).tolist()
+        told = b"".join(own.tobytes() for i in some for own in self.values[i].values())
+        return _Layout(hashlib.sha256(told).hexdigest(), model, [self._again(self.values[i]) for i in some])
+
+    def _again(self, values: Mapping[int, FloatArray]) -> Campaign:
+        """Return a unit with its own rates, under the first one's conditions."""
+        own = self.first.sensors
+        w = {number: own[number].conditions.w_channels_deg_per_hr for number in own}
+        sensors = {n: replace(of, rates_deg_per_hr=values[n] + w[n]) for n, of in own.items()}
+        return replace(self.first, sensors=sensors)
+
+
+def screen_folders(
+    folders: Sequence[Path], model: Model | str, workers: int = 1, cluster: str | None = None
+) -> Screened:
+    """Screen every campaign and night that the folders are or hold, by `workers` processes or on a Dask cluster.
+
+    Raises `InputError` where there is none, where the model cannot be used, or the cluster is not there.
+    """
+    chosen, places = load_model(model) if isinstance(model, str) else model, campaigns_in(folders)
+    told: dict[str, str] = {}
+    groups: list[_Group] = []
+    units: list[ScreenedUnit] = []
+    shared: list[tuple[int, SharedFinding]] = []
+    with _workers(workers, cluster) as mapped:
+        for place, read in zip(places, mapped(_read, places), strict=True):
+            if isinstance(read, str):
+                told[place] = read
+                continue
+            group = next((each for each in groups if _alike(each.first, read)), None)
+            if group is None:
+                groups.append(group := _Group(read))
+            group.facts.append((place, replace(read, sensors={})))
+            group.values.append(beside_the_earth(read))
+        for number, group in enumerate(groups, 1):
+            try:
+                found, common = _weighed(group, chosen, mapped, told)
+            except InputError as error:
+                told |= {place: str(error) for place, _ in group.facts}
+                continue
+            units += [_unit(place, facts, number, each) for place, facts, each in found]
+            shared += [(number, common)] if found else []
+    if not units:
+        raise InputError("; ".join(f"{place}: {why}" for place, why in list(told.items())[:3]))
+    q_values = false_discovery(np.array([each.finding.p_value for each in units])).tolist()
+    units = [replace(each, finding=replace(each.finding, q_value=q)) for each, q in zip(units, q_values, strict=True)]
+    return Screened(chosen.full_title, sorted(units, key=lambda each: each.finding.p_value), shared, told)
+
+
+def campaigns_in(folders: Sequence[Path]) -> list[str]:
+    """Return the campaigns and nights among folders and what stands directly in them, by name, each once.
+
+    Raises `InputError` where a folder is none, or there is no campaign.
+    """
+    found: list[str] = []
+    for folder in folders:
+        check_folder(folder)
+        inside = [folder] if _holds_one(folder) else sorted(each for each in folder.iterdir() if _holds_one(each))
+        found += map(str, inside)
+    if not found:
+        raise InputError(
+            f"{', '.join(map(str, folders))}: no campaign folder (with {HEADER_FILE}) and no night is there"
+        )
+    return list(dict.fromkeys(found))
+
+
+def _holds_one(folder: Path) -> bool:
+    return (folder / HEADER_FILE).is_file() or (folder.is_dir() and is_night(folder))
+
+
+def _read(place: str) -> Campaign | str:
+    """Return a campaign, or the sentence why it cannot be read."""
+    try:
+        return open_source(Path(place)).campaign
+    except InputError as error:
+        return str(error)
+
+
+def _alike(known: Campaign, other: Campaign) -> bool:
+    conditions = {number: of.conditions for number, of in known.sensors.items()}
+    return known.sensors.keys() == other.sensors.keys() and laid_out_alike(conditions, other)
+
+
+def _weighed(
+    group: _Group, model: Model, mapped: Map, told: dict[str, str]
+) -> tuple[list[tuple[str, Campaign, UnitFinding]], SharedFinding]:
+    """Weigh the units of a layout; those with rows missing are `told`. Raises `InputError` for an unfit model."""
+    both = list(zip(group.facts, group.values, strict=True))
+    whole = [(facts, own) for facts, own in both if all(np.all(np.isfinite(each)) for each in own.values())]
+    told |= dict.fromkeys({place for (place, _), _ in both} - {place for (place, _), _ in whole}, _MISSING)
+    if not whole:
+        raise InputError(_MISSING)
+    group.facts, group.values = [facts for facts, _ in whole], [own for _, own in whole]
+    layout = group.layout(model)
+    pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
+    by_name = np.concatenate(list(mapped(_weigh, pieces)), axis=1)
+    screen = _screen(layout)
+    findings = screen.findings([facts.title for _, facts in group.facts], by_name)
+    found = [(*facts, each) for facts, each in zip(group.facts, findings, strict=True)]
+    return found, screen.in_common(by_name)
+
+
+@lru_cache(maxsize=2)
+def _screen(layout: _Layout) -> Screen:
+    return Screen.of(layout.units, layout.model)
+
+
+def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> FloatArray:
+    """Weigh some units, in whichever process this is, which lays a layout out once."""
+    layout, values = piece
+    screen = _screen(layout)
+    return screen.weigh([screen.in_blocks(each, "") for each in values])
+
+
+def _unit(place: str, facts: Campaign, layout: int, finding: UnitFinding) -> ScreenedUnit:
+    serial = facts.identity.get("serial", "")
+    return ScreenedUnit(place, facts.title, serial, _date(facts.source), facts.simulated, layout, finding)
+
+
+def _date(source: str) -> str:
+    """Return the first date, such as 1985-10-01, in the words about where a campaign comes from; empty for none."""
+    for said in _DATE.findall(source):
+        with suppress(ValueError):  # the 39th of a month
+            return date.fromisoformat(said).isoformat()
+    return ""
+
+
+@contextmanager
+def _workers(count: int, cluster: str | None) -> Iterator[Map]:
+    """Give what carries a function out over many things, in their order."""
+    if cluster is not None:
+        try:
+            from distributed import Client  # the optional extra `cluster`
+        except ImportError:
+            raise InputError(f"--cluster {cluster}: needs distributed, which comes with hil[cluster]") from None
+        try:
+            client = Client(cluster, timeout="10s")
+        except (OSError, ValueError) as error:
+            raise InputError(f"--cluster {cluster}: no Dask scheduler answers there ({error})") from None
+        with client:
+            yield lambda function, things: iter(client.gather(client.map(function, list(things), pure=False)))
+    elif count > 1:
+        from concurrent.futures import ProcessPoolExecutor
+        from multiprocessing import get_context
+
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+            yield lambda function, things: pool.map(function, things)
+    else:
+        yield map

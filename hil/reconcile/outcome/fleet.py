@@ -1,0 +1,163 @@
+"""What a screening found, for people and programs: the document hil.fleet/1, a table of the units, and one page."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from datetime import date
+from typing import Any
+
+from hil.files.figure import LOOKS, blank
+from hil.files.page import in_style, inline_svg, rendered
+from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
+from procedures.words import counted
+
+_MOST_NAMES = 4  # that have a look of their own in a picture
+_OTHERS: dict[str, Any] = {"color": "0.45", "marker": "."}
+_NUMBER = re.compile(r"(\d+)\D*$")
+
+
+def fleet_document(found: Screened) -> dict[str, Any]:
+    """Return the document hil.fleet/1: finite numbers, null where a thing is not known."""
+    return {
+        "schema": "hil.fleet/1",
+        "model": found.model,
+        "simulated": any(each.simulated for each in found.units),
+        "level": LEVEL,
+        "units": [_row(each) for each in found.units],
+        "effects": [
+            {"id": name, "count": count, "serials": serials} for name, count, serials in _by_effect(found.units)
+        ],
+        "shared": [
+            {
+                "layout": number,
+                "id": each.name,
+                "probability": each.share,
+                "p_value": each.p_value,
+                "fraction": each.fraction,
+            }
+            for number, each in found.shared
+        ],
+        "not_screened": [{"folder": folder, "reason": why} for folder, why in found.not_screened.items()],
+    }
+
+
+def fleet_csv(found: Screened) -> str:
+    """Return the units as CSV, the likeliest to lack something first."""
+    stream = io.StringIO()
+    rows = [_row(each) for each in found.units]
+    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def fleet_page(found: Screened) -> str:
+    """Return the page as one HTML document: no scripts, no other files."""
+    worth = [each for each in found.units if each.worth]
+    title = f"{counted(len(found.units), 'unit')} screened: what the model lacks"
+    view = {
+        "title": title,
+        "running_title": in_style(title),
+        "simulated": any(each.simulated for each in found.units),
+        "whole": False,
+        "found": found,
+        "worth": worth,
+        "level": LEVEL,
+        "sentences": list(fleet_sentences(found)),
+        "shared": _shared(found),
+        "pictures": list(_pictures(found.units, worth)) if worth else [],
+    }
+    return rendered("hil.reconcile.outcome", "fleet.html.j2", view)
+
+
+def fleet_sentences(found: Screened) -> Iterator[str]:
+    """Yield what was found in a screenful: how many units, which effects, what many have in common."""
+    worth = [each for each in found.units if each.worth]
+    yield (
+        f"{len(worth)} of {counted(len(found.units), 'unit')} deserve a full hil reconcile: of those called, at most "
+        f"{LEVEL:.0%} on average lack nothing"
+    )
+    for name, count, _ in _by_effect(worth):
+        yield f"{name} leads in {counted(count, 'unit')}"
+    for number, each in _shared(found):
+        yield (
+            f"layout {number}: many units seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
+            f"{each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
+        )
+    if found.not_screened:
+        yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
+
+
+def _shared(found: Screened) -> list[tuple[int, Any]]:
+    return [(number, each) for number, each in found.shared if each.p_value < LEVEL]
+
+
+def _row(each: ScreenedUnit) -> dict[str, Any]:
+    of = each.finding
+    return {
+        "folder": each.folder,
+        "title": each.title,
+        "serial": each.serial,
+        "date": each.date or None,
+        "simulated": each.simulated,
+        "layout": each.layout,
+        "log_odds": of.statistic,
+        "p_value": of.p_value,
+        "q_value": of.q_value,
+        "leader": of.leader,
+        "probability": of.share,
+        "worth": each.worth,
+    }
+
+
+def _by_effect(units: Sequence[ScreenedUnit]) -> list[tuple[str, int, list[str]]]:
+    """Return the effects that lead in units that are called, the commonest first, with the units' serial numbers."""
+    called = [each for each in units if each.worth]
+    counts = Counter(each.finding.leader for each in called)
+    return [
+        (name, count, sorted(each.serial for each in called if each.finding.leader == name))
+        for name, count in counts.most_common()
+    ]
+
+
+def _pictures(units: Sequence[ScreenedUnit], worth: Sequence[ScreenedUnit]) -> Iterator[str]:
+    """Yield which effect leads in how many units, then the odds of every unit by date and by serial number."""
+    effects = _by_effect(worth)
+    figure, axes = blank(6.4, 1.1 + 0.28 * len(effects))
+    figure.subplots_adjust(left=0.3, top=0.95)
+    axes.barh([name for name, *_ in effects][::-1], [count for _, count, _ in effects][::-1], color="#0072B2")
+    axes.set_xlabel("units that are called")
+    yield inline_svg(figure, f"Units by effect: {', '.join(f'{name} {count}' for name, count, _ in effects)}")
+    looks = dict(zip([name for name, *_ in effects[:_MOST_NAMES]], LOOKS.values(), strict=False))
+    dated = {each.folder: date.fromisoformat(each.date).toordinal() for each in units if each.date}
+    numbered = {each.folder: int(of[1]) for each in units if (of := _NUMBER.search(each.serial))}
+    for places, what in ((dated, "date"), (numbered, "serial number")):
+        if len(set(places.values())) > 1:
+            yield _over(units, places, what, looks)
+
+
+def _over(units: Sequence[ScreenedUnit], places: dict[str, int], what: str, looks: dict[str, Any]) -> str:
+    figure, axes = blank(6.4, 3.0)
+    figure.subplots_adjust(top=0.85)
+    here = [each for each in units if each.folder in places]
+    groups: list[tuple[str, list[ScreenedUnit], dict[str, Any]]] = [
+        ("not called", [e for e in here if not e.worth], {"color": "0.75", "marker": "."})
+    ]
+    groups += [(n, [e for e in here if e.worth and e.finding.leader == n], look) for n, look in looks.items()]
+    groups.append(("others", [e for e in here if e.worth and e.finding.leader not in looks], _OTHERS))
+    for name, own, look in groups:
+        if own:
+            x, y = [places[e.folder] for e in own], [e.finding.statistic for e in own]
+            axes.plot(x, y, label=name, **(look | {"linestyle": "none", "markersize": 4}))
+    if what == "date":
+        ticks = sorted(set(places.values()))
+        ticks = ticks[:: max(1, len(ticks) // 5)]
+        axes.set_xticks(ticks, [date.fromordinal(each).isoformat() for each in ticks])
+    axes.set_xlabel(what)
+    axes.set_ylabel("log odds of anything missing")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    return inline_svg(figure, f"Log odds that anything is missing from each unit, by {what}")

@@ -1,0 +1,155 @@
+"""In spec, out of spec, or nobody can tell: seeded units in, out and on the line, and how often chance decides."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.analysis.against import compare
+from hil.analysis.in_spec import InSpec, Word, judge
+from hil.analysis.night_verdict import night_verdict
+from hil.campaign import Campaign
+from hil.config.limits import Limits, ParameterLimits
+from hil.solve import repeats, solve_campaign
+from hil.solve.repeats import means_of
+from procedures.verdict import Judgement, Verdict
+from tests.hil.analysis.thermal.nights import rotor_night
+
+GOOD = Judgement(Verdict.PASS, "fine")
+CURVES = {"BA": lambda t: 20.0 + 0.1 * t, "MUB": lambda t: -7.5 + 0.0 * t}
+SCATTER = {"BA": 1.0, "MUB": 4.0}
+
+
+def night(seed: int = 1, runs: int = 3, **curves: float) -> Campaign:
+    """Five temperatures; BA 17 … 26 deg/hr, MUB -7.5 deg/hr/g, or as given; white noise of .6 and SCATTER."""
+    of = CURVES | {name: (lambda t, value=value: value + 0.0 * t) for name, value in curves.items()}
+    at = (-30.0, 0.0, 20.0, 40.0, 60.0)
+    return rotor_night(np.random.default_rng(seed), of, temperatures_degC=at, runs=runs, run_to_run=SCATTER, white=0.6)
+
+
+def limits(of: Mapping[str, Mapping[str, str]], **more: object) -> Limits:
+    """Limits of sensor 2."""
+    return Limits.model_validate({"title": "t", "origin": "o", "sensors": {2: dict(of)}, **more})
+
+
+def judged(campaign: Campaign, of: Limits, earlier: Campaign | None = None) -> InSpec:
+    """What `hil solve` says of it."""
+    solutions = solve_campaign(campaign)
+    comparison = None if earlier is None else compare(campaign, earlier)
+    return judge(of, repeats(campaign, solutions), solutions, night_verdict("complete", solutions), comparison)
+
+
+@pytest.mark.parametrize(
+    ("of", "word"),
+    [
+        ({"BA": {"low": "5 deg/hr", "high": "40 deg/hr"}, "MUB": {"low": "-20 deg/hr/g"}}, Word.IN),
+        ({"BA": {"low": "5 deg/hr", "high": "20 deg/hr"}}, Word.OUT),
+        ({"MUB": {"high": "-17 deg/hr/g"}}, Word.OUT),
+        ({"MUB": {"low": "-7.5 deg/hr/g"}}, Word.UNKNOWN),
+        ({"MUB": {"low": "-9 deg/hr/g", "high": "-6 deg/hr/g"}}, Word.UNKNOWN),  # narrower than anybody can tell
+        ({"MUB": {"scatter": "12 deg/hr/g"}}, Word.IN),
+        ({"MUB": {"scatter": "1.5 deg/hr/g"}}, Word.OUT),
+        ({"MUB": {"scatter": "4 deg/hr/g"}}, Word.UNKNOWN),
+        ({"BA": {"span": "15 deg/hr"}}, Word.IN),
+        ({"BA": {"span": "4 deg/hr"}}, Word.OUT),
+        ({"BA": {"span": "9 deg/hr"}}, Word.UNKNOWN),
+    ],
+)
+def test_in_out_and_on_the_line(of: dict[str, dict[str, str]], word: Word) -> None:
+    """MUB's limit of -7.5 is where it is; a run's standard error is .6, and it is the scatter of 4 that decides."""
+    assert judged(night(), limits(of)).word is word
+
+
+def test_the_uncertainty_is_that_of_the_units_parameter() -> None:
+    """-7.5 with a limit of -10 is four standard errors away, and not in spec: five means of three runs scatter by 4."""
+    said = judged(night(), limits({"MUB": {"low": "-10 deg/hr/g"}}))
+    assert said.word is Word.UNKNOWN
+    assert all(each.interval and 3.0 < each.interval[1] - each.interval[0] < 16.0 for each in said.characteristics)
+    alone = judged(night(runs=1), limits({"MUB": {"low": "-90 deg/hr/g", "scatter": "90 deg/hr/g"}}))
+    assert {each.reason for each in alone.characteristics} == {
+        "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
+    }
+
+
+def test_simple_acceptance_takes_the_value() -> None:
+    """A value on its limit is within; nothing is left that nobody can tell, repeats or not."""
+    of = limits({"MUB": {"low": "-10 deg/hr/g", "high": "-3 deg/hr/g"}}, decision="simple acceptance")
+    assert Counter(each.word for each in judged(night(runs=1), of).characteristics)[Word.UNKNOWN] == 0
+    assert judged(night(2), of).word is Word.OUT
+    assert judged(night(), limits({"MUB": {"low": "-99 deg/hr/g"}}, decision="simple acceptance")).word is Word.IN
+
+
+def test_a_measurement_that_is_not_good_tells_nothing() -> None:
+    """Beside what it would say; and a run that is not good tells nothing at its temperature."""
+    good, of = night(), limits({"MUB": {"high": "-17 deg/hr/g"}})
+    for verdict in (Verdict.INCONCLUSIVE, Verdict.FAIL):
+        bad = replace(good, verdicts={2: Judgement(verdict, "the soak had not ended")})
+        said = judged(bad, of)
+        assert said.word is Word.UNKNOWN
+        assert f"the measurement is {verdict}: 1 of 15 solutions; the first is sensor 2, run 2" in said.reason
+        assert "of 5 would be out of spec" in said.reason
+        # A run that FAILs is in no mean; an INCONCLUSIVE one is, which therefore tells nothing.
+        doubted = "" if verdict is Verdict.FAIL else "run 2: not good (INCONCLUSIVE or FAIL)"
+        assert said.characteristics[0].reason == doubted
+    assert judged(replace(good, verdicts={2: Judgement(Verdict.MARGINAL, "slow")}), of).word is Word.OUT
+    unsolved = judge(of, {}, [], night_verdict("complete", []))
+    assert (unsolved.word, unsolved.characteristics[0].reason) == (Word.UNKNOWN, "no run could tell it")
+
+
+def test_a_change_is_judged_against_an_earlier_campaign_of_the_unit() -> None:
+    """In, out, and not known: without one, with itself, with one that is not good, with another unit's."""
+    of = limits({"BA": {"change": "6 deg/hr"}})
+    now, before, moved = night(1), night(2), night(3, BA=40.0)
+    assert judged(now, of, before).word is Word.IN
+    assert judged(now, of, moved).word is Word.OUT
+    bad = replace(before, verdicts={1: Judgement(Verdict.FAIL, "it moved")})
+    other = (
+        replace(now, identity={"model": "M", "serial": "1"}),
+        replace(before, identity={"model": "M", "serial": "2"}),
+    )
+    said = [judged(now, of), judged(now, of, now), judged(now, of, bad), judged(other[0], of, other[1])]
+    assert {each.word for each in said} == {Word.UNKNOWN}
+    reasons = [each.characteristics[0].reason for each in said]
+    for reason, words in zip(reasons, ("no earlier", "compared with itself", "is FAIL", "two units"), strict=True):
+        assert words in reason
+
+
+UNITS = 1500
+
+
+@pytest.mark.parametrize(("temperatures", "runs", "beyond"), [(8, 3, 4.0), (8, 3, 0.0), (1, 3, 4.0), (4, 2, 1.0)])
+def test_a_unit_on_the_limit_is_called_in_spec_as_rarely_as_stated(temperatures: int, runs: int, beyond: float) -> None:
+    """2.3 % at k = 2, of a value's limit and of a scatter's; out of spec no more often; each parameter is a unit."""
+    rng, count = np.random.default_rng(11), temperatures * runs
+    values = rng.normal(0.0, np.hypot(beyond, 1.0), (count, UNITS))
+    names = {f"B{unit}": "deg/hr" for unit in range(UNITS)}
+    at = [(20.0 * k, tuple(range(k * runs + 1, (k + 1) * runs + 1))) for k in range(temperatures)]
+    shown = means_of(names, values, np.ones_like(values), np.repeat(np.arange(temperatures), runs), at[:])
+    shown = replace(shown, means=shown.means[:1])
+    of = ParameterLimits(high=0.0, scatter=float(np.hypot(beyond, 1.0)))
+    rule = limits({"BA": {"high": "1 deg/hr"}})
+    found = judge(rule.model_copy(update={"sensors": {2: dict.fromkeys(names, of)}}), {2: shown}, [], GOOD)
+    for kind in ("value", "scatter"):
+        words = Counter(each.word for each in found.characteristics if each.of == kind)
+        for word in (Word.IN, Word.OUT):
+            assert words[word] / UNITS < 0.0228 + 4.0 * np.sqrt(0.0228 / UNITS), (kind, word)
+    if temperatures * beyond > 1:  # where the repeats decide, it is the stated rate and no less
+        assert words[Word.IN] / UNITS > 0.01
+        assert sum(each.word is Word.IN for each in found.characteristics if each.of == "value") / UNITS > 0.01
+
+
+def test_the_document_is_finite_and_has_every_characteristic() -> None:
+    """Null where there is no limit or nobody can tell; brief is what a night records."""
+    said = judged(night(), limits({"MUB": {"low": "-10 deg/hr/g", "change": "3 deg/hr/g", "span": "30 deg/hr/g"}}))
+    document = said.document()
+    assert [each["characteristic"] for each in document["characteristics"]] == [*["value"] * 5, "span", "change"]
+    first, last = document["characteristics"][0], document["characteristics"][-1]
+    assert (first["limit_low"], first["limit_high"], first["unit"]) == (-10.0, None, "deg/hr/g")
+    assert first["low"] < first["value"] < first["high"]
+    assert (last["value"], last["low"], last["verdict"]) == (None, None, "cannot tell")
+    assert document["decision"] == "guard band of 2 standard uncertainties"
+    assert said.brief().items() <= document.items()

@@ -1,0 +1,155 @@
+"""Campaign folders screened: the units with the fault and no others, whoever shares the work."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.campaign.writer import write_campaign
+from hil.cli.app import run
+from hil.errors import InputError
+from hil.reconcile import Screen
+from hil.reconcile.campaigns import campaigns_in, screen_folders
+from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
+from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
+
+ROWS = lay_out(np.random.default_rng(0))
+FAULTY = (3, 9)
+MODEL = ("--model", "matrix-6-thermal")
+SHORT = lay_out(np.random.default_rng(0), (-20.0, 0.0, 20.0, 40.0), 3)
+
+
+def unit(i: int, size: float = 0.0) -> Campaign:
+    """One unit with a supply effect of this size."""
+    made = campaign_of(
+        ROWS, base_rates(ROWS) + noise(ROWS, np.random.default_rng(i)) + both(ROWS.supply - 28.0, size, -size)
+    )
+    return replace(
+        made, title=f"unit {i}", source=f"bench 2, 2024-{1 + i % 12:02d}-15", identity={"serial": f"A{i:03d}"}
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fourteen units, two with a fault; one with a rate missing, one of another layout, one that is no campaign."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for i in range(14):
+        write_campaign(unit(i, 20.0 * (i in FAULTY)), folder / f"u{i:02d}")
+    rates = unit(20).sensors[2].rates_deg_per_hr.copy()
+    rates[5, 0] = np.nan
+    holed = replace(unit(20).sensors[2], rates_deg_per_hr=rates)
+    write_campaign(replace(unit(20), sensors={2: holed}), folder / "v-holed")
+    other = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(9)))
+    write_campaign(other, folder / "w-other")
+    (folder / "x-broken").mkdir()
+    (folder / "x-broken" / "campaign.yaml").write_text("schema: nonsense\n")
+    return folder
+
+
+def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
+    """By name; what cannot be screened is told with its reason; another layout is a group of its own."""
+    found = screen_folders([folder], "matrix-6-thermal")
+    document = fleet_document(found)
+    assert {each["folder"][-3:] for each in document["units"] if each["worth"]} == {"u03", "u09"}
+    assert document["effects"] == [{"id": "supply", "count": 2, "serials": ["A003", "A009"]}]
+    assert len(document["units"]) == 15
+    assert {each["layout"] for each in document["units"]} == {1, 2}
+    told = {Path(each["folder"]).name: each["reason"] for each in document["not_screened"]}
+    assert told.keys() == {"v-holed", "x-broken"}
+    assert "every row of its layout" in told["v-holed"]
+    assert "'nonsense'" in told["x-broken"]
+    json.dumps(document, allow_nan=False)
+    rows = list(csv.DictReader(fleet_csv(found).splitlines()))
+    assert len(rows) == 15
+    assert {row["serial"] for row in rows if row["worth"] == "True"} == {"A003", "A009"}
+    page = fleet_page(found)
+    assert re.search(r"<h2 id=\"verdict\">2 of 15 units deserve a full hil reconcile", page)
+    assert re.findall(r'aria-label="([^"]+)"', page) == [
+        "Units by effect: supply 2",
+        "Log odds that anything is missing from each unit, by date",
+        "Log odds that anything is missing from each unit, by serial number",
+    ]
+    assert "x-broken" in page
+
+
+@pytest.mark.slow
+def test_the_numbers_do_not_depend_on_who_weighs(folder: Path) -> None:
+    """By two processes the same document, to the digit; so by the order in which folders are given."""
+    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
+    assert fleet_document(screen_folders([folder], "matrix-6-thermal", workers=2)) == alone
+    assert campaigns_in([folder / "u03", folder]) == [str(folder / "u03"), *campaigns_in([folder])[:3],
+                                                      *campaigns_in([folder])[4:]]  # fmt: skip
+
+
+def test_on_a_dask_cluster_too(folder: Path) -> None:
+    """The same document as alone."""
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        on_it = screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
+    assert fleet_document(on_it) == fleet_document(screen_folders([folder], "matrix-6-thermal"))
+
+
+def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One JSON document, a page and a table where they are asked for; bad input is a sentence and nothing written."""
+    page, table = tmp_path / "f.html", tmp_path / "f.csv"
+    assert run(["fleet", str(folder), *MODEL, "--out", str(page), "--csv", str(table), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["schema"] == "hil.fleet/1"
+    assert page.read_text().startswith("<!doctype html>")
+    assert len(table.read_text().splitlines()) == 16
+    assert run(["fleet", str(folder), *MODEL]) == 0
+    out, err = capsys.readouterr()
+    assert "2 of 15 units deserve a full hil reconcile" in out
+    assert "x-broken" in err
+    for words, message in (
+        ([str(tmp_path)], "no campaign folder"),
+        ([str(folder), "--out", "page.txt"], "give a name that ends in .html"),
+        ([str(folder), "--model", "nosuch"], "nosuch"),
+        ([str(folder), "--cluster", "nowhere"], "--cluster nowhere: "),
+        ([str(folder / "x-broken")], "'nonsense'"),
+        ([str(tmp_path / "nosuch")], "nosuch"),
+    ):
+        assert run(["fleet", *MODEL, *words]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_many_at_once_is_one_after_the_other() -> None:
+    """The log Bayes factors of many units are those of each alone, at every point and at the first few."""
+    units = [unit(i, 5.0) for i in range(5)]
+    screen = Screen.of(units, "matrix-6-thermal")
+    (search,) = screen.found.values()
+    rates = [screen.rates(each) for each in units]
+    many = search.scan_many([np.column_stack(own) for own in zip(*rates, strict=True)])
+    for i, own in enumerate(rates):
+        for block, values in zip(search.blocks, own, strict=True):
+            block.measure(values / block.unit)
+        assert many[:, i] == pytest.approx(search.scan(()), abs=1e-9)
+
+
+@pytest.mark.slow
+def test_false_discoveries_are_what_they_are_said_to_be() -> None:
+    """Thirty fleets of twenty units, each with a noise of its own, nothing missing: at most one in twenty calls one."""
+    from benchmarks.reconcile_fleet import unit as with_own_noise
+
+    units = [with_own_noise(40_000 + i) for i in range(600)]
+    screen = Screen.of(units, "matrix-6-thermal")
+    weighed = screen.weigh([screen.rates(each) for each in units])
+    calls = [
+        min(f.q_value for f in screen.findings([""] * 20, weighed[:, k : k + 20])) < 0.05 for k in range(0, 600, 20)
+    ]
+    assert np.mean(calls) <= 0.05
+    assert np.mean([screen.in_common(weighed[:, k : k + 20]).p_value < 0.05 for k in range(0, 600, 20)]) <= 0.05
+
+
+def test_a_fleet_without_a_campaign_is_refused(tmp_path: Path) -> None:
+    """An empty folder, or one of other things."""
+    (tmp_path / "notes").mkdir()
+    with pytest.raises(InputError, match="no campaign folder"):
+        screen_folders([tmp_path], "matrix-6")
