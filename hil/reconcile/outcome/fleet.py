@@ -33,7 +33,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         ],
         "shared": [
             {
-                "layout": number,
+                "layout_number": number,
                 "id": each.name,
                 "probability": each.share,
                 "p_value": each.p_value,
@@ -104,7 +104,7 @@ def _row(each: ScreenedUnit) -> dict[str, Any]:
         "serial": each.serial,
         "date": each.date or None,
         "simulated": each.simulated,
-        "layout": each.layout,
+        "layout_number": each.layout,
         "log_odds": of.statistic,
         "p_value": of.p_value,
         "q_value": of.q_value,

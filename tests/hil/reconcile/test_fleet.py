@@ -18,6 +18,7 @@ from hil.errors import InputError
 from hil.reconcile import Screen
 from hil.reconcile.campaigns import campaigns_in, screen_folders
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
+from hil.reconcile.proof.places import false_discovery
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0))
@@ -60,11 +61,13 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     assert {each["folder"][-3:] for each in document["units"] if each["worth"]} == {"u03", "u09"}
     assert document["effects"] == [{"id": "supply", "count": 2, "serials": ["A003", "A009"]}]
     assert len(document["units"]) == 15
-    assert {each["layout"] for each in document["units"]} == {1, 2}
+    assert {each["layout_number"] for each in document["units"]} == {1, 2}
     told = {Path(each["folder"]).name: each["reason"] for each in document["not_screened"]}
     assert told.keys() == {"v-holed", "x-broken"}
     assert "every row of its layout" in told["v-holed"]
     assert "'nonsense'" in told["x-broken"]
+    p_values = np.array([each["p_value"] for each in document["units"]])
+    assert [each["q_value"] for each in document["units"]] == false_discovery(p_values).tolist()  # of all layouts
     json.dumps(document, allow_nan=False)
     rows = list(csv.DictReader(fleet_csv(found).splitlines()))
     assert len(rows) == 15
@@ -122,7 +125,7 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_many_at_once_is_one_after_the_other() -> None:
     """The log Bayes factors of many units are those of each alone, at every point and at the first few."""
-    units = [unit(i, 5.0) for i in range(5)]
+    units = [unit(i, 10.0 * i) for i in range(4)]
     screen = Screen.of(units, "matrix-6-thermal")
     (search,) = screen.found.values()
     rates = [screen.rates(each) for each in units]
@@ -131,6 +134,7 @@ def test_many_at_once_is_one_after_the_other() -> None:
         for block, values in zip(search.blocks, own, strict=True):
             block.measure(values / block.unit)
         assert many[:, i] == pytest.approx(search.scan(()), abs=1e-9)
+        assert screen.weigh(rates)[:, i] == pytest.approx(screen.weigh([own])[:, 0], abs=1e-9)
 
 
 @pytest.mark.slow
