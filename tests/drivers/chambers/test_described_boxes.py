@@ -20,7 +20,7 @@ from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box, parse_box
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import SystemClock, VirtualClock
-from drivers.errors import InputError, ProtocolError, WrongDevice
+from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevice
 from drivers.simulators.chambers.described import SimulatedRegisterBox, simulated_box
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
@@ -224,6 +224,31 @@ def test_what_public_clients_read_is_answered(name: str, registers: list[int]) -
                 assert client.read_register(register) >= 0
         finally:
             client.serial.close()
+
+
+@pytest.mark.parametrize(("name", "guards"), [("watlow-f4", True), ("watlow-f4t", True), ("ezt-570i", False)])
+def test_a_simulated_controller_guards_its_limits_where_the_real_one_does(name: str, guards: bool) -> None:
+    """Exception 3 beyond them; the EZT-570i takes what it is told over the line."""
+    device = SimulatedRegisterBox(ChamberPlant(), shipped(name), limits=ChamberLimits(-40.0, 70.0))
+    clock = VirtualClock()
+    controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, shipped(name))
+    if guards:
+        with pytest.raises(CommandRefused, match="exception 3"):
+            controller.write("setpoint", 80.0)
+    else:
+        controller.write("setpoint", 80.0)
+    assert device.setpoint_degC == (23.0 if guards else 80.0)
+
+
+def test_an_f4_that_measures_no_temperature_is_refused() -> None:
+    """Register 608 is 1: relative humidity."""
+    device = SimulatedRegisterBox(ChamberPlant(), shipped("watlow-f4"))
+    device._box = shipped("watlow-f4").model_copy(
+        update={"identify": shipped("watlow-f4").identify.model_copy(update={"requires": ()})}
+    )
+    device.registers[608] = 1
+    with pytest.raises(WrongDevice, match="measures no temperature on channel 1; set its input up at its panel"):
+        _chamber(shipped("watlow-f4"), device, OFF).identify()
 
 
 TEXT: dict[str, Any] = {

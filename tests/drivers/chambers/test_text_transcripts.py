@@ -359,3 +359,12 @@ def test_julabo_alarms_and_complaints_about_commands_are_told_apart() -> None:
         chamber, device = _chamber(julabo, _julabo("20.0", "70.00", "-40.00", status), ("\r", "\r\n"))
         assert chamber.read().alarms == alarms
         device.finish()
+
+
+def test_julabo_status_that_is_none_is_asked_again_and_no_alarm() -> None:
+    """Noise in a status line must not end a night."""
+    look = _julabo("20.0", "70.00", "-40.00", "p2 REMOTE STOP")
+    chamber, device = _chamber(julabo, [*look, look[-1], look[-1]], ("\r", "\r\n"))
+    with pytest.raises(ProtocolError, match="answered 'STATUS' with 'p2 REMOTE STOP', which is no alarm and not none"):
+        chamber.read()
+    device.finish()
