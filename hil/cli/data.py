@@ -1,4 +1,4 @@
-"""Commands that work on measured data: solve, export, import."""
+"""Commands that work on measured data: solve, export."""
 
 from __future__ import annotations
 
@@ -108,22 +108,6 @@ def export(
     for note in written.notes:
         messages().print(f"note: {note}")
     results().print(f"campaign: {out}, {written.rows} rows")
-
-
-def import_table(
-    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.", show_default=False)],
-    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
-) -> None:
-    """Make a campaign folder from a published table of parameters, as printed, flags kept."""
-    from hil.analysis.published.table import read_published_table
-    from hil.campaign.writer import write_campaign
-
-    campaign = read_published_table(table)
-    write_campaign(campaign, out)
-    for note in campaign.notes.splitlines():
-        messages().print(f"note: {note}")
-    warn(tuple(campaign.warnings))
-    results().print(f"campaign: {out}")
 
 
 COMMANDS = (solve, export)
