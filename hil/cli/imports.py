@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from hil.cli.coefficients import quantity, sample_rate_hz
 from hil.cli.frames import Settings, frame_parameters
 from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
 from hil.errors import InputError
@@ -64,31 +65,33 @@ def log(
 ) -> None:
     """Make a campaign folder from a log of a unit that was put down in many poses by hand."""
     from hil.analysis.log.poses import campaign_of_log, write_log_campaign
-    from hil.analysis.log.reading import Wanted, read_log
+    from hil.analysis.log.reading import columns_of_bytes, read_log
     from hil.analysis.log.static import StaticTest
     from hil.bench.decode import load_frames_named
-    from hil.files.units import ANGLE, TIME, Kind, to_number
+    from hil.files.columns import read_columns
+    from hil.files.units import ACCELERATION, ANGLE, RATE, TIME, to_number
 
-    def number(option: str, text: str, kind: Kind) -> float:
-        try:
-            value = to_number(text, kind)
-        except ValueError as error:
-            raise InputError(f"{option}: {error}") from None
-        if value <= 0.0 and option != "--latitude":
-            raise InputError(f"{option} {text}: it must be more than 0")
-        return value
-
-    test = StaticTest(
-        number("--window", window, TIME), times, number("--shortest", shortest, TIME), number("--moved", moved, ANGLE)
-    )
-    if not times > 1.0:
-        raise InputError(f"--times {times:g}: it must be more than 1, as the quietest tenth varies once")
-    latitude_deg = None if latitude is None else number("--latitude", latitude, ANGLE)
+    rate_hz = sample_rate_hz(rate)
+    latitude_deg = None if latitude is None else quantity("--latitude", latitude, lambda text: to_number(text, ANGLE))
     if latitude_deg is not None and abs(latitude_deg) > 90.0:
         raise InputError(f"--latitude {latitude}: it must be from -90 to +90 deg")
-    wanted = Wanted(gyro, accelerometer, time, labels, gyro_scale, accelerometer_scale, time_scale, rate)
-    description = None if frames is None else load_frames_named(frames, parameters=frame_parameters(settings))
-    made = campaign_of_log(read_log(log, wanted, description), test, latitude_deg=latitude_deg)
+    test = StaticTest(
+        quantity("--window", window, lambda text: to_number(text, TIME)),
+        times,
+        quantity("--shortest", shortest, lambda text: to_number(text, TIME)),
+        quantity("--moved", moved, lambda text: to_number(text, ANGLE)),
+    )
+    if frames is not None:
+        description = load_frames_named(frames, parameters=frame_parameters(settings))
+        recorded, rate_hz = columns_of_bytes(log, description, rate_hz), None
+    else:
+        recorded = read_columns(log)
+    columns, scales = (
+        {kind: text for kind, text in zip((RATE, ACCELERATION, TIME), texts, strict=True) if text is not None}
+        for texts in ((gyro, accelerometer, time), (gyro_scale, accelerometer_scale, time_scale))
+    )
+    read = read_log(recorded, columns, scales, labels=labels, rate_hz=rate_hz)
+    made = campaign_of_log(read, test, latitude_deg=latitude_deg)
     write_log_campaign(made, out)
     document = {**made.document, "campaign": str(out)}
     if printed(document, as_json):

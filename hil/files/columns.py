@@ -84,7 +84,7 @@ def _text(path: Path, delimiter: str | None) -> Columns:
         if not first:
             raise ValueError("it is empty")
         cells = [cell.strip() for cell in first.split(delimiter)]
-        named = not all(_is_number(cell) for cell in cells)
+        named = not all(is_number(cell) for cell in cells)
         names = cells if named else [str(place + 1) for place in range(len(cells))]
         check_names(path, names)
         file.seek(0)
@@ -113,7 +113,8 @@ def _words(table: pa.Table) -> dict[str, NDArray[np.str_]]:
     }
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Tell whether a cell holds a number, and nothing else."""
     try:
         float(cell)
     except ValueError:

@@ -1,6 +1,6 @@
 """The static stretches of a log as a campaign: a collect each, poses by gravity, rates with honest standard errors.
 
-    made = campaign_of_log(read_log(path, Wanted()), StaticTest(), latitude_deg=48.1)
+    made = campaign_of_log(read_log(read_columns(path)), StaticTest(), latitude_deg=48.1)
     write_log_campaign(made, Path("my-campaign"))
     made.document["accelerometer"]["parameters"]["b_X"]
 
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hil.analysis.log.accelerometer import NAMES, Accelerometers, fit_accelerometers
-from hil.analysis.log.reading import AXES, Log
+from hil.analysis.log.reading import AXES, CHANNELS, Log
 from hil.analysis.log.static import StaticTest, Stretch, static_stretches
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
@@ -48,10 +48,9 @@ class LogCampaign:
 
 def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = None, sensor: int = 1) -> LogCampaign:
     """Return the campaign that the static stretches of `log` make; raise `InputError` where they make none."""
-    found = static_stretches(log, test)
-    stretches = found.stretches
+    stretches, sentences = static_stretches(log, test)
     n = len(stretches)
-    averages = [average_series(log.time_s[each.first : each.last], _values(log, each)) for each in stretches]
+    averages = [average_series(log.time_s[each.rows], log.values[each.rows]) for each in stretches]
     mean, se = np.array([each.mean for each in averages]), np.array([each.se for each in averages])
     _check_size(log, mean[:, 3:])
     fitted = fit_accelerometers(mean[:, 3:], se[:, 3:])
@@ -60,22 +59,19 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     positions, contradicted = _positions(log, stretches, f_g)
     told = _calibration_in_words(fitted, n)
     up = EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg or 0.0)) * f_g
-    layout = Sensor(sensor, AXES, dict(zip(log.channels, AXES, strict=True)))
-    columns = {"n_samples": np.array([each.last - each.first for each in stretches], dtype=np.float64)}
+    layout = Sensor(sensor, AXES, dict(zip(CHANNELS, AXES, strict=True)))
+    start_s, last_s = np.array([log.time_s[each.rows][[0, -1]] for each in stretches]).T
+    columns = {"n_samples": np.array([each.n for each in averages], dtype=np.float64)}
     columns |= {f"accelerometer_{axis}_g": calibrated[:, j] for j, axis in enumerate(AXES)}
     if log.temperature_degC is not None:
-        columns["temperature_degC"] = np.array(
-            [np.nanmean(log.temperature_degC[each.first : each.last]) for each in stretches]
-        )
+        columns["temperature_degC"] = np.array([_mean(log.temperature_degC[each.rows]) for each in stretches])
     conditions = Conditions(
         sensor=layout,
         collect=np.arange(1, n + 1),
         run=np.ones(n, dtype=np.int64),
         position=np.array(positions, dtype=np.str_),
-        start_s=np.array([log.time_s[each.first] for each in stretches]),
-        duration_s=np.array(
-            [log.time_s[each.last - 1] - log.time_s[each.first] + log.interval_s for each in stretches]
-        ),
+        start_s=start_s,
+        duration_s=last_s - start_s + log.interval_s,
         f_g=f_g,
         w_deg_per_hr=up,
         columns=columns,
@@ -83,7 +79,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     notes = [
         f"{log.path.name}: {n} static stretches, a collect each",
         *log.notes,
-        *found.sentences,
+        *sentences,
         *told,
         *contradicted,
         _earth_rate_in_words(latitude_deg),
@@ -101,7 +97,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         {
             "collect": k + 1,
             "position": positions[k],
-            "rows": [int(log.row[each.first]), int(log.row[each.last - 1])],
+            "rows": log.row[each.rows][[0, -1]].tolist(),
             "start_s": float(conditions.start_s[k]),
             "duration_s": float(conditions.duration_s[k]),
             "begins": each.begins,
@@ -141,16 +137,16 @@ def write_log_campaign(made: LogCampaign, out: Path) -> Path:
     return write_campaign(made.campaign, out, made.series, {ACCELEROMETER_FILE: accelerometer.encode()})
 
 
-def _values(log: Log, stretch: Stretch) -> FloatArray:
-    return log.values[stretch.first : stretch.last]
+def _mean(temperature_degC: FloatArray) -> float:
+    known = temperature_degC[np.isfinite(temperature_degC)]
+    return float(known.mean()) if len(known) else np.nan
 
 
 def _series(log: Log, stretches: Sequence[Stretch]) -> Iterator[tuple[int, Series]]:
     for k, each in enumerate(stretches, start=1):
-        rows = slice(each.first, each.last)
-        t_s = log.time_s[rows] - log.time_s[each.first]
-        temperature = None if log.temperature_degC is None else log.temperature_degC[rows]
-        yield k, Series(t_s, log.rates_deg_per_hr[rows], temperature)
+        t_s = log.time_s[each.rows]
+        temperature = None if log.temperature_degC is None else log.temperature_degC[each.rows]
+        yield k, Series(t_s - t_s[0], log.rates_deg_per_hr[each.rows], temperature)
 
 
 def _check_size(log: Log, mean_g: FloatArray) -> None:
@@ -169,7 +165,8 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
     """Return a label for each pose, and in words which of the log's labels its accelerations contradict."""
     positions, said, turned, axes = [], [], 0, 0
     for k, (each, f) in enumerate(zip(stretches, f_g, strict=True), start=1):
-        given = Counter([] if log.labels is None else log.labels[each.first : each.last].tolist())
+        first, last = log.row[each.rows][[0, -1]]
+        given = Counter([] if log.labels is None else log.labels[each.rows].tolist())
         label = given.most_common(1)[0][0].strip() if given else ""
         if len(given) > 1:
             said.append(f"collect {k}: its label changes within ({listed(given)}); taken as {label or 'none'}")
@@ -186,7 +183,7 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
         positions.append(label if along > _OF_AN_AXIS else seen)
         if along <= _OF_AN_AXIS:
             said.append(
-                f"collect {k} (rows {log.row[each.first]}-{log.row[each.last - 1]}): its label says {label}, its "
+                f"collect {k} (rows {first}-{last}): its label says {label}, its "
                 f"accelerometers {seen} ({f[worst]:+.2f} g along {AXES[worst]}): taken as {seen}"
             )
     if turned == axes > 1:

@@ -1,6 +1,6 @@
 """A log of rates and accelerations as arrays in the project's units, and in words what was taken for what.
 
-    log = read_log(Path("poses.csv"), Wanted(gyro_scale="0.0076 deg/s", accelerometer_scale="0.122 mg"))
+    log = read_log(read_columns(Path("poses.csv")), scales={RATE: "0.0076 deg/s", ACCELERATION: "0.122 mg"})
     log.rates_deg_per_hr, log.f_g, log.notes
 
 A column is recognised by its name, its unit by what the name says in brackets or at its end; an option wins over both.
@@ -10,10 +10,11 @@ told with their numbers.
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,50 +23,46 @@ from drivers.frames.description import StreamDescription
 from drivers.given_file import RECORDING_MB, read_bytes
 from hil.campaign import BoolArray, FloatArray, IntArray, TextArray
 from hil.errors import InputError
-from hil.files.columns import Columns, read_columns
-from hil.files.units import ACCELERATION, FREQUENCY, RATE, TIME, Kind, to_number, worth
-from procedures.words import choice, listed, numbered
+from hil.files.columns import Columns, is_number
+from hil.files.units import ACCELERATION, RATE, TIME, Kind, worth
+from procedures.words import choice, listed, plural, ranges
 
 AXES = ("X", "Y", "Z")
-_SPELT = {
-    RATE: {"deg_per_hr": "deg/hr", "deg_per_s": "deg/s", "dps": "deg/s", "rad_per_s": "rad/s", "rads": "rad/s"},
-    ACCELERATION: {"m_per_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "mg": "mg", "g": "g"},
-    TIME: {"s": "s", "ms": "ms", "us": "us", "ns": "ns"},
-}
-"""Units as names of columns end in them, by what they measure."""
-_BRACKETS = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
-_NAMED = {
-    RATE: re.compile(r"gyr|omega|angular|rate|^[gw]_?[xyz]$"),
-    ACCELERATION: re.compile(r"acc|specific_?force|^[af]_?[xyz]$"),
-    TIME: re.compile(r"^(t|time|time_?stamp|seconds)$"),
-}
+CHANNELS = ("GX", "GY", "GZ")
+NAMES = (*CHANNELS, *(f"accelerometer {axis}" for axis in AXES))
+"""What the six columns of `Log.values` are called."""
+
+_SPELT = {"deg_per_hr": "deg/hr", "deg_per_s": "deg/s", "dps": "deg/s", "rad_per_s": "rad/s", "rads": "rad/s"}
+_SPELT |= {"m_per_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2"}
+_UNIT = re.compile(rf"\s*[\[(](.*)[\])]\s*$|_({'|'.join(_SPELT)}|mg|g|ms|us|ns|s|degC)$")
 _AXIS = re.compile(r"^([xyz])_?(?=acc|gyr)|([xyz])$")
-_LABELS = re.compile(r"^(label|position|pose|orientation)$", re.IGNORECASE)
-_CELSIUS = ("degC", "°C", "C", "Celsius", "degree_Celsius")
-_OPTIONS = {RATE: "--gyro", ACCELERATION: "--accelerometer", TIME: "--time"}
-_WORDS = {RATE: "the rates", ACCELERATION: "the accelerations"}
-_EXAMPLES = {RATE: "deg/s, rad/s or '0.0076 deg/s'", ACCELERATION: "g, m/s^2 or '0.122 mg'", TIME: "s, ms or '25 us'"}
+_TEMPERATURE = re.compile(r"temp.*(degC|°C|C|Celsius)\W*$", re.IGNORECASE)
+_LABEL = re.compile(r"^(label|position|pose|orientation)$", re.IGNORECASE)
 _STANDS = 0.05  # of the rows: more times than these that do not go on are no clock's
 _GAP, _GAP_S = 1.5, 0.1  # intervals, and s: nobody moves a unit in less, and its neighbours would show it
 _FEW = 100  # samples, of which no pose could be made
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What a user said of a log, as text; None where the log itself is asked.
+class _Sought:
+    """What is looked for: its name in words and as an option, how columns are called, how many, and units they have."""
 
-    `gyro` and `accelerometer` name three columns each, X, Y, Z, with commas; a scale is the unit of a column, with a
-    factor for counts; `rate` is samples per second.
-    """
+    words: str
+    option: str
+    names: re.Pattern[str]
+    axes: tuple[str, ...]
+    units: str
 
-    gyro: str | None = None
-    accelerometer: str | None = None
-    time: str | None = None
-    labels: str | None = None
-    gyro_scale: str | None = None
-    accelerometer_scale: str | None = None
-    time_scale: str | None = None
-    rate: str | None = None
+
+_SOUGHT = {
+    RATE: _Sought(
+        "rates", "--gyro", re.compile(r"gyr|omega|angular|rate|^[gw]_?[xyz]$"), AXES, "deg/s, rad/s or '0.0076 deg/s'"
+    ),
+    ACCELERATION: _Sought(
+        "accelerations", "--accelerometer", re.compile(r"acc|^[af]_?[xyz]$"), AXES, "g, m/s^2 or '0.122 mg'"
+    ),
+    TIME: _Sought("times", "--time", re.compile(r"^(t|time|time_?stamp|seconds)$"), ("",), "s, ms or '25 us'"),
+}
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ class Log:
     """n samples of a triad, in order: times (n,), rates and accelerations (n, 3), and of each its `row` in the file.
 
     `temperature_degC` (n,) and `labels` (n,) are None where the log has none. `notes` say what was taken for what, and
-    what was left out. `begins`, (n,), is true where a sample does not follow on the one before it.
+    what was left out.
     """
 
     path: Path
@@ -81,11 +78,10 @@ class Log:
     time_s: FloatArray
     rates_deg_per_hr: FloatArray
     f_g: FloatArray
-    temperature_degC: FloatArray | None = None
-    labels: TextArray | None = None
-    simulated: bool = False
-    channels: Sequence[str] = ("GX", "GY", "GZ")
-    notes: tuple[str, ...] = ()
+    temperature_degC: FloatArray | None
+    labels: TextArray | None
+    simulated: bool
+    notes: tuple[str, ...]
 
     @cached_property
     def interval_s(self) -> float:
@@ -97,223 +93,169 @@ class Log:
         """Where a sample does not follow on the one before it, (n,)."""
         return np.asarray(np.diff(self.time_s, prepend=-np.inf) > max(_GAP_S, _GAP * self.interval_s))
 
-    @property
+    @cached_property
     def values(self) -> FloatArray:
         """Rates, deg/hr, and accelerations, g, of every sample, (n, 6)."""
         return np.hstack([self.rates_deg_per_hr, self.f_g])
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What those six are called."""
-        return (*self.channels, *(f"accelerometer {axis}" for axis in AXES))
+    def rows(self, index: BoolArray) -> "Log":
+        """Return the samples where `index`, (n,), is true."""
+        own = {each.name: getattr(self, each.name) for each in fields(self)}
+        chosen: dict[str, Any] = {name: each[index] for name, each in own.items() if isinstance(each, np.ndarray)}
+        return replace(self, **chosen)
 
 
-def read_log(path: Path, wanted: Wanted, frames: StreamDescription | None = None) -> Log:
-    """Read a table, or raw bytes by the description `frames`; raise `InputError` saying what is missing."""
-    return _cleaned(_of_bytes(path, wanted, frames) if frames is not None else _of_table(read_columns(path), wanted))
+def read_log(
+    table: Columns,
+    columns: Mapping[Kind, str] | None = None,
+    scales: Mapping[Kind, str] | None = None,
+    *,
+    labels: str | None = None,
+    rate_hz: float | None = None,
+) -> Log:
+    """Return the log that a table holds; raise `InputError` saying what is missing.
 
-
-def _of_table(table: Columns, wanted: Wanted) -> Log:
-    gyro, rates, gyro_unit = _triple(table, RATE, wanted.gyro, wanted.gyro_scale)
-    accelerometer, f_g, unit = _triple(table, ACCELERATION, wanted.accelerometer, wanted.accelerometer_scale)
-    notes = [
-        f"rates: columns {', '.join(gyro)}, in {gyro_unit}",
-        f"accelerations: columns {', '.join(accelerometer)}, in {unit}",
-    ]
-    if wanted.rate is not None:
-        time_s = np.arange(len(rates)) / _rate_hz(wanted.rate)
-    else:
-        names = [wanted.time] if wanted.time else [name for name in table.values if _is_named(name, TIME)]
-        if len(names) != 1:
-            found = f"columns {listed(names)} could be the time" if names else "no column is called time"
-            raise InputError(f"{table.path}: {found}; give --time COLUMN, or --rate '100 Hz' where there is none")
-        values, unit = _in_unit(table, names, TIME, wanted.time_scale)
-        time_s = values[:, 0]
-        notes.append(f"times: column {names[0]}, in {unit}")
-    thermometers = [name for name in table.values if re.search("temp", name, re.I) and _unit(table, name) in _CELSIUS]
-    labels = [name for name in {**table.texts, **table.values} if name == wanted.labels or _LABELS.match(name)]
-    if wanted.labels is not None and wanted.labels not in labels:
-        raise InputError(f"{table.path}: --labels: there is no column {wanted.labels}")
-    notes += [f"temperatures: column {name}" for name in thermometers[:1]]
-    notes += [f"labels of positions: column {name}" for name in labels[:1]]
-    return Log(
-        table.path,
-        np.arange(len(rates)) + 2,
-        time_s,
-        rates,
-        f_g,
-        table.values[thermometers[0]] if thermometers else None,
-        _as_labels(table, wanted.labels or labels[0]) if labels else None,
-        table.simulated,
-        notes=tuple(notes),
+    `columns` names those of the rates, accelerations (X, Y, Z, with commas) and times, `scales` their units, with a
+    factor for counts, where the table itself is not to be asked; with `rate_hz` samples are counted instead of times.
+    """
+    found = {
+        kind: _in_unit(table, kind, _names(table, kind, (columns or {}).get(kind)), (scales or {}).get(kind))
+        for kind in (_SOUGHT if rate_hz is None else (RATE, ACCELERATION))
+    }
+    notes = [words for _, words in found.values()]
+    thermometer = next((name for name in table.values if _TEMPERATURE.search(name)), None)
+    every = {**table.texts, **table.values}
+    label = labels or next((name for name in every if _LABEL.match(name)), None)
+    if label is not None and label not in every:
+        raise InputError(f"{table.path}: --labels: there is no column {label}; there are {choice(every)}")
+    notes += [f"temperatures: column {name}" for name in (thermometer,) if name]
+    notes += [f"labels of positions: column {name}" for name in (label,) if name]
+    rows = np.arange(len(found[RATE][0]))
+    numbers = None if label in table.texts or label is None else [f"{each:g}" for each in table.values[label]]
+    return _measured(
+        Log(
+            table.path,
+            rows + 2,
+            found[TIME][0][:, 0] if rate_hz is None else rows / rate_hz,
+            found[RATE][0],
+            found[ACCELERATION][0],
+            table.values[thermometer] if thermometer else None,
+            np.array(numbers) if numbers else table.texts[label] if label else None,
+            table.simulated,
+            tuple(notes),
+        )
     )
 
 
-def _of_bytes(path: Path, wanted: Wanted, frames: StreamDescription) -> Log:
+def columns_of_bytes(path: Path, frames: StreamDescription, rate_hz: float | None = None) -> Columns:
+    """Decode a file of raw bytes into a log's columns; raise `InputError` where there is no triad, or no frame of it.
+
+    Frames that were lost, by the counter, are a gap in time; `rate_hz` stands for the description's rate.
+    """
     roles = [role for role in (frames.roles.sensors.values() if frames.roles else ()) if len(role.rates) == len(AXES)]
     if frames.roles is None or len(roles) != 1 or set(roles[0].accelerations) != set(AXES):
         raise InputError(f"{frames.name}: roles: a log needs one sensor of three rates and accelerations X, Y, Z")
-    role, decoder = roles[0], StreamDecoder(frames)
-    fed, rest = decoder.feed(read_bytes(path, RECORDING_MB)), decoder.finish()
-    parts = [each.frames[frames.roles.frame] for each in (fed, rest) if len(each.frames.get(frames.roles.frame, ()))]
+    role, frame, decoder = roles[0], frames.roles.frame, StreamDecoder(frames)
+    fed = (decoder.feed(read_bytes(path, RECORDING_MB)), decoder.finish())
+    parts = [each.frames[frame] for each in fed if len(each.frames.get(frame, ()))]
     if not parts:
-        raise InputError(f"{path}: {frames.name} finds no {frames.roles.frame} frame in it; hil frames guess looks")
-    fields = {name: np.concatenate([part.column(name) for part in parts]) for name in parts[0].columns}
-    sequence = np.concatenate([part.sequence for part in parts])
-    rate_hz = frames.sample_rate_hz if wanted.rate is None else _rate_hz(wanted.rate)
+        raise InputError(f"{path}: {frames.name} finds no {frame} frame in it; hil frames guess looks what it may be")
     channels = sorted(role.rates, key=lambda name: name[-1])  # GX, GY, GZ, as descriptions of triads call them
-    counts = fed.counts + rest.counts
-    return Log(
-        path,
-        sequence,
-        sequence / rate_hz,
-        np.column_stack([fields[role.rates[name]] for name in channels]),
-        np.column_stack([fields[role.accelerations[axis]] for axis in AXES]),
-        None if role.temperature is None else fields[role.temperature],
-        channels=channels,
-        notes=(f"{frames.name}: {len(sequence)} samples, {counts.lost} lost, {rate_hz:g} per second",),
-    )
+    fields = {f"g{axis}_deg_per_hr": role.rates[name] for axis, name in zip("xyz", channels, strict=True)}
+    fields |= {f"a{axis.lower()}_g": field for axis, field in role.accelerations.items()}
+    fields |= {"temperature_degC": role.temperature} if role.temperature else {}
+    values = {name: np.concatenate([part.column(field) for part in parts]) for name, field in fields.items()}
+    sequence = np.concatenate([part.sequence for part in parts])
+    return Columns(path, {**values, "t_s": sequence / (rate_hz or frames.sample_rate_hz)})
 
 
-def _triple(table: Columns, kind: Kind, given: str | None, scale: str | None) -> tuple[list[str], FloatArray, str]:
-    """Return the three columns of a kind, X, Y, Z, their values (n, 3) in its unit, and the unit they have."""
-    option = _OPTIONS[kind]
+def _names(table: Columns, kind: Kind, given: str | None) -> list[str]:
+    """Return the columns of a kind, in the order of the axes; refuse where that is a question."""
+    sought = _SOUGHT[kind]
     if given is not None:
         names = [name.strip() for name in given.split(",")]
-        if len(names) != len(AXES):
-            raise InputError(f"{option} {given}: name three columns, those of X, Y and Z, with commas")
-    else:
-        every = [name for name in {**table.values, **table.texts} if _is_named(name, kind)]
-        found = {axis: [name for name in every if _axis(name, kind) == axis] for axis in AXES}
-        if any(len(each) != 1 for each in found.values()):
-            by_name = ", ".join(every) or "none"
-            raise InputError(
-                f"{table.path}: which columns hold {_WORDS[kind]} is not clear (by their names: {by_name}); give those "
-                f"of X, Y and Z as {option} A,B,C; there are {choice(table.values)}"
-            )
-        names = [found[axis][0] for axis in AXES]
-    values, unit = _in_unit(table, names, kind, scale)
-    return names, values, unit
+        if len(names) != len(sought.axes):
+            raise InputError(f"{sought.option} {given}: {len(sought.axes)} columns are needed, with commas between")
+        return names
+    axes = {name: _axis(name) for name in {**table.values, **table.texts} if sought.names.search(_bare(name))}
+    names = sorted((name for name in axes if axes[name] or kind is TIME), key=lambda name: axes[name])
+    if tuple(axes[name] for name in names) != sought.axes:
+        options = f"{sought.option} COLUMN, or --rate '100 Hz' to count samples" if kind is TIME else sought.option
+        raise InputError(
+            f"{table.path}: which columns hold the {sought.words} is not clear (by their names: "
+            f"{', '.join(names) or 'none'}); give {options}{' X,Y,Z' * (kind is not TIME)}; there are "
+            f"{choice(table.values)}"
+        )
+    return names
 
 
-def _in_unit(table: Columns, names: Sequence[str], kind: Kind, scale: str | None) -> tuple[FloatArray, str]:
-    """Return columns, (n, k), in the unit of their kind, and the unit that they have; refuse where none is stated."""
-    option = f"{_OPTIONS[kind]}-scale"
+def _in_unit(table: Columns, kind: Kind, names: list[str], scale: str | None) -> tuple[FloatArray, str]:
+    """Return columns, (n, k), in the unit of their kind, and in words what was taken; refuse where none is stated."""
+    sought = _SOUGHT[kind]
+    where, instead = f"{table.path}, columns {', '.join(names)}", f"give {sought.option}-scale, such as {sought.units}"
     for name in names:
         if name in table.texts:
-            row = int(np.flatnonzero([not _is_number(cell) for cell in table.texts[name]])[0])
-            raise InputError(f"{table.path}, row {row + 2}, column {name}: {table.texts[name][row]!r} is no number")
+            row = next(i for i, cell in enumerate(table.texts[name], start=2) if not is_number(cell))
+            raise InputError(f"{table.path}, row {row}, column {name}: {table.texts[name][row - 2]!r} is no number")
         if name not in table.values:
             raise InputError(f"{table.path}: there is no column {name}; there are {choice(table.values)}")
-    stated = {_unit(table, name, kind) for name in names}
+    stated = {table.units.get(name) or _unit(name) for name in names}
     text = scale or (stated.pop() if len(stated) == 1 else "")
     if not text:
-        raise InputError(
-            f"{table.path}, columns {', '.join(names)}: what one of them means is not stated (or not the same of all); "
-            f"give {option}, such as {_EXAMPLES[kind]}"
-        )
+        raise InputError(f"{where}: what one of them means is not stated, or not the same of all; {instead}")
     try:
         factor = worth(text, kind)
     except ValueError as error:
-        raise InputError(
-            f"{table.path}, column {names[0]}: {error}; or give {option}, such as {_EXAMPLES[kind]}"
-        ) from None
+        raise InputError(f"{where}: {error}; {instead}") from None
     if factor == 0.0:
-        raise InputError(f"{option} {text}: it must not be zero")
-    return np.column_stack([table.values[name] for name in names]) * factor, text
+        raise InputError(f"{where}: a unit of {text} is nothing; {instead}")
+    words = f"{sought.words}: column{'s' * (len(names) > 1)} {', '.join(names)}, in {text}"
+    return np.column_stack([table.values[name] for name in names]) * factor, words
 
 
-def _split(name: str, kind: Kind | None = None) -> tuple[str, str]:
-    """Return a column's name without its unit, in small letters, and the unit as it is stated, or nothing."""
-    bracket = _BRACKETS.search(name)
-    if bracket is not None:
-        return name[: bracket.start()].strip().lower(), bracket[1].strip()
-    for spelt, unit in sorted(_SPELT.get(kind, {}).items(), key=lambda each: -len(each[0])) if kind else ():
-        if name.lower().endswith(f"_{spelt}"):
-            return name[: -len(spelt) - 1].strip().lower(), unit
-    return name.strip().lower(), ""
+def _unit(name: str) -> str:
+    found = _UNIT.search(name)
+    return "" if found is None else (found[1] or _SPELT.get(found[2], found[2])).strip()
 
 
-def _unit(table: Columns, name: str, kind: Kind | None = None) -> str:
-    """Return the unit of a column as its file states it, in names as they are usually shortened."""
-    stated = table.units.get(name) or _split(name, kind)[1] or ("degC" if name.endswith("_degC") else "")
-    return _SPELT.get(kind, {}).get(stated, stated) if kind else stated
+def _bare(name: str) -> str:
+    return _UNIT.sub("", name).strip().lower()
 
 
-def _is_named(name: str, kind: Kind) -> bool:
-    bare = _split(name, kind)[0]
-    return bool(_NAMED[kind].search(bare)) and (kind is TIME or _axis(name, kind) is not None)
+def _axis(name: str) -> str:
+    found = _AXIS.search(_bare(name))
+    return (found[1] or found[2]).upper() if found else ""
 
 
-def _axis(name: str, kind: Kind) -> str | None:
-    found = _AXIS.search(_split(name, kind)[0])
-    return (found[1] or found[2]).upper() if found else None
-
-
-def _as_labels(table: Columns, name: str) -> TextArray:
-    """Return a column as labels; numbers as people write them."""
-    words = table.texts.get(name)
-    return np.array([f"{each:g}" for each in table.values[name]]) if words is None else words
-
-
-def _rate_hz(text: str) -> float:
-    try:
-        rate_hz = to_number(f"{text} Hz" if _is_number(text) else text, FREQUENCY)
-    except ValueError as error:
-        raise InputError(f"--rate: {error}") from None
-    if rate_hz <= 0.0:
-        raise InputError("--rate: the sample rate must be more than 0 Hz")
-    return rate_hz
-
-
-def _cleaned(log: Log) -> Log:
-    """Leave out the rows that hold no measurement, and say which."""
-    n, at_s = len(log.row), log.time_s
-    values = np.column_stack([at_s, log.values])
-    empty = ~np.isfinite(values).all(axis=1)
+def _measured(log: Log) -> Log:
+    """Leave out the rows that hold no measurement, and say which; refuse a log that holds none."""
+    empty = ~np.isfinite(np.column_stack([log.time_s, log.values])).all(axis=1)
     nothing = ~empty & np.all(log.f_g == 0.0, axis=1)
-    latest = np.maximum.accumulate(np.where(empty | nothing, -np.inf, at_s))
-    stands = ~empty & ~nothing & (at_s <= np.concatenate([[-np.inf], latest[:-1]]))
-    said = [
-        f"{numbered('row', log.row[rows].tolist(), to='-')} left out: {what}"
-        for rows, what in (
-            (empty, "a cell is empty, or no number"),
-            (nothing, "accelerations of exactly zero, which no unit at rest shows"),
-            (stands, "the time is not later than in a row before"),
-        )
-        if rows.any()
-    ]
-    if stands.sum() > _STANDS * n:
+    latest = np.maximum.accumulate(np.where(empty | nothing, -np.inf, log.time_s))
+    stands = ~empty & ~nothing & (log.time_s <= np.concatenate([[-np.inf], latest[:-1]]))
+    said = []
+    for rows, what in (
+        (empty, "a cell is empty, or no number"),
+        (nothing, "accelerations of exactly zero, which no unit at rest shows"),
+        (stands, "the time is not later than in a row before"),
+    ):
+        if rows.any():
+            which = choice(ranges(set(log.row[rows].tolist()), "-").split(", "))
+            said.append(f"{plural('row', rows.sum())} {which} left out: {what}")
+    if stands.sum() > _STANDS * len(log.row):
         raise InputError(
-            f"{log.path}: in {stands.sum()} of {n} rows the time is not later than before (the first is row "
-            f"{log.row[stands][0]}): no clock of samples; --rate '100 Hz' counts samples instead"
+            f"{log.path}: in {stands.sum()} of {len(log.row)} rows the time is not later than before (the first is "
+            f"row {log.row[stands][0]}): no clock of samples; --rate '100 Hz' counts samples instead"
         )
-    keep = ~(empty | nothing | stands)
-    if keep.sum() < _FEW:
-        raise InputError(f"{log.path}: {keep.sum()} rows hold a measurement; {'; '.join(said) or 'a log has many'}")
-    still = [name for name, column in zip(log.names, log.values[keep].T, strict=True) if not np.ptp(column)]
+    kept = log.rows(~(empty | nothing | stands))
+    if len(kept.row) < _FEW:
+        raise InputError(f"{log.path}: {len(kept.row)} rows hold a measurement; {'; '.join(said) or 'a log has many'}")
+    still = [name for name, column in zip(NAMES, kept.values.T, strict=True) if not np.ptp(column)]
     if still:
         raise InputError(f"{log.path}: {listed(still)}: never changes, so it is not measured, or is the wrong column")
-    kept = replace(
-        log,
-        row=log.row[keep],
-        time_s=at_s[keep] - at_s[keep][0],
-        rates_deg_per_hr=log.rates_deg_per_hr[keep],
-        f_g=log.f_g[keep],
-        temperature_degC=None if log.temperature_degC is None else log.temperature_degC[keep],
-        labels=None if log.labels is None else log.labels[keep],
-    )
-    gaps = np.flatnonzero(kept.begins)[1:]
-    if len(gaps):
-        step_s = kept.time_s[gaps[0]] - kept.time_s[gaps[0] - 1]
-        what = f"no stretch goes over one of {len(gaps)} gaps in time (the first, {step_s:.3g} s, before row"
-        said.append(f"{what} {kept.row[gaps[0]]})")
-    return replace(kept, notes=(*log.notes, *said))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    for gap in np.flatnonzero(kept.begins)[1:2]:
+        step_s, number = kept.time_s[gap] - kept.time_s[gap - 1], np.count_nonzero(kept.begins) - 1
+        said.append(
+            f"no stretch goes over one of {number} gaps in time (the first, {step_s:.3g} s, before row {kept.row[gap]})"
+        )
+    return replace(kept, time_s=kept.time_s - kept.time_s[0], notes=(*log.notes, *said))

@@ -1,7 +1,6 @@
 """Where in a log the unit was at rest: a test against the log's own quietest tenth, told with what ended each stretch.
 
-    found = static_stretches(log, StaticTest())
-    found.stretches, found.sentences
+    stretches, sentences = static_stretches(log, StaticTest())
 
 The log is cut into windows. Of each of the six channels the variance within a window is compared with that within the
 quietest tenth of the windows: `times` so much is noise, more is motion. This is the static detector of D. Tedaldi,
@@ -18,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import fdtrc
 
-from hil.analysis.log.reading import Log
+from hil.analysis.log.reading import NAMES, Log
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.errors import InputError
 
@@ -44,20 +43,11 @@ class StaticTest:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples `first` to `last` (not included) of a log, in which it was at rest, and why it begins and ends there."""
+    """The `rows` of a log's samples in which the unit was at rest, and why it begins and ends there."""
 
-    first: int
-    last: int
+    rows: slice
     begins: str
     ends: str
-
-
-@dataclass(frozen=True)
-class Found:
-    """The static `stretches` of a log; `sentences` state the test, its level, and what was quiet but moved."""
-
-    stretches: tuple[Stretch, ...]
-    sentences: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -74,13 +64,18 @@ class _Windows:
     frozen: BoolArray
 
 
-def static_stretches(log: Log, test: StaticTest) -> Found:
-    """Return the stretches in which the unit was at rest; raise `InputError` where there is none."""
+def static_stretches(log: Log, test: StaticTest) -> tuple[list[Stretch], list[str]]:
+    """Return the stretches in which the unit was at rest, and in sentences the test, its level, and what was moved.
+
+    Raises `InputError` where there is no stretch, or the test could find none.
+    """
+    if not (test.times > 1.0 and min(test.window_s, test.shortest_s, test.moved_deg) > 0.0):
+        raise InputError("--times must be more than 1, --window, --shortest and --moved more than 0")
     windows = _windows(log, test)
     m, reference = _quietest(log, windows)
     ratio = windows.variance / reference
     quiet: BoolArray = np.asarray((ratio.max(axis=1) <= test.times) & ~windows.frozen)
-    level = len(log.names) * float(fdtrc(windows.n - 1, m * (windows.n - 1), test.times))
+    level = len(NAMES) * float(fdtrc(windows.n - 1, m * (windows.n - 1), test.times))
     test_in_words = (
         f"static: windows of {windows.n} samples ({windows.n * log.interval_s:.3g} s) in which no channel varies more "
         f"than {test.times:g} times as much (variance) as in the quietest tenth, which white "
@@ -106,13 +101,13 @@ def static_stretches(log: Log, test: StaticTest) -> Found:
         if moved := _moved(log, windows, reference, slice(begin, end), test):
             said.append(f"rows {log.row[first]}-{log.row[last - 1]} are quiet and yet not used: {moved}")
         else:
-            stretches.append(Stretch(first, last, begins, ends))
+            stretches.append(Stretch(slice(first, last), begins, ends))
     if not stretches:
         raise InputError(
             f"{log.path}: the unit is nowhere at rest for {test.shortest_s:g} s ({'; '.join(said)}); "
             "--times, --window and --shortest change the test"
         )
-    return Found(tuple(stretches), tuple(said))
+    return stretches, said
 
 
 def _windows(log: Log, test: StaticTest) -> _Windows:
@@ -154,7 +149,7 @@ def _motion(log: Log, windows: _Windows, ratio: FloatArray, at: int) -> str:
     row, worst = log.row[windows.first[at]], int(np.argmax(ratio[at]))
     if windows.frozen[at]:
         return f"row {row}: the stream stands still"
-    return f"row {row}: {log.names[worst]} varies {ratio[at, worst]:.3g} times as much as in the quietest tenth"
+    return f"row {row}: {NAMES[worst]} varies {ratio[at, worst]:.3g} times as much as in the quietest tenth"
 
 
 def _moved(log: Log, windows: _Windows, reference: FloatArray, rows: slice, test: StaticTest) -> str:
@@ -174,5 +169,5 @@ def _moved(log: Log, windows: _Windows, reference: FloatArray, rows: slice, test
     allowed_deg = test.moved_deg + _SIGMAS * noise[:3] * window_s * np.sqrt(k) / _ARC_S
     worst = int(np.argmax(turned_deg - allowed_deg))
     if turned_deg[worst] > allowed_deg[worst]:
-        return f"{log.channels[worst]} turns by {turned_deg[worst]:.2g} deg within"
+        return f"{NAMES[worst]} turns by {turned_deg[worst]:.2g} deg within"
     return ""

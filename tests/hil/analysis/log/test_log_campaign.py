@@ -12,10 +12,12 @@ import pytest
 
 from hil.analysis.log.accelerometer import NAMES, fit_accelerometers
 from hil.analysis.log.poses import LogCampaign, campaign_of_log, write_log_campaign
-from hil.analysis.log.reading import Wanted, read_log
+from hil.analysis.log.reading import read_log
 from hil.analysis.log.static import StaticTest
 from hil.campaign.reader import read_campaign, read_series
 from hil.errors import InputError
+from hil.files.columns import read_columns
+from hil.files.units import ACCELERATION, RATE, TIME
 from hil.solve import solve_campaign
 from hil.solve.least_squares import solve
 from procedures.averaging import average_series
@@ -36,9 +38,12 @@ TRUTH = np.concatenate([BIAS_DEG_PER_HR, SENSITIVITY.ravel()])
 DEG_PER_S = 3600.0
 
 
-def made_of(path: Path, **wanted: str) -> LogCampaign:
-    """Read a log with options and make its campaign."""
-    return campaign_of_log(read_log(path, Wanted(**wanted)), StaticTest())
+def made_of(path: Path, *, rate_hz: float | None = None, gyro: str | None = None, **scales: str) -> LogCampaign:
+    """Read a log with options (gyro, rate_hz, and of each kind its scale) and make its campaign."""
+    kinds = {"gyro_scale": RATE, "accelerometer_scale": ACCELERATION, "time_scale": TIME}
+    units = {kinds[name]: text for name, text in scales.items()}
+    columns = {RATE: gyro} if gyro else {}
+    return campaign_of_log(read_log(read_columns(path), columns, units, rate_hz=rate_hz), StaticTest())
 
 
 def said(made: LogCampaign) -> str:
@@ -170,7 +175,7 @@ def test_counts_without_a_scale_are_refused_with_what_to_give(sound: Simulated, 
         made_of(path)
     with pytest.raises(InputError, match=r"accel_z: .*give --accelerometer-scale"):
         made_of(path, gyro_scale="0.01 deg/s")
-    with pytest.raises(InputError, match=r"column timestamp|columns timestamp: .*give --time-scale"):
+    with pytest.raises(InputError, match=r"columns timestamp: .*give --time-scale"):
         made_of(path, gyro_scale="0.01 deg/s", accelerometer_scale="0.1 mg")
     made = made_of(path, gyro_scale="0.01 deg/s", accelerometer_scale="0.1 mg", time_scale="ms")
     assert "rates: columns gyro_x, gyro_y, gyro_z, in 0.01 deg/s" in said(made)
@@ -205,7 +210,7 @@ def test_two_columns_that_could_be_meant_are_a_question(sound: Simulated, tmp_pa
     """Never the first of them; --gyro names which."""
     columns = {**sound.columns(), "gyro_temperature_x": sound.t_s}
     path = sound.write(tmp_path / "log.csv", columns)
-    with pytest.raises(InputError, match=r"which columns hold the rates is not clear.*--gyro A,B,C"):
+    with pytest.raises(InputError, match=r"which columns hold the rates is not clear.*--gyro X,Y,Z"):
         made_of(path)
     unnamed = sound.write(tmp_path / "unnamed.csv", {f"c{k}": each for k, each in enumerate(columns.values())})
     with pytest.raises(InputError, match=r"the rates is not clear \(by their names: none\).*there are c0, c1"):
@@ -264,7 +269,7 @@ def test_no_stretch_goes_over_a_jump_in_time(sound: Simulated, tmp_path: Path) -
     path = spoiled(sound, back, tmp_path / "back.csv")
     with pytest.raises(InputError, match=r"the first is row 3002.*--rate '100 Hz' counts samples"):
         made_of(path)
-    assert len(made_of(path, rate="100 Hz").document["stretches"]) == 14
+    assert len(made_of(path, rate_hz=100.0).document["stretches"]) == 14
 
 
 def test_a_stream_that_stands_still_is_no_rest(sound: Simulated, tmp_path: Path) -> None:
@@ -286,7 +291,7 @@ def test_why_a_stretch_ends_and_the_level_of_the_test_are_said(sound: Simulated,
     assert "times as much as in the quietest tenth" in made.document["stretches"][0]["ends"]
     assert made.document["stretches"][-1]["ends"] == "the log ends"
     assert "more than 4 times as much (variance) as in the quietest tenth, which white noise does in" in said(made)
-    log = read_log(tmp_path / "log.csv", Wanted())
+    log = read_log(read_columns(tmp_path / "log.csv"))
     with pytest.raises(InputError, match="nowhere at rest for 60 s"):
         campaign_of_log(log, StaticTest(shortest_s=60.0))
 
@@ -319,7 +324,7 @@ def test_scatter_of_f_beyond_noise_enlarges_the_uncertainties() -> None:
 
 def test_the_earth_rate_is_what_a_latitude_tells(sound: Simulated, tmp_path: Path) -> None:
     """Its vertical part along f; without a latitude nothing, and either is said."""
-    log = read_log(sound.write(tmp_path / "log.csv"), Wanted())
+    log = read_log(read_columns(sound.write(tmp_path / "log.csv")))
     there = campaign_of_log(log, StaticTest(), latitude_deg=48.0)
     w = there.campaign.sensors[1].conditions.w_deg_per_hr
     assert w == pytest.approx(15.041067 * np.sin(np.deg2rad(48.0)) * sound.f_g, abs=0.02)
