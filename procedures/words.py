@@ -87,7 +87,7 @@ def numbered(noun: str, numbers: Iterable[int], to: str = "–") -> str:
     return f"{plural(noun, len(found))} {ranges(found, to)}"
 
 
-def choice(numbers: Iterable[int]) -> str:
+def choice(numbers: Iterable[object]) -> str:
     """Write which numbers there are to choose from: all, or where they are many the first ones and the last."""
     found = [str(each) for each in numbers]
     return ", ".join(found if len(found) <= _MOST else [*found[:_SHOWN], "…", found[-1]])

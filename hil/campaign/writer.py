@@ -32,11 +32,17 @@ from hil.files.folder import is_new, whole_or_nothing
 from procedures.pose import PoseTolerance
 
 
-def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tuple[int, Series]] = ()) -> Path:
+def write_campaign(
+    campaign: Campaign,
+    folder: Path | str,
+    series: Iterable[tuple[int, Series]] = (),
+    beside: Mapping[str, bytes] | None = None,
+) -> Path:
     """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
 
-    Values are written so that they read back to the last bit. Raises InputError where `folder` holds anything or cannot
-    be made, or a series belongs to no collect.
+    `beside` holds further files by name, which no reader of campaigns looks at. Values are written so that they read
+    back to the last bit. Raises InputError where `folder` holds anything or cannot be made, or a series belongs to no
+    collect.
     """
     target = Path(folder)
     if not is_new(target):
@@ -44,6 +50,8 @@ def write_campaign(campaign: Campaign, folder: Path | str, series: Iterable[tupl
     disk = RealDisk()
     with whole_or_nothing(target) as partial:
         disk.write(partial / COLLECTS_FILE, _csv(columns_of(campaign)))
+        for name, data in (beside or {}).items():
+            disk.write(partial / name, data)
         written = _write_series(disk, campaign, partial / SERIES_FOLDER, series)
         disk.write(partial / HEADER_FILE, _header(campaign, written).encode())
     return target

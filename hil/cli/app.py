@@ -15,6 +15,7 @@ from hil.cli import (
     data,
     design,
     frames,
+    imports,
     model,
     night,
     notify,
@@ -76,13 +77,15 @@ for room in (*_ROOMS, coefficients, design, reproduction, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
 app.command("continue")(with_status(control.go_on))
-app.command("import")(with_status(data.import_table))
 app.command()(with_status(dashboard.dashboard))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 for about_frames in (frames.check, frames.guess):
     frames.frames_app.command()(with_status(about_frames))
 app.add_typer(frames.frames_app)
+for from_elsewhere in imports.COMMANDS:
+    imports.import_app.command()(with_status(from_elsewhere))
+app.add_typer(imports.import_app)
 for picture in plot.COMMANDS:
     plot.plot_app.command()(with_status(picture))
 app.add_typer(plot.plot_app)

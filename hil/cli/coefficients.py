@@ -21,11 +21,25 @@ _READINGS_SHOWN = 4
 _ROUNDING = 1e-9
 
 
-def _quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
+def quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
+    """Return what an option says, by `convert`; raise `InputError` where that raises `ValueError`."""
     try:
         return convert(text)
     except ValueError as error:
         raise InputError(f"{option}: {error}") from None
+
+
+def sample_rate_hz(text: str | None) -> float | None:
+    """Return what --rate says, where it is given; raise `InputError` where it is no rate."""
+    from hil.files.columns import is_number
+    from hil.files.units import FREQUENCY, to_number
+
+    if text is None:
+        return None
+    rate_hz = quantity("--rate", f"{text} Hz" if is_number(text) else text, lambda given: to_number(given, FREQUENCY))
+    if rate_hz == 0.0:
+        raise InputError("--rate: the sample rate must be more than 0 Hz")
+    return rate_hz
 
 
 def allan(
@@ -61,39 +75,24 @@ def allan(
     from hil.analysis.allan.figure import draw
     from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name, save_figure
-    from hil.files.units import FREQUENCY, RATE, TIME, to_number
+    from hil.files.units import RATE, TIME, to_number
 
     if out is not None:
         check_name(out)
-    rate_hz = None
-    if rate is not None:
-        rate_hz = _quantity(
-            "--rate", f"{rate} Hz" if _is_plain(rate) else rate, lambda text: to_number(text, FREQUENCY)
-        )
-        if rate_hz == 0.0:
-            raise InputError("--rate: the sample rate must be more than 0 Hz")
-    wanted = None if reach is None else _quantity("--reach", reach, lambda text: to_number(text, RATE))
+    wanted = None if reach is None else quantity("--reach", reach, lambda text: to_number(text, RATE))
     collect_s = 60.0
     if collect_time is not None:
-        collect_s = _quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
+        collect_s = quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
     elif source.is_dir():
         rows = read_source(source).sensors.values()
         collect_s = float(np.median(np.concatenate([each.conditions.duration_s for each in rows])))
     result = analyse(
-        read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=rate_hz, unit=unit)
+        read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=sample_rate_hz(rate), unit=unit)
     )
     if out is not None:
         save_figure(draw(result), out)
     document = result.document(collect_s, wanted)
     return Answer(document, lambda: _allan(document, out), lambda _: draw(result))
-
-
-def _is_plain(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _allan(document: dict[str, Any], out: Path | None) -> Iterator[str | Table]:
@@ -196,7 +195,7 @@ def thermal(
     from hil.analysis.thermal.files import write_thermal
     from hil.files.units import DIFFERENCE, to_number
 
-    apart_degC = None if apart is None else _quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
+    apart_degC = None if apart is None else quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
     if out is not None:

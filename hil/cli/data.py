@@ -1,4 +1,4 @@
-"""Commands that work on measured data: solve, export, import."""
+"""Commands that work on measured data: solve, export."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
 from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import listing, messages, results, warn
+from hil.cli.output import listing, messages, results
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from matplotlib.figure import Figure
@@ -134,22 +134,6 @@ def export(
     for note in written.notes:
         messages().print(f"note: {note}")
     results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
-
-
-def import_table(
-    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.", show_default=False)],
-    out: Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)],
-) -> None:
-    """Make a campaign folder from a published table of parameters, as printed, flags kept."""
-    from hil.analysis.published.table import read_published_table
-    from hil.campaign.writer import write_campaign
-
-    campaign = read_published_table(table)
-    write_campaign(campaign, out)
-    for note in campaign.notes.splitlines():
-        messages().print(f"note: {note}")
-    warn(tuple(campaign.warnings))
-    results().print(f"campaign: {out}")
 
 
 COMMANDS = (solve, export)

@@ -29,7 +29,7 @@ def decode(
     """Decode a file of raw bytes and account for every one of them."""
     from hil.bench.decode import decode_file, load_frames_named
 
-    description = load_frames_named(frames, parameters=_parameters(settings), sample_rate_hz=rate)
+    description = load_frames_named(frames, parameters=frame_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
     counts = {name: number for name, number in document.items() if isinstance(number, int)}
     lines = [
@@ -49,7 +49,7 @@ def check(
     from hil.bench.decode import load_frames_named
     from hil.bench.frames_check import explain_frames
 
-    results().print(explain_frames(load_frames_named(description, parameters=_parameters(settings))))
+    results().print(explain_frames(load_frames_named(description, parameters=frame_parameters(settings))))
 
 
 def guess(
@@ -77,8 +77,8 @@ def _guessed(document: dict[str, Any]) -> Iterator[str]:
     yield document["description"] or "nothing in it repeats itself as frames do: compare the baud rate"
 
 
-def _parameters(settings: list[str] | None) -> dict[str, Any]:
-    """Read NAME=VALUE pairs; values are numbers or words as YAML has them."""
+def frame_parameters(settings: list[str] | None) -> dict[str, Any]:
+    """Read NAME=VALUE pairs, values as YAML has them; raise `InputError` for what is no such pair."""
     found: dict[str, Any] = {}
     for setting in settings or []:
         name, sign, value = setting.partition("=")

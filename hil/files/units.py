@@ -80,6 +80,18 @@ def to_number(value: object, kind: Kind) -> float:
     return converted
 
 
+def worth(unit: str, kind: Kind) -> float:
+    """Return how much one of a column's `unit`, with a factor for counts, is in the unit of `kind`.
+
+    >>> worth("rad/s", RATE), worth("0.05 deg/s", RATE)
+    (206264.80624709636, 180.0)
+
+    Raises `ValueError` with a sentence where it is none.
+    """
+    text = unit.strip()
+    return to_number(text if text[:1] in "0123456789.+-−" else f"1 {text}", kind)
+
+
 def _convert(number: float, unit_text: str, kind: Kind) -> float:
     known = _registry()
     wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"

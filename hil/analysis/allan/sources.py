@@ -6,36 +6,19 @@
 Rates become deg/hr. Tables that this project wrote say their unit and their times; others are told.
 """
 
-import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from zipfile import BadZipFile
 
-import numpy as np
-import pyarrow as pa
-
-from drivers.given_file import RECORDING_MB, check_size, opened
 from hil.analysis.allan.stretches import Recording, cut, recording, sampling_interval
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
-from hil.files.tables import check_names, read_csv, read_parquet
-from hil.files.units import RATE, to_number
+from hil.files.columns import Columns, read_columns
+from hil.files.units import RATE, worth
 from hil.records.export import open_source
 from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
 _PROJECT_UNIT = "deg/hr"
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """A table's columns, (n,) each, with the units that it states; `simulated` where it says so."""
-
-    path: Path
-    values: Mapping[str, FloatArray]
-    units: Mapping[str, str] = field(default_factory=dict)
-    simulated: bool = False
 
 
 def read_recording(
@@ -56,7 +39,7 @@ def read_recording(
         return _of_folder(source, channel, sensor, collect)
     if collect is not None:
         raise InputError(f"{source}: --collect is for a night's or a campaign's folder, and this is a file")
-    return _of_table(_read_table(source), channel, rate_hz, unit)
+    return _of_table(read_columns(source), channel, rate_hz, unit)
 
 
 def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: int | None) -> Recording:
@@ -104,7 +87,7 @@ def _channels(campaign: Campaign, number: int) -> Sequence[str]:
     return list(campaign.sensors[number].conditions.sensor.channels)
 
 
-def _of_table(table: _Columns, channel: str | None, rate_hz: float | None, unit: str | None) -> Recording:
+def _of_table(table: Columns, channel: str | None, rate_hz: float | None, unit: str | None) -> Recording:
     times = next((name for name in _TIMES if name in table.values), None)
     names = [name for name in table.values if name != times]
     rates = [name for name in names if name.endswith("_deg_per_hr")] or names
@@ -141,83 +124,7 @@ def _factor(where: str, given: str | None, stated: str | None) -> float:
         raise InputError(f"{where}: its unit is not stated; give it with --unit, such as deg/s, rad/s or '0.05 deg/s'")
     if given is not None and stated is not None and given != stated:
         raise InputError(f"{where}: the file states {stated}, --unit says {given}; leave --unit out")
-    number = text.strip()
     try:
-        return to_number(number if number[:1] in "0123456789.+-" else f"1 {number}", RATE)
+        return worth(text, RATE)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
-
-
-def _read_table(path: Path) -> _Columns:
-    try:
-        match path.suffix.lower():
-            case ".parquet":
-                return _parquet(path)
-            case ".npy" | ".npz":
-                return _numpy(path)
-            case ".csv":
-                return _text(path, ",")
-            case _:
-                return _text(path, None)
-    except (pa.ArrowException, ValueError, EOFError, MemoryError, BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
-
-
-def _parquet(path: Path) -> _Columns:
-    table = read_parquet(path)
-    units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
-    simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
-    return _Columns(path, _numbers(table), units, simulated)
-
-
-def _numpy(path: Path) -> _Columns:
-    with opened(path, RECORDING_MB) as file:
-        loaded = np.load(file, allow_pickle=False)
-        arrays = {path.stem: loaded}
-        if not isinstance(loaded, np.ndarray):
-            check_size(path, sum(each.file_size for each in loaded.zip.infolist()), RECORDING_MB, "unpacked, it has")
-            arrays = {name: loaded[name] for name in loaded}
-    values: dict[str, FloatArray] = {}
-    for name, array in arrays.items():
-        if array.dtype.kind not in "fiu":
-            continue
-        if array.ndim == 1 and array.size > 1:
-            values[name] = array.astype(np.float64)
-        elif array.ndim == 2:
-            values |= {f"{name}[{place}]": array[:, place].astype(np.float64) for place in range(array.shape[1])}
-    return _Columns(path, values)
-
-
-def _text(path: Path, delimiter: str | None) -> _Columns:
-    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
-    with opened(path, RECORDING_MB) as file:
-        lines = enumerate(line.decode("utf-8-sig") for line in file)
-        before, first = next((each for each in lines if each[1].strip() and not each[1].startswith("#")), (0, ""))
-        if not first:
-            raise ValueError("it is empty")
-        cells = [cell.strip() for cell in first.split(delimiter)]
-        named = not all(_is_number(cell) for cell in cells)
-        names = cells if named else [str(place + 1) for place in range(len(cells))]
-        check_names(path, names)
-        file.seek(0)
-        if delimiter == "," and not before:
-            return _Columns(path, _numbers(read_csv(path, file, None if named else names)))
-        rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
-    if rows.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
-    return _Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
-
-
-def _numbers(table: pa.Table) -> dict[str, FloatArray]:
-    """Return the columns of numbers, (n,) each, NaN where a cell is empty."""
-    numeric = [each.name for each in table.schema if pa.types.is_floating(each.type) or pa.types.is_integer(each.type)]
-    columns = {name: table[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in numeric}
-    return {name.removeprefix("\ufeff"): np.asarray(values) for name, values in columns.items()}
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

@@ -57,6 +57,7 @@ WITH_A_FILE: dict[str, tuple[object, ...]] = {
     "recording": ("allan", "BAD", "--rate", "100", "--unit", "deg/s"),
     "published table": ("audit", "BAD"),
     "table to import": ("import", "BAD", "OUT"),
+    "log to import": ("import", "log", "BAD", "OUT"),
     "token": ("dashboard", "CAMPAIGN", "--token-file", "BAD"),
     "capture": ("decode", "BAD", "--frames", "mfs"),
 }

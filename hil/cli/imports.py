@@ -1,0 +1,124 @@
+"""Data from elsewhere as campaign folders: `hil import table`, `hil import log`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from hil.cli.coefficients import quantity, sample_rate_hz
+from hil.cli.frames import Settings, frame_parameters
+from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
+from hil.errors import InputError
+
+Out = Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)]
+
+
+class TableUnlessSaid(TyperGroup):
+    """`hil import TABLE OUT` is `hil import table TABLE OUT`: what is no command is a table."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that `args` begin with, or `table`."""
+        return super().resolve_command(ctx, args if args[0] in self.commands else ["table", *args])
+
+
+def table(
+    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.", show_default=False)],
+    out: Out,
+) -> None:
+    """Make a campaign folder from a published table of parameters, as printed, flags kept."""
+    from hil.analysis.published.table import read_published_table
+    from hil.campaign.writer import write_campaign
+
+    campaign = read_published_table(table)
+    write_campaign(campaign, out)
+    for note in campaign.notes.splitlines():
+        messages().print(f"note: {note}")
+    warn(tuple(campaign.warnings))
+    results().print(f"campaign: {out}")
+
+
+def log(
+    log: Annotated[
+        Path,
+        typer.Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.", show_default=False),
+    ],
+    out: Out,
+    frames: Annotated[str | None, typer.Option("--frames", help="What the bytes mean: a frame description.")] = None,
+    settings: Settings = None,
+    gyro: Annotated[str | None, typer.Option(help="Columns of the rates: X,Y,Z.", show_default=False)] = None,
+    gyro_scale: Annotated[str | None, typer.Option(help="Their unit: rad/s, or of counts '0.0076 deg/s'.")] = None,
+    accelerometer: Annotated[str | None, typer.Option(help="Columns of the accelerations: X,Y,Z.")] = None,
+    accelerometer_scale: Annotated[str | None, typer.Option(help="Their unit: m/s^2, or of counts '0.122 mg'.")] = None,
+    time: Annotated[str | None, typer.Option(help="The column of the times.", show_default=False)] = None,
+    time_scale: Annotated[str | None, typer.Option(help="Its unit: s, ms, '25 us'.", show_default=False)] = None,
+    rate: Annotated[str | None, typer.Option(help="Samples per second, where no times are to be used.")] = None,
+    labels: Annotated[str | None, typer.Option(help="The column that labels positions.", show_default=False)] = None,
+    latitude: Annotated[str | None, typer.Option(help="Where it was recorded: '48.1 deg'.", show_default=False)] = None,
+    window: Annotated[str, typer.Option(help="Of the test of rest: over how long variances are taken.")] = "0.5 s",
+    times: Annotated[float, typer.Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
+    shortest: Annotated[str, typer.Option(help="How long a unit must be at rest.")] = "1 s",
+    moved: Annotated[str, typer.Option(help="How far it may turn within a stretch.")] = "0.5 deg",
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a campaign folder from a log of a unit that was put down in many poses by hand."""
+    from hil.analysis.log.poses import campaign_of_log, write_log_campaign
+    from hil.analysis.log.reading import columns_of_bytes, read_log
+    from hil.analysis.log.static import StaticTest
+    from hil.bench.decode import load_frames_named
+    from hil.files.columns import read_columns
+    from hil.files.units import ACCELERATION, ANGLE, RATE, TIME, to_number
+
+    rate_hz = sample_rate_hz(rate)
+    latitude_deg = None if latitude is None else quantity("--latitude", latitude, lambda text: to_number(text, ANGLE))
+    if latitude_deg is not None and abs(latitude_deg) > 90.0:
+        raise InputError(f"--latitude {latitude}: it must be from -90 to +90 deg")
+    test = StaticTest(
+        quantity("--window", window, lambda text: to_number(text, TIME)),
+        times,
+        quantity("--shortest", shortest, lambda text: to_number(text, TIME)),
+        quantity("--moved", moved, lambda text: to_number(text, ANGLE)),
+    )
+    if frames is not None:
+        description = load_frames_named(frames, parameters=frame_parameters(settings))
+        recorded, rate_hz = columns_of_bytes(log, description, rate_hz), None
+    else:
+        recorded = read_columns(log)
+    columns, scales = (
+        {kind: text for kind, text in zip((RATE, ACCELERATION, TIME), texts, strict=True) if text is not None}
+        for texts in ((gyro, accelerometer, time), (gyro_scale, accelerometer_scale, time_scale))
+    )
+    read = read_log(recorded, columns, scales, labels=labels, rate_hz=rate_hz)
+    made = campaign_of_log(read, test, latitude_deg=latitude_deg)
+    write_log_campaign(made, out)
+    document = {**made.document, "campaign": str(out)}
+    if printed(document, as_json):
+        return
+    console = results()
+    for note in document["notes"]:
+        messages().print(f"note: {note}")
+    rows = listing("collect", "position", "rows", "start, s", "long, s", "|f|, g", "why it ends", left={"why it ends"})
+    for each in document["stretches"]:
+        first, last = each["rows"]
+        numbers = (f"{each['start_s']:.2f}", f"{each['duration_s']:.2f}", f"{each['size_of_f_g']:.4f}")
+        rows.add_row(str(each["collect"]), each["position"], f"{first}-{last}", *numbers, each["ends"])
+    console.print(rows)
+    parameters = listing("accelerometer", "value", "95 % interval", "unit", left={"unit"})
+    for name, of in document["accelerometer"]["parameters"].items():
+        interval = f"{of['low']:+.5f} to {of['high']:+.5f}" if of["told"] else "not told by these poses"
+        parameters.add_row(name, f"{of['value']:+.5f}", interval, of["unit"])
+    console.print(parameters)
+    mark = "  SIMULATED" if document["simulated"] else ""
+    console.print(f"campaign: {out}, {len(document['stretches'])} poses{mark}")
+
+
+import_app = typer.Typer(
+    name="import",
+    cls=TableUnlessSaid,
+    help="Data from elsewhere as a campaign folder: a table, a log.",
+    rich_markup_mode=None,
+    no_args_is_help=True,
+)
+COMMANDS = (table, log)
