@@ -177,16 +177,17 @@ class Identity(Question):
 
 
 class UnitQuestion(Question):
-    """The unit, with the words for °C and °F."""
+    """The unit, with the words for °C and °F; `*` in them stands for anything."""
 
     celsius: Several[Word]
     fahrenheit: Several[Word]
 
     def meaning(self, word: str) -> str:
         """Return the unit."""
-        if word not in (*self.celsius, *self.fahrenheit):
-            raise ValueError(f"says that its unit is {word!r}, which its description does not have")
-        return "degC" if word in self.celsius else "degF"
+        for unit, words in (("degC", self.celsius), ("degF", self.fahrenheit)):
+            if any(fnmatchcase(word, each) for each in words):
+                return unit
+        raise ValueError(f"says that its unit is {word!r}, which its description does not have")
 
 
 class StateQuestion(Question):

@@ -174,7 +174,12 @@ def test_simserv_sets_a_temperature() -> None:
 
 @pytest.mark.parametrize(
     ("replies", "unit", "maximum"),
-    [(["1¶°C", "1¶180.0"], "degC", 180.0), (["1¶°F", "1¶356.0"], "degF", 356.0), (["-5"] * 3, None, None)],
+    [
+        (["1¶°C", "1¶180.0"], "degC", 180.0),
+        (["1¶Grad C", "1¶180.0"], "degC", 180.0),
+        (["1¶°F", "1¶356.0"], "degF", 356.0),
+        (["-5"] * 3, None, None),
+    ],
 )
 def test_simserv_says_its_unit_and_how_hot_it_can_be(
     replies: list[str], unit: str | None, maximum: float | None
