@@ -12,7 +12,7 @@ import pytest
 from drivers.frames.encoder import encode
 from hil.bench.decode import load_frames_named
 from hil.campaign.reader import read_campaign
-from tests.hil.analysis.log.simulated import simulate
+from tests.hil.analysis.log.simulated import BIAS_DEG_PER_HR, SENSITIVITY, simulate
 from tests.hil.cli.conftest import Run
 from tests.hil.cli.test_cli_bad_input import refused
 
@@ -89,6 +89,7 @@ def test_raw_bytes_are_a_log_by_their_description(hil: Run, tmp_path: Path) -> N
     assert len(document["stretches"]) == 14
     campaign = read_campaign(tmp_path / "unit").sensors[1]
     assert campaign.conditions.columns["temperature_degC"] == pytest.approx(25.0)
+    assert np.abs(campaign.rates_deg_per_hr - (BIAS_DEG_PER_HR + one.f_g @ SENSITIVITY.T)).max() < 80.0
     # Accelerations of half a step of 1.25 mg in each pose: some hundredths of a degree.
     assert np.abs(campaign.conditions.f_g[1:] - one.f_g[1:]).max() < 0.003
 

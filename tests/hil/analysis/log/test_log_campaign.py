@@ -35,7 +35,6 @@ from tests.hil.analysis.log.simulated import (
 )
 
 TRUTH = np.concatenate([BIAS_DEG_PER_HR, SENSITIVITY.ravel()])
-DEG_PER_S = 3600.0
 
 
 def made_of(path: Path, *, rate_hz: float | None = None, gyro: str | None = None, **scales: str) -> LogCampaign:
@@ -190,7 +189,7 @@ def test_counts_without_a_scale_are_refused_with_what_to_give(sound: Simulated, 
     [
         ("ang_rate {} [deg/s]|IMU::Accel::{} [m/s^2]|t [s]", (3600.0, 1 / 9.80665), "in deg/s"),
         ("w{}_rad_per_s|a{}_m_per_s2|time_s", (206264.80624709636, 1 / 9.80665), "in rad/s"),
-        ("{}gyro_dps|{}acc_mg|timestamp_s", (3600.0, 1e-3), "in deg/s"),
+        ("gyro{1}_{0}_dps|{}acc_mg|timestamp_s", (3600.0, 1e-3), "in deg/s"),
     ],
 )
 def test_columns_and_units_are_recognised_by_their_names(
@@ -199,7 +198,7 @@ def test_columns_and_units_are_recognised_by_their_names(
     """Whatever order they stand in; and what was taken for what is said."""
     gyro, accelerometer, time = names.split("|")
     columns = {accelerometer.format("xyz"[k]): sound.acc[:, k] / factors[1] for k in (2, 0, 1)}
-    columns |= {gyro.format("xyz"[k]): sound.rates[:, k] / factors[0] for k in (1, 2, 0)}
+    columns |= {gyro.format("xyz"[k], 9 - k): sound.rates[:, k] / factors[0] for k in (1, 2, 0)}
     made = made_of(sound.write(tmp_path / "log.csv", {**columns, time: sound.t_s}))
     assert f"{unit}\n" in said(made)
     rates = made.campaign.sensors[1].rates_deg_per_hr
@@ -218,22 +217,29 @@ def test_two_columns_that_could_be_meant_are_a_question(sound: Simulated, tmp_pa
     assert made_of(path, gyro="GX_deg_per_hr,GY_deg_per_hr,GZ_deg_per_hr").document["stretches"]
 
 
-def test_what_is_moved_within_a_stretch_is_not_at_rest(sound: Simulated, tmp_path: Path) -> None:
-    """Slowly, so that no variance shows it: turned over by 3 degrees, or about the vertical, where f shows nothing."""
-    for turn in ("tilt", "about the vertical"):
-        one = replace(sound, acc=sound.acc.copy(), rates=sound.rates.copy())
-        rows = slice(sound.starts[6], sound.starts[6] + 300)
-        way = np.clip((np.arange(300) - 60) / 180.0, 0.0, 1.0)
-        if turn == "tilt":
-            side = np.cross(sound.f_g[6], [0.0, 0.0, 1.0])
-            one.acc[rows] += np.outer(np.deg2rad(3.0) * way, side)
-        else:
-            moving = (way > 0.0) & (way < 1.0)
-            one.rates[rows] += np.outer(2.0 * DEG_PER_S * moving, sound.f_g[6])
-        made = made_of(one.write(tmp_path / f"{turn[:4]}.csv"))
-        assert len(made.document["stretches"]) == 13, turn
-        first = sound.starts[6] + 2
-        assert not any(first <= each["rows"][0] < first + 300 for each in made.document["stretches"]), turn
+@pytest.mark.parametrize("turn", ["f turns by", "turns by"])
+def test_what_is_moved_within_a_stretch_is_not_at_rest(tmp_path: Path, turn: str) -> None:
+    """So slowly that no variance shows it: tilted by 2 degrees, or turned by 4 about the vertical, unseen by f."""
+    one = simulate(8, rest_s=20.0)
+    rows = slice(one.starts[6], one.starts[6] + 2000)
+    way = np.clip((np.arange(2000) - 200) / 1600.0, 0.0, 1.0)
+    if turn == "f turns by":
+        one.acc[rows] += np.outer(np.deg2rad(2.0) * way, np.cross(one.f_g[6], [0.0, 0.0, 1.0]))
+    else:
+        fastest_deg_per_hr = 4.0 * np.pi / (2.0 * 16.0) * 3600.0
+        one.rates[rows] += np.outer(fastest_deg_per_hr * np.sin(np.pi * way), one.f_g[6])
+    made = made_of(one.write(tmp_path / "log.csv"))
+    first = one.starts[6] + 2
+    assert not any(first <= each["rows"][0] < first + 2000 for each in made.document["stretches"])
+    assert len(made.document["stretches"]) == 7
+    assert f"are quiet and yet not used: {'G' * (turn == 'turns by')}" in said(made)
+    assert turn in said(made)
+
+
+def test_coarse_counts_that_hardly_change_are_no_motion_where_they_do(sound: Simulated, tmp_path: Path) -> None:
+    """A step that is five times the noise: most windows show one value, and a flip between two is no motion."""
+    made = made_of(replace(sound, rates=1000.0 * np.round(sound.rates / 1000.0)).write(tmp_path / "log.csv"))
+    assert len(made.document["stretches"]) == 14
 
 
 def test_empty_cells_and_times_that_repeat_are_left_out_and_told(sound: Simulated, tmp_path: Path) -> None:
@@ -249,6 +255,8 @@ def test_empty_cells_and_times_that_repeat_are_left_out_and_told(sound: Simulate
     first, last = made.document["stretches"][0]["rows"]
     assert first == 2
     assert 200 < last < 300
+    write_log_campaign(made, tmp_path / "campaign")
+    assert read_campaign(tmp_path / "campaign").sensors[1].conditions.columns["n_samples"][0] == last - first + 1 - 4
 
 
 def test_no_stretch_goes_over_a_jump_in_time(sound: Simulated, tmp_path: Path) -> None:
@@ -282,6 +290,10 @@ def test_a_stream_that_stands_still_is_no_rest(sound: Simulated, tmp_path: Path)
     made = made_of(spoiled(sound, frozen, tmp_path / "log.csv"))
     assert len(made.document["stretches"]) == 14
     assert made.document["stretches"][2]["ends"].endswith("the stream stands still")
+    tail = np.full(3000, len(sound.t_s) - 1)
+    rows = np.concatenate([np.arange(len(sound.t_s)), tail])
+    columns = {name: values[rows] for name, values in sound.columns().items()} | {"t_s": np.arange(len(rows)) / HZ}
+    assert len(made_of(sound.write(tmp_path / "tail.csv", columns)).document["stretches"]) == 14
 
 
 def test_why_a_stretch_ends_and_the_level_of_the_test_are_said(sound: Simulated, tmp_path: Path) -> None:
