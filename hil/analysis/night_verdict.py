@@ -36,4 +36,4 @@ def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:
     if whole.verdict is not Verdict.PASS and bad:
         whole = Judgement(whole.verdict, f"{bad} of {counted(len(judged), 'solution')}; the first is {whole.reason}")
     missing = [] if state == "complete" else [Judgement(Verdict.INCONCLUSIVE, "something is missing")]
-    return combine([whole, *missing], passed="everything that was asked for is there, and within its limits")
+    return combine([whole, *missing], passed="everything that was asked for is there, and measured well")

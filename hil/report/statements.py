@@ -66,11 +66,11 @@ def good(content: ReportContent) -> tuple[str, str]:
     if worst is None and whole and content.comparison is not None and content.comparison.doubts:
         return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
     if worst is None and counts and whole:
-        whole_of = "that was asked for is there and" if content.night is not None else "that is here is"
-        return str(Verdict.PASS), f"Good: everything {whole_of} within its limits."
+        whole_of = "that was asked for is there, and" if content.night is not None else "that is here is"
+        return str(Verdict.PASS), f"Measured well: everything {whole_of} as a measurement must be."
     if not whole:
         there = "some of what is there" if worst else "what is there"
-        limits = f"{there} is {worst or 'within its limits'}" if counts else "nothing was solved"
+        limits = f"{there} is {worst or 'measured well'}" if counts else "nothing was solved"
         verdict = Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE
         return str(verdict), f"Not whole: {_missing(content)}; {limits}."
     if worst is None:

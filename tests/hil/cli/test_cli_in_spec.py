@@ -55,6 +55,9 @@ def test_solve_and_report_judge_by_the_nights_limits_or_by_others(hil: Run, judg
     page = judged / "page.html"
     assert hil("report", judged / "night", "--out", page).returncode == 0
     assert ">OUT OF SPEC</span> – 2 of 2" in page.read_text()
+    assert "PASS</span> – Measured well: " in page.read_text()
+    assert "The measurement needs nothing; the unit does" in page.read_text()
+    assert "Nothing has to be done" not in page.read_text()
     assert "Nor whether the unit keeps its specification" not in page.read_text()
     assert hil("export", judged / "night", judged / "campaign").returncode == 0
     assert json.loads(hil("solve", judged / "campaign", "--json").stdout)["in_spec"] is None

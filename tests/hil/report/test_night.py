@@ -32,7 +32,7 @@ def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: 
     """In this order: good or not, what to do, the worst margin, what changed, what was done, what was judged."""
     text = " ".join(re.sub(r"<[^>]+>", " ", page[page.index("<main>") :]).split())
     order = (
-        "PASS – Good: everything that was asked for is there",
+        "PASS – Measured well: everything that was asked for is there",
         "Nothing has to be done",
         "worst margin drift within a collect",
         "changed since not compared",
