@@ -131,6 +131,7 @@ def test_a_running_night_is_said_to_have_work_to_do_and_a_stopped_one_why(
         "prompt": None,
         "paused": None,
         "verdict": None,
+        "in_spec": None,
         "identity": {"serial": "014"},
         "step_in_words": "soaking",
         "chamber_in_words": "",
