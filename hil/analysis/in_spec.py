@@ -36,7 +36,7 @@ from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
 from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
 from procedures.verdict import Judgement
-from procedures.words import numbered
+from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
 _NOT_COMPARED = "no earlier campaign was given to compare with (--against)"
@@ -138,12 +138,16 @@ class InSpec:
         """Why, in a sentence."""
         count, out = len(self.characteristics), self.those(Word.OUT)
         if self.measured.verdict in NOT_GOOD:
-            would = f"; by the runs that are good {len(out)} of {count} would be out of spec" if out else ""
+            would = (
+                f"; by the runs that are good {len(out)} of {counted(count, 'limit')} would be broken" if out else ""
+            )
             return f"the measurement is {self.measured.verdict}: {self.measured.reason}{would}"
         if self.word is Word.IN:
-            return f"all {count} are within their limits, by {self.limits.rule}"
-        those = self.those(self.word)
-        return f"{len(those)} of {count}, by {self.limits.rule}; the first is {those[0].sentence}"
+            return f"{counted(count, 'limit')} of {count} kept, by {self.limits.rule}"
+        those, what = self.those(self.word), "broken" if self.word is Word.OUT else "cannot be told"
+        return (
+            f"{len(those)} of {counted(count, 'limit')} {what}, by {self.limits.rule}; the first: {those[0].sentence}"
+        )
 
     def sentences(self) -> list[str]:
         """Say what the unit is, and each characteristic that is not in spec."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -162,7 +163,7 @@ def _read(place: str) -> Campaign | str:
     """Return a campaign, or the sentence why it cannot be read."""
     try:
         return open_source(Path(place)).campaign
-    except InputError as error:
+    except (InputError, OSError, sqlite3.Error) as error:
         return str(error)
 
 

@@ -7,8 +7,9 @@ Is anything missing, in which of them, in all of them?
     shared = screen.shared(campaigns)                   # one effect that many of the fleet have
 
 Every term is tried at a few models of the noise, in many units at once. Where that finds something, it is tried again
-at all that forty units of the fleet leave probable: what only the few find is the noise of a unit that is like none of
-them. What weighs a unit never depends on which others are weighed, so that processes may share the work.
+at all that forty units of the fleet leave probable; and where that does, too, at those that the unit's own rates leave.
+What only the first find is the noise of a unit that is like none of them. What weighs a unit never depends on which
+others are weighed, so that processes may share the work.
 
 Units whose layout differs (a missing row, another order, other temperatures) need a screen of their own; what an effect
 follows (supply, temperature) is taken from the first unit. Discoveries over units are held to a false discovery rate;
@@ -18,7 +19,7 @@ what a screening finds is worth a full `reconcile`, nothing more.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,6 +44,10 @@ FEW = (4, 10)
 """Points of the noise at which every unit is weighed, and what is then asked again."""
 ASKED_AGAIN = 0.5
 """Log odds from which a unit is weighed at more points, in the end at all: a discovery takes three and more."""
+CALLED = 2.5
+"""Log odds from which the unit's own noise is asked: those of every discovery, for q < .05 takes odds of 19."""
+BESIDE = 2
+"""Terms beside which that noise is chosen, too."""
 TOGETHER = 16
 """Units that are weighed at once: their numbers then stay in the processor's cache."""
 SAME_G = 0.05
@@ -149,7 +154,24 @@ class Screen:
             again = np.flatnonzero(log_sum(by_name + self._names[1][:, None]) > ASKED_AGAIN)
             if len(again):
                 by_name[:, again] = self._by_name([rates[:, again] for rates in data], most)
+        for i in np.flatnonzero(log_sum(by_name + self._names[1][:, None]) > CALLED).tolist():
+            by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
         return by_name
+
+    def _by_its_own_noise(self, rates: Sequence[FloatArray]) -> FloatArray:
+        """Log Bayes factor of each name (n,) in one unit, at the points that its own rates (N,) by block leave."""
+        found, first = {}, 0
+        for number, search in self.found.items():
+            own = list(rates[first : first + len(search.blocks)])
+            first += len(search.blocks)
+            factors = search.scan_many([each[:, None] for each in own], FEW[-1])[:, 0]
+            leading = np.argsort(-(factors + search.log_odds))[:BESIDE]
+            blocks = [replace(each) for each in search.blocks]
+            for b, (block, values) in enumerate(zip(blocks, own, strict=True)):
+                parts = [part.columns for j in leading if (part := search.terms[j].parts[b]) is not None]
+                block.choose([np.zeros((len(block.y), 0)), *parts], [values])
+            found[number] = SensorSearch(blocks, search.terms)
+        return replace(self, found=found)._by_name([each[:, None] for each in rates], None)[:, 0]
 
     def _by_name(self, data: Sequence[FloatArray], most: int | None) -> FloatArray:
         """Log Bayes factor of each name whatever its shape, (names, m), of rates (N, m) by block, at `most` points."""

@@ -91,7 +91,7 @@ def test_a_measurement_that_is_not_good_tells_nothing() -> None:
         said = judged(bad, of)
         assert said.word is Word.UNKNOWN
         assert f"the measurement is {verdict}: 1 of 15 solutions; the first is sensor 2, run 2" in said.reason
-        assert "of 5 would be out of spec" in said.reason
+        assert "of 5 limits would be broken" in said.reason
         # A run that FAILs is in no mean; an INCONCLUSIVE one is, which therefore tells nothing.
         doubted = "" if verdict is Verdict.FAIL else "run 2: not good (INCONCLUSIVE or FAIL)"
         assert said.characteristics[0].reason == doubted

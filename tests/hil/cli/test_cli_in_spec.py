@@ -26,7 +26,7 @@ def judged(hil: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(what))
     ended = hil("run", folder / "sweep.yaml", "--bench", "simulated", "--out", folder / "night", "--quiet")
     assert ended.returncode == 0, ended.stderr
-    assert re.search(r"\nPASS: .*\nOUT OF SPEC: 2 of 2, by guard band of 2 standard unc", ended.stderr)
+    assert re.search(r"\nPASS: .*\nOUT OF SPEC: 2 of 2 limits broken, by guard band of 2 standard unc", ended.stderr)
     return folder
 
 
