@@ -105,9 +105,10 @@ def log(
         numbers = (f"{each['start_s']:.2f}", f"{each['duration_s']:.2f}", f"{each['size_of_f_g']:.4f}")
         rows.add_row(str(each["collect"]), each["position"], f"{first}-{last}", *numbers, each["ends"])
     console.print(rows)
-    parameters = listing("accelerometer", "value", "95 % interval", "unit", left={"unit"})
-    for name, of in document["accelerometer"]["parameters"].items():
-        interval = f"{of['low']:+.5f} to {of['high']:+.5f}" if of["told"] else "not told by these poses"
+    fitted, gyros = document["accelerometer"]["parameters"], document["accelerometer"]["gyros"]
+    parameters = listing("parameter", "value", "95 % interval", "unit", left={"unit"})
+    for name, of in {**fitted, **(gyros["parameters"] if gyros else {})}.items():
+        interval = f"{of['low']:+.5f} to {of['high']:+.5f}" if of["told"] else "not told by this log"
         parameters.add_row(name, f"{of['value']:+.5f}", interval, of["unit"])
     console.print(parameters)
     mark = "  SIMULATED" if document["simulated"] else ""

@@ -22,6 +22,7 @@ import numpy as np
 from hil.analysis.log.accelerometer import NAMES, Accelerometers, fit_accelerometers
 from hil.analysis.log.reading import AXES, CHANNELS, Log
 from hil.analysis.log.static import StaticTest, Stretch, static_stretches
+from hil.analysis.log.turns import fit_turns
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.campaign.warnings import F_LIMITS_G, F_SUSPICIOUS
@@ -58,6 +59,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     f_g = calibrated / np.linalg.norm(calibrated, axis=1, keepdims=True)
     positions, contradicted = _positions(log, stretches, f_g)
     told = _calibration_in_words(fitted, n)
+    turns = fit_turns(log, stretches, f_g, mean[:, :3])
     up = EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg or 0.0)) * f_g
     layout = Sensor(sensor, AXES, dict(zip(CHANNELS, AXES, strict=True)))
     start_s, last_s = np.array([log.time_s[each.rows][[0, -1]] for each in stretches]).T
@@ -81,6 +83,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         *log.notes,
         *sentences,
         *told,
+        *(turns.sentences if turns else ["gyros: too few turns for their scale factors: five, of a minute at most"]),
         *contradicted,
         _earth_rate_in_words(latitude_deg),
     ]
@@ -124,6 +127,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
             "errors_enlarged_by": float(fitted.inflation),
             "parameters": fitted.rows(),
             "covariance": fitted.covariance.tolist(),
+            "gyros": turns.document() if turns else None,
             "notes": told,
         },
         "notes": notes,

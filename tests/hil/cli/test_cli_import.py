@@ -48,7 +48,7 @@ def test_what_a_person_reads_says_why_stretches_end_and_what_was_found(hil: Run,
     ended = hil("import", "log", simulate(6).write(tmp_path / "poses.csv"), tmp_path / "unit")
     assert ended.returncode == 0, ended.stderr
     assert "times as much as in the quietest tenth" in ended.stdout
-    assert "not told by these poses" in ended.stdout
+    assert "not told by this log" in ended.stdout
     assert "note: rates: columns GX_deg_per_hr" in ended.stderr
     assert "note: w is given as 0" in " ".join(ended.stderr.split())
 
