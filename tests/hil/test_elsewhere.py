@@ -62,6 +62,7 @@ def test_every_module_can_be_imported_without_what_windows_lacks(tmp_path: Path)
     assert (done.stdout, done.stderr) == ("imported\n", "")
 
 
+@pytest.mark.slow
 def test_a_campaign_is_solved_and_a_night_refused_in_one_sentence(tmp_path: Path) -> None:
     """What was measured is worked on; what would move something does not begin, and leaves nothing behind."""
     written("short soaks", tmp_path / "campaign")

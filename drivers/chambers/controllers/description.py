@@ -10,9 +10,9 @@ A box speaks text, or Modbus where its description has a section `modbus`. What 
 register's number is a word as a reply is: what a word means stands with the question.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -315,11 +315,11 @@ class BoxDescription(Entry):
         entries = getattr(self, key)
         return entries if isinstance(entries, tuple) else () if entries is None else (entries,)
 
-    @property
-    def named(self) -> Iterator[tuple[str, Question | Command]]:
+    @cached_property
+    def named(self) -> tuple[tuple[str, Question | Command], ...]:
         """Everything that is asked or told, with its key."""
-        for key in type(self).model_fields:
-            yield from ((key, entry) for entry in self._entries(key) if isinstance(entry, Question | Command))
+        entries = ((key, entry) for key in type(self).model_fields for entry in self._entries(key))
+        return tuple((key, entry) for key, entry in entries if isinstance(entry, Question | Command))
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:
@@ -350,6 +350,7 @@ def load_box(path: str | Path, variant: str | None = None, terminator: bytes | N
     return parse_box(read_text(path), str(path), variant, terminator)
 
 
+@cache
 def parse_box(text: str, source: str, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
     """Read a description from YAML text as `load_box` does; `source` names it in messages. Raises `InputError`."""
     document = parse_yaml(text, source)

@@ -69,6 +69,7 @@ def test_a_bench_file_may_name_its_chamber_and_its_frames(installed: Path, tmp_p
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_it_is_held_to_what_ours_must_do(installed: Path) -> None:
     """By the tests that ship; the chamber that cannot be stopped is tried with a safe state that holds."""
     done = _run(installed, "pytest", "-q", "-p", "no:cacheprovider", "--pyargs", "hil.acceptance", "-k", "brought")
@@ -76,6 +77,7 @@ def test_it_is_held_to_what_ours_must_do(installed: Path) -> None:
     assert "4 passed, 1 skipped" in done.stdout
 
 
+@pytest.mark.slow
 def test_what_cannot_be_loaded_is_told_with_its_distribution(installed: Path, tmp_path: Path) -> None:
     """One sentence, no traceback; and nobody else hears of it."""
     broken = tmp_path / "broken-2.0.dist-info"

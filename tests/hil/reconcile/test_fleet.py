@@ -123,6 +123,7 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_many_at_once_is_one_after_the_other() -> None:
     """The log Bayes factors of many units are those of each alone, at every point and at the first few."""
     units = [unit(i, 10.0 * i) for i in range(4)]

@@ -77,6 +77,7 @@ SCATTERS = {"MU from run to run": "MU_rr", "cold": "hash"}
 """Noise that has a name: an effect on the scatter."""
 
 
+@pytest.mark.slow
 def test_a_walk_is_found_and_not_told_from_a_bias_that_wanders_for_longer_than_the_night() -> None:
     """What is the same to these collects is listed as the same, and the name withheld; MU from run to run is not."""
     rng = np.random.default_rng(3)
