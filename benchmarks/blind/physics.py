@@ -207,12 +207,12 @@ def _demod(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
 
 
 def _frame(n: Night, _t: Truth, r: np.random.Generator) -> np.ndarray:
-    """One bench component of the earth rate has the wrong sign in the file."""
+    """One bench component of the earth rate has the wrong sign in the file: the unit shows its opposite."""
     horizontal = 15.041067 * np.cos(np.deg2rad(n.design.latitude_deg))
     h = np.deg2rad(n.heading)
     if r.random() < 0.5:
-        return np.stack([np.zeros(len(n)), 2.0 * horizontal * np.cos(h)], 1)
-    return np.stack([2.0 * horizontal * np.sin(h) * np.cos(n.theta), np.zeros(len(n))], 1)
+        return np.stack([np.zeros(len(n)), -2.0 * horizontal * np.cos(h)], 1)
+    return np.stack([-2.0 * horizontal * np.sin(h) * np.cos(n.theta), np.zeros(len(n))], 1)
 
 
 def _lag(n: Night, t: Truth, _r: np.random.Generator) -> np.ndarray:
