@@ -305,6 +305,8 @@ def in_spec_of(
             limits = recorded_limits(journal.night.configuration)
     if limits is None:
         return None
-    state = state or (night_status(source)["state"] if night else "complete")
+    if not state:
+        lacks = campaign is not None and bool(campaign.missing)
+        state = night_status(source)["state"] if night else "incomplete" if lacks else "complete"
     shown = {} if campaign is None else repeats(campaign, solutions)
     return judge(limits, shown, solutions, night_verdict(state, solutions), comparison)

@@ -139,12 +139,13 @@ TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "chamber_degC")
 class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 
-    `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series` reads
-    one when it is needed. `verdicts` says how each run was measured, by whoever recorded it, `contradicted` what its
-    records contradict of each other, by run and sensor (hil.campaign.plausibility); `pose` how far accelerometers may
-    be from f, `largest_se` how large a standard error is accepted, deg/hr (of a sensitivity at 1 g), None for what is
-    usual. `identity` holds what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what
-    they went on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others.
+    `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series`
+    reads one when it is needed. `verdicts` says how each run was measured, by whoever recorded it, `missing` what was
+    planned and is not there, `contradicted` what its records contradict of each other, by run and sensor
+    (hil.campaign.plausibility); `pose` how far accelerometers may be from f, `largest_se` how large a standard error
+    is accepted, deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds what is known of `model`
+    and `serial` of the unit, the `operator`, their `note`, and what they went on `despite`. Where it is `rebuilt`
+    from printed means, rows that were not printed are copies of others.
     """
 
     title: str
@@ -160,6 +161,7 @@ class Campaign:
     series_files: Mapping[int, Path] = field(default_factory=dict)
     series_block_s: float | None = None
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
+    missing: Sequence[str] = ()
     contradicted: Mapping[tuple[int, int], Judgement] = field(default_factory=dict)
     rebuilt: bool = False
     identity: Mapping[str, str] = field(default_factory=dict)

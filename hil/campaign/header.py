@@ -16,7 +16,7 @@ from procedures.verdict import Judgement, Verdict
 
 KNOWN_KEYS = frozenset(
     {"schema", "title", "source", "site", "sensors", "conditions", "series", "notes", "simulated", "centrifuge"}
-    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt"}
+    | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt", "missing"}
 )
 OF_A_SENSOR = frozenset({"axes", "channels", "technology"})
 
@@ -54,12 +54,20 @@ def read_header(path: Path) -> Header:
         rebuilt=_flag(path, keys, "rebuilt"),
         series_block_s=None if block is None else _number(path, "series.block_s", block),
         verdicts=dict(_verdicts(path, keys)),
+        missing=_texts(path, keys, "missing"),
         identity={str(name): str(text) for name, text in _mapping(path, keys, "identity").items()},
         pose=_pose(path, _mapping(path, keys, "pose")),
         largest_se=_positive(path, keys, "largest_standard_error_deg_per_hr"),
     )
     extra = tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS))
     return Header(campaign, _sensors(path, keys), extra, _number(path, "series.collects", written or 0))
+
+
+def _texts(path: Path, keys: Mapping[Any, Any], key: str) -> tuple[str, ...]:
+    given = keys.get(key) or []
+    if not isinstance(given, list):
+        raise InputError(f"{path}, key {key}: it must be a list of texts")
+    return tuple(str(each) for each in given)
 
 
 def _sensors(path: Path, keys: Mapping[Any, Any]) -> dict[int, Sensor]:

@@ -73,6 +73,7 @@ def _header(campaign: Campaign, written: int) -> str:
         "pose": {} if campaign.pose == PoseTolerance() else dict(vars(campaign.pose)),
         "largest_standard_error_deg_per_hr": campaign.largest_se,
         "verdicts": {run: {"verdict": str(each.verdict), "reason": each.reason} for run, each in verdicts.items()},
+        "missing": list(campaign.missing),
         "notes": campaign.notes,
     }
     known = always | {key: value for key, value in keys.items() if value}

@@ -89,7 +89,7 @@ def write_report(
     warn(tuple(campaign.warnings))
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
-    state = "complete" if night is None else night.state
+    state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
     try:
         write_page(content, path, whole=whole)

@@ -203,6 +203,7 @@ def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[
         notes="\n".join(_notes(journal, bench, rows)),
         series_block_s=bench.record.series_block,
         verdicts=_verdicts(journal),
+        missing=in_brief(missing_in_words(journal.plan, journal.completed(), journal.attempts())),
         identity=night_identity(journal),
         pose=bench.pose,
         largest_se=bench.largest_standard_error,

@@ -62,7 +62,7 @@ def good(content: ReportContent) -> tuple[str, str]:
     """Say whether it is good, by a verdict and a sentence."""
     counts = content.verdict_counts()
     worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
-    whole = content.night is None or content.night.state == "complete"
+    whole = not content.campaign.missing if content.night is None else content.night.state == "complete"
     if worst is None and whole and content.comparison is not None and content.comparison.doubts:
         return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
     if worst is None and counts and whole:
@@ -86,7 +86,7 @@ def good(content: ReportContent) -> tuple[str, str]:
 def _missing(content: ReportContent) -> str:
     """Say how much of a night is missing: self-calibrations, or else why it is not called complete."""
     if content.night is None:
-        return ""
+        return f"missing are {'; '.join(content.campaign.missing)}"
     done, asked = content.night.self_calibrations
     return f"{asked - done} of {asked} self-calibrations are missing" if done < asked else content.night.reason
 

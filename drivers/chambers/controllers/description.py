@@ -182,6 +182,12 @@ class UnitQuestion(Question):
     celsius: Several[Word]
     fahrenheit: Several[Word]
 
+    @model_validator(mode="after")
+    def _differ(self) -> Self:
+        if both := {*self.celsius} & {*self.fahrenheit}:
+            raise ValueError(f"fahrenheit: {both.pop()} means °C too; one word cannot be both")
+        return self
+
     def meaning(self, word: str) -> str:
         """Return the unit."""
         for unit, words in (("degC", self.celsius), ("degF", self.fahrenheit)):
@@ -334,12 +340,29 @@ class BoxDescription(Entry):
             modes = {mode for each in self.state for mode in (*each.modes.values(), each.otherwise)}
             if not {"CONSTANT", "OFF"} <= modes:
                 raise ValueError("state: modes must give a word for CONSTANT and one for OFF")
+        if self.start and self.start == self.stop:
+            raise ValueError("start: it tells what stop tells; what switches a box on is not what switches it off")
+        if self.modbus is not None:
+            self._numbers_lie_apart(self.modbus)
         for key, entry in self.named:
             if self.modbus is not None and (getattr(entry, "ask", None) or getattr(entry, "send", None)):
                 raise ValueError(f"{key}: a box with a section modbus has registers and no texts")
             if entry.address is not None and self.modbus is None:
                 raise ValueError(f"{key}: a box with registers needs a section modbus; modbus: {{}} is one")
         return self
+
+    def _numbers_lie_apart(self, modbus: ModbusSection) -> None:
+        """Raise `ValueError` where two numbers share a register, or one stands in a coil."""
+        told: dict[tuple[str, int], str] = {}
+        for key, entry in self.named:
+            if not entry.numeric or entry.address is None:
+                continue
+            if entry.table in ("coil", "discrete"):
+                raise ValueError(f"{key}: a {entry.table} holds a bit and no number")
+            for register in range(entry.address, entry.address + modbus.width(entry)):
+                other = told.setdefault((entry.table, register), key)
+                if other != key:
+                    raise ValueError(f"{key}: register {register} belongs to {other}; two numbers cannot share one")
 
 
 def load_box(path: str | Path, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:

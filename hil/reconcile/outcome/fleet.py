@@ -85,7 +85,7 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         yield f"{name} leads in {counted(count, 'unit')}"
     for number, each in _shared(found):
         yield (
-            f"layout {number}: many units seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
+            f"layout {number}: its units together seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
             f"{each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
     if found.not_screened:

@@ -269,6 +269,14 @@ TEXT: dict[str, Any] = {
         (PLC, {"temperature": {"register": 70000}}, "box.yaml: temperature.register: must be at most 65535, not 70000"),
         (PLC, {"temperature": {"register": 1, "type": "int8"}}, "box.yaml: temperature.type: 'int8' is not allowed"),
         (PLC, {"temperature": {"ask": "T?"}}, "box.yaml: temperature: a box with a section modbus has registers"),
+        (
+            PLC,
+            {"unit": {"register": 3, "celsius": 1, "fahrenheit": 1}},
+            "box.yaml: unit.fahrenheit: 1 means °C too; one",
+        ),
+        (PLC, {"low_limit": {"register": 1}}, "box.yaml: low_limit: register 1 belongs to setpoint; two numbers"),
+        (PLC, {"temperature": {"register": 1, "table": "coil"}}, "box.yaml: temperature: a coil holds a bit and no"),
+        (PLC, {"start": PLC["stop"]}, "box.yaml: start: it tells what stop tells"),
         (PLC, {"start": {"send": "GO"}}, "box.yaml: start: a box with a section modbus has registers and no texts"),
         (PLC, {"stop": {"value": 1}}, "box.yaml: stop: say how it is told: send, or register and value"),
         (

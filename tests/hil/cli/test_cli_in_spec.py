@@ -63,6 +63,21 @@ def test_solve_and_report_judge_by_the_nights_limits_or_by_others(hil: Run, judg
     assert json.loads(hil("solve", judged / "campaign", "--json").stdout)["in_spec"] is None
 
 
+def test_the_export_of_a_night_that_was_not_finished_is_not_in_spec_either(hil: Run, judged: Path) -> None:
+    """What was planned and is not there goes with the campaign: cannot tell, exit 8, and no PASS in the report."""
+    assert hil("export", judged / "night", judged / "half").returncode == 0
+    of = (judged / "half", *wide(judged))
+    assert json.loads(hil("solve", *of, "--json").stdout)["in_spec"]["verdict"] == "in spec"
+    header = judged / "half" / "campaign.yaml"
+    header.write_text(header.read_text() + "missing: ['self-calibrations 3–9 at 20.0 °C: all of them']\n")
+    assert json.loads(hil("solve", *of, "--json").stdout)["in_spec"]["verdict"] == "cannot tell"
+    assert hil("solve", *of, "--strict").returncode == 8
+    assert hil("report", *of, "--out", judged / "half.html").returncode == 0
+    page = (judged / "half.html").read_text()
+    assert "INCONCLUSIVE</span> – Not whole: missing are self-calibrations 3–9" in page
+    assert ">IN SPEC<" not in page
+
+
 def wide(folder: Path) -> tuple[object, ...]:
     """The option that names the other limits."""
     return ("--limits", folder / "wide.yaml")
