@@ -229,7 +229,7 @@ def _of_sensor(sensor: dict[str, Any]) -> Iterator[str | Table]:
         f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
         f"{low:.1f} to {high:.1f} °C, the unit's own; errors are those at a temperature that was left out"
     )
-    headings = ("", "unit", "form", "its error", "form chosen anew", "a constant's", "one run scatters by")
+    headings = ("", "unit", "form", "its error", "form chosen anew", "a constant's", "± of one run")
     table = listing(*headings, *(["from below - from above"] if sensor["both_directions_degC"] else []))
     for name, each in sensor["parameters"].items():
         scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"

@@ -82,7 +82,11 @@ def _bench_of(folder: Path) -> Any:
 
 
 def _budget(document: Mapping[str, Any]) -> Iterator[str | Table]:
+    from hil.solve.wrong_rows import in_words
+
+    yield from (Aside(f"warning: {line}") for line in document.get("warnings", ()))
     yield f"{document['title']}{'  SIMULATED' * document['simulated']}"
+    yield from in_words(document.get("rows", ()))
     for number, sensor in document["sensors"].items():
         degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
         at = "" if degC is None else f" at {degC:.4g} °C ({whose})"

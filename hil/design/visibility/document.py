@@ -20,7 +20,7 @@ from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
-from hil.solve.wrong_rows import pooled, treated
+from hil.solve.wrong_rows import pooled, rows_of, treated
 from procedures.plan import make_plan
 
 
@@ -120,6 +120,7 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
+    told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), "rows": rows_of(campaign)}
     campaign = pooled(treated(campaign))
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     shown = repeats(campaign, solve_campaign(campaign))
@@ -138,7 +139,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
         for number, each in shown.items()
     }
     found = visibility_document(conditions, campaign.title, model, noise, sigmas)
-    return {**found, "simulated": campaign.simulated}
+    return {**found, **told}
 
 
 def _seen(shown: SensorRepeats) -> NoiseLevel:

@@ -6,6 +6,7 @@ print(visibility_text(sweep_document(sweep, bench)))
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hil.solve.wrong_rows import in_words
 from procedures.words import unit_in_words
 
 
@@ -13,7 +14,8 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     lines = [str(document["title"]) + ("  SIMULATED" if document.get("simulated") else "")]
     forms = ", ".join(f"sensor {number}: {form}" for number, form in document["model"].items())
-    lines += [f"beside the parameters of the model ({forms})", *_noise(document), ""]
+    lines += [f"beside the parameters of the model ({forms})", *_noise(document)]
+    lines += [*in_words(document.get("rows", ())), ""]
     seen = [effect for effect in document["effects"] if effect["visible"]]
     probability = document["effects"][0]["smallest_visible"]["probability"] if document["effects"] else 0.9
     rate = document["false_alarm_rate"]

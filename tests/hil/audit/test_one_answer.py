@@ -82,7 +82,7 @@ def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
 
 
 ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
-    "which rows are wrong": dict.fromkeys(("solve", "thermal", "budget", "scatter", "reconcile"), rows),
+    "which rows are wrong": dict.fromkeys(COMMANDS, rows),
     "the mean at a temperature": {
         "solve": lambda document: _solved_means(document, "value"),
         "thermal": lambda document: _thermal_means(document, "value"),
