@@ -158,3 +158,17 @@ def test_a_fleet_without_a_campaign_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes").mkdir()
     with pytest.raises(InputError, match="no campaign folder"):
         screen_folders([tmp_path], "matrix-6")
+
+
+@pytest.mark.slow
+def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
+    """Offsets of runs six times as large as the others: by the fleet's noise something is missing, by its own not."""
+    from benchmarks.reconcile_fleet import ROWS as WHOLE
+    from benchmarks.reconcile_fleet import unit as with_own_noise
+
+    screen = Screen.of([with_own_noise(i) for i in range(10)], "matrix-6-thermal")
+    noisy = [noise(WHOLE, np.random.default_rng(seed), rho=0.5, sigma=0.5, run_bias=8.0) for seed in range(4)]
+    rates = [screen.rates(campaign_of(WHOLE, base_rates(WHOLE) + each)) for each in noisy]
+    of_fleet = screen._by_name([np.column_stack(each) for each in zip(*rates, strict=True)], None)
+    assert all(each.p_value < 0.01 for each in screen.findings([""] * 4, of_fleet))
+    assert all(each.p_value > 0.2 for each in screen.findings([""] * 4, screen.weigh(rates)))
