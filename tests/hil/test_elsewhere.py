@@ -56,6 +56,7 @@ def on_windows(code: str, *arguments: object, cwd: Path) -> subprocess.Completed
     return subprocess.run(command, capture_output=True, text=True, check=False, env=env, cwd=cwd)
 
 
+@pytest.mark.slow
 def test_every_module_can_be_imported_without_what_windows_lacks(tmp_path: Path) -> None:
     """No fcntl, no terminals, no signals of terminals."""
     done = on_windows(EVERY_MODULE, cwd=tmp_path)

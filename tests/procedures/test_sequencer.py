@@ -215,6 +215,7 @@ def test_soaks_that_never_settle_end_the_night_after_three(bench):
     assert bench.chamber.safe
 
 
+@pytest.mark.slow
 def test_the_published_night_costs_little_beyond_its_devices(bench):
     """Eight temperatures, three self-calibrations each: 24 self-calibrations and 72 collects, all PASS."""
     soak = replace(bench.sweep.restabilisation, at_least_s=2700.0, window_s=600.0, ceiling_s=14400.0)

@@ -12,6 +12,7 @@ import pytest
 from hil.campaign.reader import read_campaign, read_series
 
 
+@pytest.mark.slow
 def test_a_night_says_what_repeats_show_with_its_solution(hil: Any, night: Path) -> None:
     """Two repeats at two temperatures: both sensors' means with their uncertainty, and what four runs cannot tell."""
     solved = json.loads(hil("solve", night, "--json").stdout)

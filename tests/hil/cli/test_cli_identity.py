@@ -61,6 +61,7 @@ class Page:
         """Nothing to do."""
 
 
+@pytest.mark.slow
 def test_what_is_typed_stands_in_every_record(hil: Any, one_run: Path, tmp_path: Path) -> None:
     """Folder, journal, status, campaign and report of a unit that does not tell its serial number."""
     bench, campaign, page = bench_file(tmp_path, tells=False), tmp_path / "campaign", tmp_path / "page.html"

@@ -48,6 +48,7 @@ def test_applied_twice_it_finds_nothing_more(hil: Any, contractors: Path, tmp_pa
     assert json.loads(again.stdout)["verdict"] == "none"
 
 
+@pytest.mark.slow
 def test_for_people_it_is_a_screenful(hil: Any, contractors: Path, tmp_path: Path) -> None:
     """Verdict, name, values with units, gap before and after; not more lines than a terminal has."""
     ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "out")

@@ -92,6 +92,7 @@ def test_a_wrong_rate_gives_nothing_else_a_name() -> None:
     assert [round(row["size_deg_per_hr"], -1) for row in result.outliers] == [100.0]
 
 
+@pytest.mark.slow
 def test_the_noise_is_what_repeats_show_and_not_what_a_model_cannot_follow() -> None:
     """MU of its own at each setpoint is called scatter of MU here; the floor is what runs at one setpoint differ by."""
     rng = np.random.default_rng(3)

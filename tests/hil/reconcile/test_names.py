@@ -94,6 +94,7 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
     assert result.next_experiment is not None
 
 
+@pytest.mark.slow
 def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
     """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
     night = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "positions": ("1", "2", "3")}

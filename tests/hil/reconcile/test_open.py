@@ -115,6 +115,7 @@ def test_mass_unbalance_from_run_to_run_is_an_effect_on_the_scatter(restless: tu
     assert result.gap.log_score["after"] > result.gap.log_score["before"] + 0.1
 
 
+@pytest.mark.slow
 def test_scatter_that_the_written_model_states_is_not_found_again(
     restless: tuple[Campaign, Reconciliation], tmp_path: Path
 ) -> None:

@@ -124,6 +124,7 @@ def test_runs_are_said_in_stretches() -> None:
     assert said == "sensor 2, channel RA, runs 1–3, 7"
 
 
+@pytest.mark.slow
 def test_the_page_lists_the_largest_places_and_says_how_many_more_there_are(
     cornered: tuple[Reconciliation, Rows],
 ) -> None:

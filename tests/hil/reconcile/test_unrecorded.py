@@ -45,6 +45,7 @@ def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> Non
     assert any("setpoint_degC stands in for it" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_without_any_temperature_a_rising_bias_is_never_named() -> None:
     """Ageing, drift or a temperature that nobody wrote down: ambiguous, and the temperature is what to record."""
     unknown = dict.fromkeys(hidden_campaign(7).sensors[2].conditions.columns)

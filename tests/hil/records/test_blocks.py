@@ -75,6 +75,7 @@ def test_samples_and_raw_bytes_come_back_exactly(tmp_path: Path) -> None:
     assert read_raw(tmp_path, raw_block) == _SAMPLES.raw
 
 
+@pytest.mark.slow
 def test_reading_a_block_starts_no_thread(tmp_path: Path) -> None:
     """A command that only looks ends at once and cleanly: Arrow's thread pools can abort an interpreter that exits."""
     block, _ = BlockWriter(tmp_path, simulated=True).write(_STEP, 1, _SAMPLES)

@@ -184,6 +184,7 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
     assert good(replace(content, night=lost))[1].startswith("Not whole: the samples of 2 are lost;")
 
 
+@pytest.mark.slow
 def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> None:
     """Under the number of runs, for each temperature; what FAILed is in no mean, and nothing where all are good."""
     from dataclasses import replace

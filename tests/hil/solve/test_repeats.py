@@ -115,6 +115,7 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
 
 
+@pytest.mark.slow
 def test_a_run_that_its_records_contradict_widens_no_other_and_is_in_no_mean() -> None:
     """With it or without its collects, the others' means and uncertainties are the same; and it is said."""
     one = night(0, RUN_TO_RUN)

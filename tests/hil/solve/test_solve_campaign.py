@@ -76,6 +76,7 @@ def test_the_thresholds_of_the_verdict_are_5_and_a_tenth_of_a_percent(chi_square
     assert str(judge(chi_square, 2, 8, noise_stated=True).verdict) == verdict
 
 
+@pytest.mark.slow
 def test_one_run_in_twenty_is_marginal_by_chance(tmp_path: Path) -> None:
     """Of 400 good runs with a fourth collect 5 % exceed the threshold; hardly any fails."""
     noise = np.random.default_rng(2).normal(0, SIGMA, (400, 4, 2))

@@ -104,6 +104,7 @@ def test_night_minus_night_is_the_column(effect: Effect, without: Campaign, tmp_
     assert differs <= 0.01 * size + _STEPS or effect.idealises
 
 
+@pytest.mark.slow
 def test_a_night_with_every_effect_is_the_sum_of_the_columns(tmp_path: Path) -> None:
     """All that a model may hold at once, through bytes, half of it in each sensor."""
     bare, _ = _night(tmp_path / "without", **_SHORT)
