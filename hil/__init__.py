@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hil.notebook import Answer, Measured, Night, Picture, load_bench, read_campaign, read_night
+    from hil.cli.notebook import Answer, Measured, Night, Picture, load_bench, read_campaign, read_night
 
 __all__ = ["Answer", "Measured", "Night", "Picture", "load_bench", "read_campaign", "read_night"]
 
@@ -37,6 +37,6 @@ def __getattr__(name: str) -> Any:
     """Return what notebooks use; it is loaded when it is first asked for, so that `import hil` costs nothing."""
     if name not in __all__:
         raise AttributeError(f"module 'hil' has no attribute {name!r}; it has {', '.join(__all__)}, and its packages")
-    from hil import notebook
+    from hil.cli import notebook
 
     return getattr(notebook, name)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.table import Table
 from typer.core import TyperGroup
 
+from hil.cli.answer import Answer, Aside
 from hil.cli.coefficients import quantity, sample_rate_hz
 from hil.cli.frames import Settings, frame_parameters
-from hil.cli.output import JsonFlag, listing, messages, printed, results, warn
+from hil.cli.output import listing, messages, results, warn
 from hil.errors import InputError
+from procedures.words import counted
 
 Out = Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)]
 
@@ -61,8 +65,7 @@ def log(
     times: Annotated[float, typer.Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
     shortest: Annotated[str, typer.Option(help="How long a unit must be at rest.")] = "1 s",
     moved: Annotated[str, typer.Option(help="How far it may turn within a stretch.")] = "0.5 deg",
-    as_json: JsonFlag = False,
-) -> None:
+) -> Answer:
     """Make a campaign folder from a log of a unit that was put down in many poses by hand."""
     from hil.analysis.log.poses import campaign_of_log, write_log_campaign
     from hil.analysis.log.reading import columns_of_bytes, read_log
@@ -94,25 +97,26 @@ def log(
     made = campaign_of_log(read, test, latitude_deg=latitude_deg)
     write_log_campaign(made, out)
     document = {**made.document, "campaign": str(out)}
-    if printed(document, as_json):
-        return
-    console = results()
-    for note in document["notes"]:
-        messages().print(f"note: {note}")
+    return Answer(document, lambda: _imported(document))
+
+
+def _imported(document: Mapping[str, Any]) -> Iterator[str | Table]:
+    """What was left out and is not known, each pose, the accelerometers and gyros, and where the campaign is."""
+    yield from (Aside(f"note: {note}") for note in document["notes"])
     rows = listing("collect", "position", "rows", "start, s", "long, s", "|f|, g", "why it ends", left={"why it ends"})
     for each in document["stretches"]:
         first, last = each["rows"]
         numbers = (f"{each['start_s']:.2f}", f"{each['duration_s']:.2f}", f"{each['size_of_f_g']:.4f}")
         rows.add_row(str(each["collect"]), each["position"], f"{first}-{last}", *numbers, each["ends"])
-    console.print(rows)
+    yield rows
     fitted, gyros = document["accelerometer"]["parameters"], document["accelerometer"]["gyros"]
     parameters = listing("parameter", "value", "95 % interval", "unit", left={"unit"})
     for name, of in {**fitted, **(gyros["parameters"] if gyros else {})}.items():
         interval = f"{of['low']:+.5f} to {of['high']:+.5f}" if of["told"] else "not told by this log"
         parameters.add_row(name, f"{of['value']:+.5f}", interval, of["unit"])
-    console.print(parameters)
+    yield parameters
     mark = "  SIMULATED" if document["simulated"] else ""
-    console.print(f"campaign: {out}, {len(document['stretches'])} poses{mark}")
+    yield f"campaign: {document['campaign']}, {counted(len(document['stretches']), 'pose')}{mark}"
 
 
 import_app = typer.Typer(

@@ -20,7 +20,7 @@ from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.audit.folders import written
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 FACE = {
@@ -81,7 +81,7 @@ def test_names_and_signatures_are_those_that_notebooks_rely_on() -> None:
 
 def test_importing_hil_loads_nothing_else() -> None:
     """A driver's test that says `import hil` does not wait for arithmetic; the sub-packages keep their names."""
-    code = "import sys, hil; print(sorted({'numpy', 'typer', 'hil.notebook'} & set(sys.modules)))"
+    code = "import sys, hil; print(sorted({'numpy', 'typer', 'hil.cli.notebook'} & set(sys.modules)))"
     code += "; import hil.solve; hil.read_campaign; print(hil.solve.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_here())
     assert done.stdout == "[]\nhil.solve\n"
