@@ -57,11 +57,15 @@ class PoseTolerance:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What accelerometers contradict: in which collects, (n,), in words, and of which sensor where not of all."""
+    """What accelerometers contradict: in which collects, (n,), in words, and of which sensor where not of all.
+
+    `seen` is the position in which the unit lies, where nothing else can be the cause.
+    """
 
     collects: BoolArray
     words: str
     sensor: int | None = None
+    seen: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ class PoseTable:
         if lies and not left.any():  # every collect has its pose: whether axes are turned instead cannot be told
             all_have = len(causes) == np.count_nonzero(off.any(axis=0))
             instead = f" (or else {'; '.join(causes.values())})" if all_have else ""
-            return [replace(each, words=each.words + instead) for each in lies]
+            return [replace(each, words=each.words + instead, seen="") if instead else each for each in lies]
         unexplained = np.asarray(off[:, [k for k in range(off.shape[1]) if k not in causes]].any(axis=1))
         if causes:
             found = [Contradiction(off[:, k], cause, numbers[k]) for k, cause in causes.items()]
@@ -132,7 +136,7 @@ class PoseTable:
                 alike = rows & ~self.tolerance.departs(measured_g, f_g[None]).any(axis=1)
                 if seen != asked and alike.any():
                     words = f"position {asked} was asked for, but the unit lies as in position {seen}"
-                    yield Contradiction(alike, words)
+                    yield Contradiction(alike, words, seen=seen)
 
     def _cause(self, k: int, measured_g: FloatArray, expected_g: FloatArray) -> str:
         """Return what is wrong with the accelerometers of the k-th sensor in all collects alike, or nothing."""

@@ -142,10 +142,11 @@ class Campaign:
     `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series`
     reads one when it is needed. `verdicts` says how each run was measured, by whoever recorded it, `missing` what was
     planned and is not there, `contradicted` what its records contradict of each other, by run and sensor
-    (hil.campaign.plausibility); `pose` how far accelerometers may be from f, `largest_se` how large a standard error
-    is accepted, deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds what is known of `model`
-    and `serial` of the unit, the `operator`, their `note`, and what they went on `despite`. Where it is `rebuilt`
-    from printed means, rows that were not printed are copies of others.
+    (hil.campaign.plausibility), and `exchanged` by sensor the pairs of collects that have each other's pose by the
+    unit's accelerometers; `pose` how far these may be from f, `largest_se` how large a standard error is accepted,
+    deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds what is known of `model` and `serial` of
+    the unit, the `operator`, their `note`, and what they went on `despite`. Where it is `rebuilt` from printed means,
+    rows that were not printed are copies of others.
     """
 
     title: str
@@ -163,6 +164,7 @@ class Campaign:
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
     missing: Sequence[str] = ()
     contradicted: Mapping[tuple[int, int], Judgement] = field(default_factory=dict)
+    exchanged: Mapping[int, Sequence[tuple[int, int]]] = field(default_factory=dict)
     rebuilt: bool = False
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)

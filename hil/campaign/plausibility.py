@@ -13,10 +13,11 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray
 from hil.campaign.laws import laws, soaked
-from procedures.pose import PoseTable
+from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered
 
@@ -28,6 +29,7 @@ _DIGITS, _ROUNDING = 300.0, 1e-6
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
+_Lies = tuple[Sequence[Collects], Contradiction]
 
 
 def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] | None = None) -> Campaign:
@@ -35,7 +37,9 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
 
     `series` holds what `laws.average` says, (4, c + 3), by the number of each collect that has its samples.
     """
-    found = [*_poses(campaign), *_tables(campaign), *_copies(campaign), *_limits(campaign)]
+    poses = list(_poses(campaign))
+    found = [(about, each.collects, each.words) for about, each in poses]
+    found += [*_tables(campaign), *_copies(campaign), *_limits(campaign)]
     found += _laws(campaign, series or {})
     contradicted: dict[tuple[int, int], Judgement] = {}
     said = []
@@ -49,7 +53,8 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
             recorded, known = campaign.verdicts.get(run), contradicted.get((run, number))
             if recorded is None or words not in recorded.reason:  # whoever recorded it may have said so already
                 contradicted[run, number] = combine([Judgement(Verdict.FAIL, sentence), *([known] if known else [])])
-    return replace(campaign, contradicted=contradicted, warnings=(*campaign.warnings, *said))
+    warnings = (*campaign.warnings, *said)
+    return replace(campaign, contradicted=contradicted, exchanged=_exchanged(poses), warnings=warnings)
 
 
 def accelerations_g(collects: Collects) -> FloatArray:
@@ -59,20 +64,36 @@ def accelerations_g(collects: Collects) -> FloatArray:
     return np.stack([columns.get(f"accelerometer_{axis}_g", none) for axis in axes], axis=-1)
 
 
-def _poses(campaign: Campaign) -> Iterator[_Found]:
+def _poses(campaign: Campaign) -> Iterator[_Lies]:
     """Compare measured accelerations with f, over all sensors that were collected together: they are one body."""
-    for group in _together(
-        campaign, [each for each in campaign.sensors.values() if np.isfinite(accelerations_g(each)).any()]
-    ):
-        first = group[0]
-        f_g = np.stack([each.conditions.f_g for each in group], axis=1)
+    for group in _together(campaign, campaign.sensors.values()):
         measured = np.stack([accelerations_g(each) for each in group], axis=1)
-        labels = first.conditions.position
+        if not np.isfinite(measured).any():
+            continue
+        f_g = np.stack([each.conditions.f_g for each in group], axis=1)
+        labels = group[0].conditions.position
         poses = {label: np.median(f_g[labels == label], axis=0) for label in dict.fromkeys(labels.tolist())}
         axes = {each.conditions.sensor.number: each.conditions.sensor.axes for each in group}
         for each in PoseTable(axes, poses, campaign.pose).contradictions(labels.tolist(), measured, f_g):
-            about = [one for one in group if each.sensor in (None, one.conditions.sensor.number)]
-            yield about, each.collects, each.words
+            yield [one for one in group if each.sensor in (None, one.conditions.sensor.number)], each
+
+
+def _exchanged(poses: Iterable[_Lies]) -> dict[int, list[tuple[int, int]]]:
+    """Return by sensor the numbers of two collects of a run in which the unit lay, each, as the other's label says."""
+    seen: dict[int, tuple[Collects, NDArray[np.str_]]] = {}
+    for about, each in poses:
+        for collects in about:
+            labels = collects.conditions.position
+            _, lies = seen.setdefault(collects.conditions.sensor.number, (collects, labels.astype(object)))
+            lies[each.collects] = each.seen or labels[each.collects]
+    out: dict[int, list[tuple[int, int]]] = {}
+    for number, (collects, lies) in seen.items():
+        run, labels = collects.conditions.run, collects.conditions.position
+        turned = [np.flatnonzero((run == one) & (lies != labels)) for one in np.unique(run).tolist()]
+        # Of three and more it is not known whose rates are whose where a position was taken twice.
+        pairs = [of for of in turned if len(of) == 2 and (lies[of] == labels[of[::-1]]).all()]
+        out[number] = [(int(one), int(other)) for one, other in collects.conditions.collect[pairs]] if pairs else []
+    return out
 
 
 def _together(campaign: Campaign, sensors: Iterable[Collects]) -> Collection[Sequence[Collects]]:

@@ -26,7 +26,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.temperatures import runs_by_temperature, unsettled
-from hil.solve.wrong_rows import in_words, otherwise
+from hil.solve.wrong_rows import in_words, otherwise, pooled
 from procedures.words import unit_in_words
 
 ORDINARY = "ordinary"
@@ -102,6 +102,7 @@ class Scattering:
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
+    campaign = pooled(campaign)
     chosen = with_stand_ins(campaign)
     form = default_form(next(iter(chosen.sensors.values())).conditions).name
     problem = replace(pose(chosen, load_model(form), ()), candidates=())

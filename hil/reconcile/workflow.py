@@ -35,7 +35,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
-from hil.solve.wrong_rows import otherwise
+from hil.solve.wrong_rows import otherwise, pooled
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
@@ -64,7 +64,7 @@ def reconcile(
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
-    campaign = with_stand_ins(campaign)
+    campaign = with_stand_ins(pooled(campaign))
     measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
@@ -127,11 +127,11 @@ def _result(
         for n in names
         if n.acts_on == "scatter"
     }
-    pooled = {name: scatter.pooled(found) for name, found in of_scatter.items()}
+    over_sensors = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
     noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found], under)
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
-    results = [findings.described(n, posterior, fit, pooled.get(n.name, ()), conditions) for n in names]
+    results = [findings.described(n, posterior, fit, over_sensors.get(n.name, ()), conditions) for n in names]
     wrong = mistakes.mistakes_found(reading, campaign)
     within = [
         effect
@@ -157,7 +157,9 @@ def _result(
             for j in js
         ]
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
-        after = improved(model, problem.sensors, added, [f for fs in pooled.values() for f in fs], record, calibrated)
+        after = improved(
+            model, problem.sensors, added, [f for fs in over_sensors.values() for f in fs], record, calibrated
+        )
         after = scatter.with_offsets(after, noise, conditions)
         values = before_and_after(problem.sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)

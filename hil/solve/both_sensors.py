@@ -13,7 +13,7 @@ looked at. Earth rate and gravity are taken as the same for both: an error there
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -90,11 +90,8 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
     if len(rotors) < 2:
         return None
-    chosen = Campaign(
-        campaign.title,
-        campaign.source,
-        {number: rows for number, rows in pooled(campaign).sensors.items() if number in rotors},
-    )
+    chosen = pooled(campaign)
+    chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
     for each in solve_campaign(chosen, "matrix-6"):
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.parameters.values()]

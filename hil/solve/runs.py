@@ -81,7 +81,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
     `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
     it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor.
     """
-    found, rows = [], {number: wrong_rows(collects) for number, collects in campaign.sensors.items()}
+    found, rows = [], wrong_rows(campaign)
     for number, wrong in rows.items():
         collects = wrong.collects
         if model_name == "matrix-6-thermal":

@@ -1,13 +1,13 @@
 """What is wrong with rows, and what is done about it: the same answer in every command that states a number.
 
-    found = wrong_rows(collects)
+    found = wrong_rows(campaign)[2]
     found.rows          # (Wrong(sensor=2, run=5, collects=(13, 14), done="mended", why="…exchanged…"),)
     found.collects      # what is solved: labels put right, rates that are wrong left out
     found.judged[5]     # no run that rests on such a row is a PASS
 
-The quick form of what `hil reconcile` asks of every row: what other runs show at the same position and temperature
-(`hil.solve.neighbours`), and where a run stands alone and holds more rates than parameters, whether it is far more
-probable with one collect left out, with the search's own prior of a wrong row.
+The quick form of what `hil reconcile` asks of every row: what the unit's accelerometers and the other runs show at the
+same position and temperature (`hil.solve.neighbours`), and where a run stands alone and holds more rates than
+parameters, whether it is far more probable with one collect left out, with the search's own prior of a wrong row.
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -20,7 +20,7 @@ from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
-from hil.solve.neighbours import Found, compared_with_neighbours
+from hil.solve.neighbours import Found, Neighbours, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
@@ -59,13 +59,17 @@ class WrongRows:
     not_compared: Set[int]
 
 
-def wrong_rows(collects: Collects) -> WrongRows:
-    """Return what is wrong with the rows of one sensor, and its collects with that mended or left out."""
+def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
+    """Return by sensor what is wrong with its rows, and its collects with that mended or left out."""
+    return {number: _wrong_rows(rows, campaign.exchanged.get(number, ())) for number, rows in campaign.sensors.items()}
+
+
+def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> WrongRows:
     at_limit = clipped_rows(collects)
     collects = with_every_error(unclipped(collects))
-    neighbours = compared_with_neighbours(collects)
+    collects, lay, neighbours = _as_the_unit_lay(collects, exchanged)
     rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
-    rows, judged = at_limit, dict(neighbours.judged)
+    rows, judged = [*at_limit, *lay], dict(neighbours.judged)
     for found in neighbours.found:
         if found.exchanged is not None:
             one, other = found.exchanged
@@ -83,8 +87,28 @@ def wrong_rows(collects: Collects) -> WrongRows:
             why = f"collect {number} is far from what all others show, and is left out"
             judged[run] = combine([*([judged[run]] if run in judged else []), Judgement(Verdict.MARGINAL, why)])
             rows.append(_wrong(collects, found, LEFT_OUT, why))
-    used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se) if rows else collects
+    used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
     return WrongRows(used, tuple(rows), judged, neighbours.not_compared)
+
+
+def _as_the_unit_lay(
+    collects: Collects, exchanged: Sequence[tuple[int, int]]
+) -> tuple[Collects, list[Wrong], Neighbours]:
+    """Put rates under the labels that the accelerometers give them; not where the other runs then contradict that."""
+    filed, out = collects, []
+    for pair in (own for own in exchanged if np.isin(own, filed.conditions.collect).all()):
+        i, j = np.flatnonzero(np.isin(filed.conditions.collect, pair)).tolist()
+        rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
+        rates[[i, j]], se[[i, j]] = rates[[j, i]], se[[j, i]]
+        laid = replace(filed, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
+        beside = [each.rows for each in compared_with_neighbours(laid).found if each.wrong.any() or each.exchanged]
+        if not np.isin([i, j], np.concatenate([np.zeros(0), *beside])).any():
+            named = numbered("collect", pair)
+            why = f"{named} look exchanged: in each the unit lies, by its accelerometers, as in the other's position"
+            found = Found(int(filed.conditions.run[i]), np.array([i, j]), np.zeros(rates.shape, dtype=bool), (i, j))
+            out.append(_wrong(filed, found, MENDED, why))
+            collects = laid
+    return collects, out, compared_with_neighbours(collects)
 
 
 def clipped_rows(collects: Collects) -> list[Wrong]:
@@ -100,7 +124,7 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
 
 def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
     """Return what is wrong with the rows of all sensors: key `rows` of every document."""
-    return [each.document() for rows in campaign.sensors.values() for each in wrong_rows(rows).rows]
+    return [each.document() for found in wrong_rows(campaign).values() for each in found.rows]
 
 
 def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -128,18 +152,26 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
 
 def treated(campaign: Campaign) -> Campaign:
     """Return the campaign with its rows mended or left out: what numbers are made from."""
-    return replace(campaign, sensors={n: wrong_rows(rows).collects for n, rows in campaign.sensors.items()})
+    return replace(campaign, sensors={n: found.collects for n, found in wrong_rows(campaign).items()}, exchanged={})
 
 
 def pooled(campaign: Campaign) -> Campaign:
-    """Return what repeats and means are made from: no run that FAILs by its own records, where others are left."""
-    sensors = {}
+    """Return what repeats, means and searches are made from: no run that FAILs by its records, where others are left.
+
+    One whose only fault is mended is none of these.
+    """
+    sensors, told = {}, []
+    recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
+    wrong = wrong_rows(campaign) if campaign.contradicted else {}
     for number, rows in campaign.sensors.items():
-        failed = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
-        failed |= {run for run, sensor in campaign.contradicted if sensor == number}
+        mended = {row.run for row in wrong[number].rows if row.done == MENDED} if wrong else set()
+        failed = recorded | ({run for run, sensor in campaign.contradicted if sensor == number} - mended)
         kept = ~np.isin(rows.conditions.run, list(failed))
         sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
-    return replace(campaign, sensors=sensors)
+        if len(sensors[number]) < len(rows):
+            left_out = np.unique(rows.conditions.run[~kept]).tolist()
+            told.append(f"sensor {number}: {numbered('run', left_out)}: FAIL by its own records, and left out")
+    return replace(campaign, sensors=sensors, warnings=(*campaign.warnings, *told))
 
 
 def _wrong(collects: Collects, found: Found, done: str, why: str) -> Wrong:

@@ -147,7 +147,7 @@ def fit_thermal(
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
     sensors = {
         number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
-        for number, collects in pooled(treated(campaign)).sensors.items()
+        for number, collects in treated(pooled(campaign)).sensors.items()
     }
     return ThermalFit(campaign, sensors)
 

@@ -121,9 +121,9 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), "rows": rows_of(campaign)}
-    campaign = pooled(treated(campaign))
-    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     shown = repeats(campaign, solve_campaign(campaign))
+    campaign = treated(pooled(campaign))
+    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     typical = NoiseLevel().collect_deg_per_hr
     sigmas = {
         number: np.where(

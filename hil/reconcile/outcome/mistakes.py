@@ -179,7 +179,9 @@ def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[
     for (n, run, collect), several in by_collect.items():
         off = ", ".join(f"{each['channel']} by {each['size_deg_per_hr']:.4g} deg/hr" for each in several)
         names = tuple(each["channel"] for each in several)
-        found.append(Wrong(n, run, (collect,), names, OMITTED, f"collect {collect} is off: {off}"))
+        found.append(
+            Wrong(n, run, (collect,), names, OMITTED, f"collect {collect} is off what all others make of it: {off}")
+        )
     found += [row for collects in campaign.sensors.values() for row in clipped_rows(collects)]
     return [each.document() for each in found]
 

@@ -1,11 +1,12 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from hil.campaign import Conditions
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import FEWEST_RUNS, Noise
@@ -13,11 +14,13 @@ from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.spoiled import MANY as MANY_PLACES
 from hil.reconcile.search.spoiled import runs_to_ask, wrong_rows
-from hil.reconcile.search.terms import terms
+from hil.reconcile.search.terms import Term, terms
 from hil.solve.rows import Block
 
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
+SEEN = float(np.log(1e4))
+"""Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 BEYOND = 1.6
 """By this factor a shape may lie outside its grid."""
 
@@ -61,7 +64,9 @@ def _search(
     known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     own_values = all(b.noise.calibrated for b in laid)
-    search = SensorSearch(laid, terms(candidates, blocks, noise, known, calibrated=own_values))
+    found = terms(candidates, blocks, noise, known, calibrated=own_values)
+    exchanged = problem.campaign.exchanged.get(sensor.number, ())
+    search = SensorSearch(laid, [_as_the_unit_lay(term, conditions, exchanged) for term in found])
     search.refine()
     for j in search.leading():
         parent = search.terms[j]
@@ -70,6 +75,15 @@ def _search(
         found = terms(finer, blocks, noise, known, calibrated=own_values)
         search.terms += [replace(t, log_odds=parent.log_odds - share) for t in found]
     return search
+
+
+def _as_the_unit_lay(term: Term, conditions: Conditions, exchanged: Collection[tuple[int, int]]) -> Term:
+    """Return the term, far more probable where it exchanges what the unit's accelerometers do."""
+    effect = term.candidate.effect
+    if effect is None or effect.in_models or not exchanged:
+        return term
+    rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
+    return replace(term, log_odds=SEEN) if tuple(conditions.collect[rows].tolist()) in exchanged else term
 
 
 def may_be_calibrated(problem: Problem) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from hil.analysis.published.table import read_published_table
 from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from tests.hil.analysis.thermal.nights import TRIAD
@@ -77,6 +78,21 @@ def _two_sensors() -> Campaign:
     return replace(one, sensors={1: first, 2: second})
 
 
+def _exchanged_body() -> Campaign:
+    """Collects 1 and 2 of run 5 stand under each other's labels in both sensors; sensor 1 is too noisy to prove it."""
+    one, rng = _two_sensors(), np.random.default_rng(6)
+    sensors = {}
+    for number, rows in one.sensors.items():
+        swapped = np.arange(len(rows))
+        swapped[[12, 13]] = [13, 12]
+        noise = rng.normal(0.0, 60.0 * (number == 1), rows.rates_deg_per_hr.shape)
+        errors = np.maximum(rows.rates_se_deg_per_hr, 60.0 * (number == 1))
+        shown = {name: of[swapped] if name.startswith("accel") else of for name, of in rows.conditions.columns.items()}
+        conditions = replace(rows.conditions, columns=shown)
+        sensors[number] = Collects(conditions, (rows.rates_deg_per_hr + noise)[swapped], errors)
+    return judged_by_its_records(replace(one, sensors=sensors))
+
+
 def _triad(wrong: bool = False) -> Campaign:
     """Twenty-four poses of a triad in one run; one of them in another pose than its row says."""
     rng = np.random.default_rng(4)
@@ -95,6 +111,7 @@ def _triad(wrong: bool = False) -> Campaign:
 FOLDERS: dict[str, Callable[[], Campaign]] = {
     "good": _good,
     "labels exchanged": _exchanged,
+    "labels exchanged in a body": _exchanged_body,
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,

@@ -50,9 +50,9 @@ def campaign(runs: int = 9, per_temperature: int = 3, seed: int = 0, scatter: fl
     return Campaign("made", "", {2: rows}, site={"latitude_deg": 34.6})
 
 
-def with_rates(one: Campaign, rates: FloatArray) -> Campaign:
-    """Return the campaign with other rates."""
-    return replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+def with_rates(one: Campaign, rates: FloatArray, number: int = 2) -> Campaign:
+    """Return the campaign with other rates of a sensor."""
+    return replace(one, sensors={**one.sensors, number: replace(one.sensors[number], rates_deg_per_hr=rates)})
 
 
 def with_column(one: Campaign, **columns: FloatArray) -> Campaign:

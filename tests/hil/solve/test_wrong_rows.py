@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import solve_campaign
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, rows_of, treated, wrong_rows
-from procedures.verdict import Verdict
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, rows_of, treated, wrong_rows
+from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
-from tests.hil.solve.test_neighbours import campaign
+from tests.hil.solve.test_neighbours import campaign, with_rates
 
 
 def made(name: str) -> Campaign:
@@ -22,7 +23,7 @@ def made(name: str) -> Campaign:
 
 def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
     """The rates are those of the sound campaign; the verdict asks for the file to be corrected."""
-    wrong = wrong_rows(made("labels exchanged").sensors[2])
+    wrong = wrong_rows(made("labels exchanged"))[2]
     np.testing.assert_array_equal(wrong.collects.rates_deg_per_hr, made("good").sensors[2].rates_deg_per_hr)
     (row,) = wrong.rows
     assert (row.run, row.collects, row.done) == (5, (13, 14), MENDED)
@@ -32,20 +33,54 @@ def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
     assert (solved[5].verdict, sound[5].verdict) == (Verdict.FAIL, Verdict.PASS)
 
 
+def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
+    """The accelerometers tell it of both sensors, the rates of one alone: both are mended, FAIL, and in the means."""
+    body = made("labels exchanged in a body")
+    assert [(r["sensor"], r["collects"], r["done"]) for r in rows_of(body)] == [
+        (1, [13, 14], MENDED), (2, [49, 50], MENDED),
+    ]  # fmt: skip
+    mended, sound = treated(body).sensors[2].rates_deg_per_hr, made("two sensors").sensors[2].rates_deg_per_hr
+    np.testing.assert_array_equal(mended, sound)
+    assert all(5 in rows.conditions.run for rows in pooled(body).sensors.values())
+    assert {(e.run, e.verdict) for e in solve_campaign(body) if e.run == 5} == {(5, Verdict.FAIL)}
+
+
+def test_what_accelerometers_exchange_and_rates_do_not_is_in_no_mean() -> None:
+    """Nobody knows which of the two is wrong: the run is solved as filed, FAILs, and is in nothing else."""
+    torn = judged_by_its_records(made("contradicted"))
+    assert torn.exchanged == {2: [(16, 17)]}
+    assert rows_of(torn) == []
+    assert set(torn.sensors[2].conditions.run) - set(pooled(torn).sensors[2].conditions.run) == {6}
+
+
+def test_a_run_that_fails_by_its_records_is_in_no_mean_and_no_search() -> None:
+    """Unless no other is left."""
+    one = made("good")
+    failed = {run: Judgement(Verdict.FAIL, "frames were lost") for run in (3, 4)}
+    assert set(one.sensors[2].conditions.run) - set(
+        pooled(replace(one, verdicts=failed)).sensors[2].conditions.run
+    ) == {3, 4}
+    assert "runs 3–4: FAIL by its own records" in pooled(replace(one, verdicts=failed)).warnings[-1]
+    every = dict.fromkeys(range(1, 13), failed[3])
+    assert len(pooled(replace(one, verdicts=every)).sensors[2]) == len(one.sensors[2])
+
+
 def test_a_label_that_f_gives_the_lie_to_mends_no_rates() -> None:
     """Two labels are exchanged and f, w and rates are right: the records say so, and the numbers stay what they are."""
-    good = made("good").sensors[2]
-    labels = good.conditions.position.copy()
+    good = made("good")
+    rows = good.sensors[2]
+    labels = rows.conditions.position.copy()
     labels[[12, 13]] = labels[[13, 12]]
-    wrong = wrong_rows(replace(good, conditions=replace(good.conditions, position=labels)))
-    np.testing.assert_array_equal(wrong.collects.rates_deg_per_hr, good.rates_deg_per_hr)
+    relabelled = replace(rows, conditions=replace(rows.conditions, position=labels))
+    wrong = wrong_rows(replace(good, sensors={2: relabelled}))[2]
+    np.testing.assert_array_equal(wrong.collects.rates_deg_per_hr, rows.rates_deg_per_hr)
     assert not [row for row in wrong.rows if row.done in (MENDED, LEFT_OUT)]
 
 
 def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
     """RB of collect 15: MUA is then not seen in this run, and MUB is what it was."""
     campaign = made("one rate far off")
-    (row,) = wrong_rows(campaign.sensors[2]).rows
+    (row,) = wrong_rows(campaign)[2].rows
     assert (row.collects, row.channels, row.done) == ((15,), ("RB",), LEFT_OUT)
     rates = treated(campaign).sensors[2].rates_deg_per_hr
     assert np.argwhere(np.isnan(rates)).tolist() == [[14, 1]]
@@ -57,7 +92,7 @@ def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
 
 def test_in_a_log_of_many_poses_the_one_that_all_others_contradict_is_left_out() -> None:
     """Collect 17 of 24; the parameters are those of the sound log within its errors, and the run is no PASS."""
-    (row,) = wrong_rows(made("poses, one wrong").sensors[1]).rows
+    (row,) = wrong_rows(made("poses, one wrong"))[1].rows
     assert (row.collects, row.channels, row.done) == ((17,), ("GX", "GY", "GZ"), LEFT_OUT)
     (mended,), (sound,) = solve_campaign(made("poses, one wrong")), solve_campaign(made("poses"))
     for name, each in mended.parameters.items():
@@ -74,33 +109,34 @@ def test_sound_logs_lose_a_row_in_one_of_a_hundred() -> None:
     for seed in range(100):
         rng = np.random.default_rng(seed)
         rates = rows.rates_deg_per_hr + rng.normal(0.0, 40.0, rows.rates_deg_per_hr.shape)
-        lost += bool(wrong_rows(replace(rows, rates_deg_per_hr=rates)).rows)
+        lost += bool(wrong_rows(with_rates(poses, rates, 1))[1].rows)
     assert lost <= 3
 
 
 def test_a_run_with_another_bias_is_used_and_named() -> None:
     """All three collects of run 5 off by the same: that is what its bias was."""
-    rows = made("good").sensors[2]
+    good = made("good")
+    rows = good.sensors[2]
     rates = rows.rates_deg_per_hr + 60.0 * (rows.conditions.run == 5)[:, None]
-    (row,) = wrong_rows(replace(rows, rates_deg_per_hr=rates)).rows
+    (row,) = wrong_rows(with_rates(good, rates))[2].rows
     assert (row.run, row.done) == (5, USED)
 
 
 def test_a_collect_that_hides_behind_the_offsets_of_whole_runs_is_doubted() -> None:
     """Biases that change by 6 deg/hr: one rate off by 20 is no more than that, but not beside the rest of its run."""
-    one = campaign(24, 3, seed=3, scatter=6.0).sensors[2]
-    off = one.rates_deg_per_hr.copy()
+    one = campaign(24, 3, seed=3, scatter=6.0)
+    off = one.sensors[2].rates_deg_per_hr.copy()
     off[33, 0] += 20.0
-    (row,) = wrong_rows(replace(one, rates_deg_per_hr=off)).rows
+    (row,) = wrong_rows(with_rates(one, off))[2].rows
     assert (row.run, row.collects, row.done) == (12, (34,), USED)
     assert "beside the rest of its run" in row.why
-    assert wrong_rows(one).rows == ()
+    assert wrong_rows(one)[2].rows == ()
 
 
 def test_labels_are_exchanged_where_only_one_of_the_two_stands_out() -> None:
     """The other is off by less than ten times the scatter, and fits where the first one stands."""
-    one = campaign(24, 3, seed=3, scatter=9.0).sensors[2]
-    rates = one.rates_deg_per_hr.copy()
+    one = campaign(24, 3, seed=3, scatter=9.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[[30, 31]] = rates[[31, 30]]
-    found = wrong_rows(replace(one, rates_deg_per_hr=rates))
+    found = wrong_rows(with_rates(one, rates))[2]
     assert [(row.collects, row.done) for row in found.rows] == [((31, 32), MENDED)]
