@@ -88,6 +88,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
             f"layout {number}: its units together seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
             f"{each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
+    if worth:
+        yield "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them"
     if found.not_screened:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
 

@@ -49,6 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_campaign(replace(unit(20), sensors={2: holed}), folder / "v-holed")
     other = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(9)))
     write_campaign(other, folder / "w-other")
+    write_campaign(replace(unit(3, 20.0), identity={"serial": "B003"}), folder / "u99")
     (folder / "x-broken").mkdir()
     (folder / "x-broken" / "campaign.yaml").write_text("schema: nonsense\n")
     return folder
@@ -63,7 +64,8 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     assert len(document["units"]) == 15
     assert {each["layout_number"] for each in document["units"]} == {1, 2}
     told = {Path(each["folder"]).name: each["reason"] for each in document["not_screened"]}
-    assert told.keys() == {"v-holed", "x-broken"}
+    assert told.keys() == {"u99", "v-holed", "x-broken"}
+    assert re.search(r"the very rates of .*u03: a copy", told["u99"])
     assert "every row of its layout" in told["v-holed"]
     assert "'nonsense'" in told["x-broken"]
     p_values = np.array([each["p_value"] for each in document["units"]])
