@@ -107,18 +107,20 @@ def both(job: Job) -> tuple[bool, bool]:
     true, _ = np.linalg.qr(np.stack(signals, axis=1))
     stand = [one - other * (other @ one) / (other @ other) for one, other in (signals, signals[::-1])]
     seen = all(-stats.chi2.logsf((own @ data) ** 2 / (own @ own), 1) > night.threshold for own in stand)
-    explained = float(np.sum((true.T @ data) ** 2))
+    explained = -stats.chi2.logsf(np.sum((true.T @ data) ** 2), 2)
     same = [night.same(name, own / np.linalg.norm(own)) for name, own in zip(job.hidden, signals, strict=True)]
-    gains = np.array([np.sum((s.T @ data) ** 2) - s.shape[1] for _, s in night.spans])
+    gains = surprise(night.spans, data[:, None])[:, 0]
     for i in np.argsort(-gains)[:_FIRSTS]:
         first, span = night.spans[i]
         left = data - span @ (span.T @ data)
+        known_by = np.sum((span.T @ data) ** 2)
         for second, further in night.spans:
-            right = {first, second} & same[0] and {first, second} & same[1] and first != second
-            if not right and np.sum((further.T @ left) ** 2) + gains[i] > explained:
-                own, _ = np.linalg.qr(further - span @ (span.T @ further))
-                if np.sum((own.T @ left) ** 2) - own.shape[1] + gains[i] > explained - 2.0:
-                    return seen, False
+            if first == second or all({first, second} & own for own in same):
+                continue
+            own, _ = np.linalg.qr(further - span @ (span.T @ further))
+            gain = known_by + np.sum((own.T @ left) ** 2)
+            if -stats.chi2.logsf(gain, span.shape[1] + own.shape[1]) > explained:
+                return seen, False
     return seen, seen
 
 

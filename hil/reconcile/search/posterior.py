@@ -23,6 +23,8 @@ PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
+ROUGH = 2.0
+"""How far (log) a scan at some points of the noise may be off what weighing at all of them gives."""
 SCATTER = 0.25
 """Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
 SHARED = 0.75
@@ -76,7 +78,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
-            least = max(known.values()) - known[given] - 2.0 * WORTH if given else -np.inf
+            least = max(known.values()) - known[given] - WORTH - ROUGH if given else -np.inf
             for j in _best(search, scores, given):
                 further = tuple(sorted((*given, j)))
                 if further not in known and scores[j] > least:
