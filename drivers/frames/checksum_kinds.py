@@ -1,7 +1,6 @@
 """Checksums as they are written in a description: the kind, its parameters, what it covers and where it stands."""
 
-from abc import ABC, abstractmethod
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -18,7 +17,7 @@ def _one_or_several(span: Any) -> Any:
     return [span] if one else span
 
 
-class _Checksum(BaseModel, ABC):
+class _Checksum(BaseModel):
     """What every kind has. Positions count from the frame's first byte.
 
     `span` is [first byte covered, first byte no longer covered], or a list of such parts and of constant bytes that are
@@ -35,11 +34,12 @@ class _Checksum(BaseModel, ABC):
     at: int | None = Field(default=None, ge=0)
     stored: Literal["little", "big"] = "big"
     confirm: bool = False
+    _bits: ClassVar[int] = 0  # of a kind that has no `width`
 
     @property
-    @abstractmethod
     def size(self) -> int:
         """Bytes on the wire."""
+        return (int(getattr(self, "width", self._bits)) + 7) // 8
 
     def position(self, body_end: int) -> int:
         """Return where the checksum stands in a frame whose delimiter begins at `body_end`."""
@@ -93,11 +93,6 @@ class CrcKind(_Checksum, CrcParameters):
     kind: Literal["crc"]
     pad_to: int = Field(default=1, ge=1, le=64)
 
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return (self.width + 7) // 8
-
 
 class SumKind(_Checksum):
     """The sum of the covered words (`word` bytes each, in `word_order`) modulo 2^width, negated with `negate`."""
@@ -107,11 +102,6 @@ class SumKind(_Checksum):
     word: Literal[1, 2, 4] = 1
     word_order: Literal["little", "big"] = "big"
     negate: bool = False
-
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return self.width // 8
 
     def check_span(self, covered: int) -> None:
         """Raise `ValueError` where the covered bytes are not whole words."""
@@ -123,33 +113,20 @@ class FletcherKind(_Checksum):
     """Fletcher's two running sums modulo 256 over the covered bytes, the first sum first on the wire."""
 
     kind: Literal["fletcher"]
-
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return 2
+    _bits: ClassVar[int] = 16
 
 
 class XorKind(_Checksum):
     """The exclusive or of the covered bytes."""
 
     kind: Literal["xor"]
-
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return 1
+    _bits: ClassVar[int] = 8
 
 
 class NoChecksum(_Checksum):
     """No checksum: damage goes unnoticed, unless it hits header, length or delimiter."""
 
     kind: Literal["none"]
-
-    @property
-    def size(self) -> int:
-        """Bytes on the wire."""
-        return 0
 
 
 ChecksumDescription = Annotated[CrcKind | SumKind | FletcherKind | XorKind | NoChecksum, Field(discriminator="kind")]

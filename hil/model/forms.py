@@ -8,8 +8,9 @@ The columns of bias, GS, MU and G stand here and nowhere else: the solver and th
 functions. Each is what the one equation gives for a unit of its parameter, signs and all (`hil.model.equation`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -116,28 +117,35 @@ class LinearForm:
         return bias, k
 
 
-def constant_form(sensor: Sensor, reason: str = "") -> LinearForm:
-    """Bias only, one per channel; for any sensor."""
-    names = bias_names(sensor)
-    return LinearForm("constant", names, (RATE,) * len(names), bias_columns, reason)
+def value_form(name: str, sensor: Sensor, reason: str = "") -> LinearForm:
+    """Return the form whose parameters a model file gives values to; `InputError` where it is none of this sensor's.
 
-
-def matrix_6_form(sensor: Sensor) -> LinearForm:
-    """The report's six parameters of a rotor sensor."""
-    return LinearForm("matrix-6", rotor_names(sensor), (RATE,) * 2 + (PER_G,) * 4, _matrix_6_columns)
-
-
-def collins_4_form(sensor: Sensor) -> LinearForm:
-    """The contractor's four parameters: MU taken as zero (eqs. (A-7)–(A-12))."""
-    return LinearForm("collins-4", rotor_names(sensor)[:4], (RATE,) * 2 + (PER_G,) * 2, _collins_4_columns)
-
-
-def triad_12_form(sensor: Sensor) -> LinearForm:
-    """Bias and the full, not symmetric, acceleration-sensitivity matrix of a triad; `InputError` for another sensor."""
-    if not sensor.is_triad:
+    `constant` is one bias per channel, for any sensor; `matrix-6` the report's six parameters of a rotor sensor, and
+    `collins-4` the contractor's four of them, MU taken as zero (eqs. (A-7)–(A-12)); `triad-12` bias and the full, not
+    symmetric, acceleration-sensitivity matrix of a triad. `matrix-6-thermal` has the six names of matrix-6 here: their
+    dependence on temperature is in the curves.
+    """
+    if name == "triad-12" and not sensor.is_triad:
         raise InputError(f"sensor {sensor.number}: triad-12 needs one channel about each of the three axes")
-    names = bias_names(sensor) + sensitivity_names(sensor)
-    return LinearForm("triad-12", names, (RATE,) * 3 + (PER_G,) * 9, _triad_12_columns)
+    if name in ("constant", "triad-12"):
+        names = bias_names(sensor) + (sensitivity_names(sensor) if name == "triad-12" else ())
+        parts = (bias_columns, sensitivity_columns)[: 1 + (name == "triad-12")]
+    else:
+        name = name if name == "collins-4" else "matrix-6"
+        names = rotor_names(sensor)[: 4 if name == "collins-4" else 6]
+        parts = (bias_columns, gs_columns, mu_columns)[: len(names) // 2]
+    units = tuple(RATE if each.startswith("B") else PER_G for each in names)
+    return LinearForm(name, names, units, partial(_beside_each_other, parts), reason)
+
+
+constant_form, matrix_6_form, collins_4_form, triad_12_form = (
+    partial(value_form, name) for name in ("constant", "matrix-6", "collins-4", "triad-12")
+)
+"""The built-in forms of a sensor."""
+
+
+def _beside_each_other(parts: Sequence[Callable[[Conditions], FloatArray]], conditions: Conditions) -> FloatArray:
+    return np.concatenate([part(conditions) for part in parts], -1)
 
 
 def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None = None) -> LinearForm:
@@ -147,7 +155,7 @@ def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None =
     Coefficients follow their parameter: BA, BA_per_degC, BA_per_degC2, BB, ... Raises `InputError` where a row has no
     temperature, or the sensor is no rotor sensor.
     """
-    names = rotor_names(conditions.sensor)
+    form = matrix_6_form(conditions.sensor)
     where = f"sensor {conditions.sensor.number}: matrix-6-thermal"
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None:
@@ -155,28 +163,18 @@ def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None =
     if np.any(np.isnan(temperature)):
         raise InputError(f"{where} needs temperature_degC in every row; fill the empty cells or leave out the rows")
     reference = float(np.round(np.mean(temperature))) if reference_degC is None else reference_degC
-    units = matrix_6_form(conditions.sensor).units
 
     def build(rows: Conditions) -> FloatArray:
-        return temperature_columns(_matrix_6_columns(rows), rows.columns["temperature_degC"], reference)
+        return temperature_columns(form.columns(rows), rows.columns["temperature_degC"], reference)
 
     return LinearForm(
         "matrix-6-thermal",
-        tuple(f"{name}{power}" for name in names for power in ("", "_per_degC", "_per_degC2")),
-        tuple(f"{unit}{power}" for unit in units for power in ("", "/degC", "/degC2")),
+        tuple(f"{name}{power}" for name in form.names for power in ("", "_per_degC", "_per_degC2")),
+        tuple(f"{unit}{power}" for unit in form.units for power in ("", "/degC", "/degC2")),
         build,
         f"quadratics in temperature_degC about {reference:g} degC",
         reference,
     )
-
-
-def value_form(name: str, sensor: Sensor) -> LinearForm:
-    """Return the form whose parameters a model file gives values to.
-
-    `matrix-6-thermal` has the six names of matrix-6 there: their dependence on temperature is in the curves.
-    """
-    of_a_sensor = {"constant": constant_form, "collins-4": collins_4_form, "triad-12": triad_12_form}
-    return of_a_sensor.get(name, matrix_6_form)(sensor)
 
 
 def named_form(name: str, conditions: Conditions) -> LinearForm:
@@ -220,15 +218,3 @@ def excites_every_axis(f_g: FloatArray, least_g: float = 1e-2) -> bool:
         return False
     spread = np.linalg.svd(f_g - f_g.mean(axis=0), compute_uv=False)
     return bool(spread[-1] > least_g * np.sqrt(len(f_g)))
-
-
-def _collins_4_columns(conditions: Conditions) -> FloatArray:
-    return np.concatenate([bias_columns(conditions), gs_columns(conditions)], -1)
-
-
-def _matrix_6_columns(conditions: Conditions) -> FloatArray:
-    return np.concatenate([_collins_4_columns(conditions), mu_columns(conditions)], -1)
-
-
-def _triad_12_columns(conditions: Conditions) -> FloatArray:
-    return np.concatenate([bias_columns(conditions), sensitivity_columns(conditions)], -1)

@@ -6,32 +6,16 @@ the collects may be repeated, come in any order and have measured f. What the tw
 the contractor's model, -MUB G1 and +MUA G1 where the sensor has MU.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import collins_4_form
-from hil.solve.least_squares import solve
+from hil.solve.least_squares import Solution, solve
 
 METHOD = "GS from Collects 1 and 2, bias from Collect 3, MU taken as zero: eqs. (A-13)-(A-16)"
-
-
-@dataclass(frozen=True)
-class ContractorSolution:
-    """BA, BB, GSA, GSB (4,), their covariance (4, 4) (NaN where unknown), and what the model leaves.
-
-    `residuals` (n, 2) are observed minus the four-parameter model, NaN in collects that are not used; `chi_square` on
-    `degrees_of_freedom` tests that model against stated noise.
-    """
-
-    values: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
-    chi_square: float
-    degrees_of_freedom: int
-    condition_number: float
 
 
 def report_collects(f_g: FloatArray) -> IntArray:
@@ -49,33 +33,36 @@ def can_follow(collects: Collects) -> bool:
     return {1, 2, 3} <= set(report_collects(collects.conditions.f_g)[_measured(collects)].tolist())
 
 
-def solve_as_contractor(collects: Collects, sigma: FloatArray | None) -> ContractorSolution:
-    """Follow (A-13)-(A-16); `sigma` (n, 2) is the noise of the rates, or None where it is not stated."""
+def solve_as_contractor(collects: Collects, sigma: FloatArray | None) -> Solution:
+    """Follow (A-13)-(A-16); `sigma` (n, 2) is the noise of the rates, or None where it is not stated.
+
+    The solution has BA, BB, GSA, GSB and the residuals that these leave of the used rates; `chi_square` on
+    `degrees_of_freedom` tests the four-parameter model against stated noise.
+    """
     used = _measured(collects) & (report_collects(collects.conditions.f_g) > 0)
     chosen = collects.rows(used)
     conditions = chosen.conditions
-    columns = collins_4_form(conditions.sensor).columns(conditions)
+    form = collins_4_form(conditions.sensor)
+    columns = form.columns(conditions)
     early = report_collects(conditions.f_g) < 3
     own_bias = columns[..., :2] * early[:, None, None]
     late_bias = columns[..., :2] * ~early[:, None, None]
     design = np.concatenate([late_bias, columns[..., 2:], own_bias], -1).reshape(-1, 6)
     observed = (chosen.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
-    noise = np.ones(len(observed)) if sigma is None else sigma[used].reshape(-1)
-    full = solve(design, observed, noise)
+    full = solve(design, observed, np.ones(len(observed)) if sigma is None else sigma[used].reshape(-1))
     contrast = np.array([[-1.0, 0, 0, 0, 1, 0], [0, -1.0, 0, 0, 0, 1]])
     gap = contrast @ full.values
     chi_square = float(full.chi_square + gap @ np.linalg.solve(contrast @ full.covariance @ contrast.T, gap))
     degrees = len(observed) - 4
-    variance = 1.0 if sigma is not None else chi_square / degrees
-    residuals = np.full(collects.rates_deg_per_hr.shape, np.nan)
-    residuals[used] = observed.reshape(-1, 2) - columns @ full.values[:4]
-    return ContractorSolution(
-        full.values[:4],
-        full.covariance[:4, :4] * variance,
-        residuals,
-        chi_square,
-        degrees,
-        float(full.condition_number),
+    return replace(
+        full,
+        names=form.names,
+        values=full.values[:4],
+        covariance=full.covariance[:4, :4] * (1.0 if sigma is not None else chi_square / degrees),
+        residuals=(observed.reshape(-1, 2) - columns @ full.values[:4]).reshape(-1),
+        chi_square=np.asarray(chi_square),
+        rank=full.rank - 2,
+        degrees_of_freedom=np.asarray(degrees),
     )
 
 

@@ -128,22 +128,18 @@ def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> Run
 
 
 def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
-    if form.name == "collins-4" and can_follow(collects):
-        return _follow_contractor(sensor, run, form, collects)
-    conditions = collects.conditions
-    sigma = stated_noise(collects)
-    observed = (collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
-    design = form.columns(conditions).reshape(len(observed), -1)
-    solution = solve(
-        design,
-        observed,
-        None if sigma is None else sigma.reshape(-1),
-        names=form.names,
-        rank_tolerance=OBSERVABLE,
-    )
-    degrees, condition = int(solution.degrees_of_freedom), float(solution.condition_number)
-    unobservable = solution.unobservable()
-    equations = int(np.count_nonzero(~np.isnan(observed)))
+    conditions, sigma = collects.conditions, stated_noise(collects)
+    as_contractor = form.name == "collins-4" and can_follow(collects)
+    if as_contractor:
+        solution = solve_as_contractor(collects, sigma)
+    else:
+        observed = (collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
+        design = form.columns(conditions).reshape(len(observed), -1)
+        noise = None if sigma is None else sigma.reshape(-1)
+        solution = solve(design, observed, noise, names=form.names, rank_tolerance=OBSERVABLE)
+    degrees = int(solution.degrees_of_freedom)
+    unobservable = () if as_contractor else solution.unobservable()
+    equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, _too_few(equations, conditions.position, unobservable))
     else:
@@ -154,46 +150,21 @@ def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collec
         runs=_runs(collects),
         sensor=sensor,
         model=form.name,
-        method=LEAST_SQUARES,
+        method=METHOD if as_contractor else LEAST_SQUARES,
         parameters=_estimates(form, solution.values, solution.se),
         combinations={
             text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
-            for text, value, se in solution.combinations()
+            for text, value, se in (() if as_contractor else solution.combinations())
         },
         covariance=solution.covariance,
-        condition_number=finite(condition),
+        condition_number=finite(float(solution.condition_number)),
         residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
         degrees_of_freedom=degrees,
         unobservable=unobservable,
         verdict=judged.verdict,
-        reason=_reason(form.reason, judged.reason),
+        reason=_reason(f"the contractor's solution: {METHOD}" if as_contractor else form.reason, judged.reason),
         assumed=_assumptions(form, collects, sigma is not None),
         chi_square=float(solution.chi_square) if sigma is not None and degrees else None,
-    )
-
-
-def _follow_contractor(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
-    sigma = stated_noise(collects)
-    found = solve_as_contractor(collects, sigma)
-    used = ~np.isnan(found.residuals)
-    judged = judge(found.chi_square, found.degrees_of_freedom, int(used.sum()), sigma is not None)
-    return RunSolution(
-        run=run,
-        runs=_runs(collects),
-        sensor=sensor,
-        model=form.name,
-        method=METHOD,
-        parameters=_estimates(form, found.values, np.sqrt(np.diagonal(found.covariance))),
-        combinations={},
-        covariance=found.covariance,
-        condition_number=finite(found.condition_number),
-        residual_rms_deg_per_hr=float(np.sqrt(np.mean(found.residuals[used] ** 2))),
-        degrees_of_freedom=found.degrees_of_freedom,
-        unobservable=(),
-        verdict=judged.verdict,
-        reason=_reason(f"the contractor's solution: {METHOD}", judged.reason),
-        assumed=_assumptions(form, collects, sigma is not None),
-        chi_square=float(found.chi_square) if sigma is not None and found.degrees_of_freedom else None,
     )
 
 

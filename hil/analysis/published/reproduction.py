@@ -2,7 +2,6 @@
 
     found = reproduce(campaign)
     found.table_1                # six rows of cells: mean, sigma, runs; beside each the printed ones
-    found.figures                # Figures 2-5 as lines against temperature, measured and printed
     found.table_a1               # the bias BA seven ways, eqs. (A-27)-(A-33), run by run; and the printed rows
     found.contractor_errors      # what taking MU for zero does to the contractor's four, exactly, run by run
 
@@ -81,27 +80,6 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Line:
-    """One line of a figure: means and sigmas against temperature, each (t,), NaN where there is none."""
-
-    label: str
-    temperature_degC: FloatArray
-    mean: FloatArray
-    sigma: FloatArray
-    printed_mean: FloatArray
-    printed_sigma: FloatArray
-
-
-@dataclass(frozen=True)
-class PlotData:
-    """The data of one of Figures 2-5."""
-
-    title: str
-    unit: str
-    lines: tuple[Line, ...]
-
-
-@dataclass(frozen=True)
 class SevenBiases:
     """One row of Table A-1: BA by eqs. (A-27)-(A-33) in deg/hr, and what follows: MUB G1, MUB G3, G3/G1."""
 
@@ -146,7 +124,6 @@ class Reproduction:
     temperatures_degC: tuple[float | None, ...]
     printed_temperatures: tuple[str | None, ...]
     table_1: tuple[Row, ...]
-    figures: tuple[PlotData, ...]
     table_a1: tuple[SevenBiases, ...]
     printed_a1: tuple[SevenBiases, ...]
     contractor_errors: tuple[ContractorError, ...]
@@ -161,12 +138,8 @@ class Reproduction:
             "printed_temperatures": list(self.printed_temperatures),
             "table_1": [asdict(row) for row in self.table_1],
             "figures": [
-                {
-                    "title": figure.title,
-                    "unit": figure.unit,
-                    "lines": [{name: _listed(value) for name, value in vars(line).items()} for line in figure.lines],
-                }
-                for figure in self.figures
+                {"title": title, "unit": unit, "lines": [self._line(label, row) for label, row in lines]}
+                for title, unit, lines in _FIGURES
             ],
             "table_a1": [_seven_entry(each) for each in self.table_a1],
             "printed_a1": [_seven_entry(each) for each in self.printed_a1],
@@ -181,6 +154,18 @@ class Reproduction:
                 }
                 for each in self.contractor_errors
             ],
+        }
+
+    def _line(self, label: str, row: int) -> dict[str, Any]:
+        """Return a line of a figure: a row of Table 1 against temperature, null where there is nothing."""
+        cells = self.table_1[row].cells
+        return {
+            "label": label,
+            "temperature_degC": list(self.temperatures_degC),
+            "mean": [cell.mean for cell in cells],
+            "sigma": [cell.sigma for cell in cells],
+            "printed_mean": [cell.printed and cell.printed.mean for cell in cells],
+            "printed_sigma": [cell.printed and cell.printed.sigma for cell in cells],
         }
 
 
@@ -219,14 +204,12 @@ def reproduce(
         )
         for label, unit, name, axis, role in _ROWS
     )
-    temperatures = tuple(temperature for temperature, _ in groups)
     return Reproduction(
         sensor,
         campaign.simulated,
-        temperatures,
+        tuple(temperature for temperature, _ in groups),
         tuple(labels),
         table,
-        tuple(_figure(title, unit, lines, temperatures, table) for title, unit, lines in _FIGURES),
         tuple(each.seven for each in solved.values()),
         _printed_seven(table_a1),
         tuple(each.error for each in solved.values()),
@@ -302,33 +285,9 @@ def _printed(audit: Audit, group: str | None, axis: str, role: str) -> Printed |
     )
 
 
-def _figure(
-    title: str, unit: str, lines: Sequence[tuple[str, int]], temperatures: Sequence[float | None], table: Sequence[Row]
-) -> PlotData:
-    at = np.array([math.nan if each is None else each for each in temperatures])
-    drawn = []
-    for label, row in lines:
-        cells = table[row].cells
-        drawn.append(
-            Line(
-                label,
-                at,
-                np.array([cell.mean for cell in cells]),
-                _numbers([cell.sigma for cell in cells]),
-                _numbers([cell.printed.mean if cell.printed else None for cell in cells]),
-                _numbers([cell.printed.sigma if cell.printed else None for cell in cells]),
-            )
-        )
-    return PlotData(title, unit, tuple(drawn))
-
-
 def _printed_seven(name: str) -> tuple[SevenBiases, ...]:
     rows = audit_table(name).table.rows
     return tuple(SevenBiases(str(row.label), {role: row.cells[role].value for role in SEVEN}) for row in rows)
-
-
-def _numbers(values: Sequence[float | None]) -> FloatArray:
-    return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def _seven_entry(each: SevenBiases) -> dict[str, Any]:
@@ -340,10 +299,3 @@ def _seven_entry(each: SevenBiases) -> dict[str, Any]:
         "MUB_G3": each.mub_g3,
         "G3_over_G1": ratio if math.isfinite(ratio) else None,
     }
-
-
-def _listed(value: Any) -> Any:
-    """Return an array as numbers, null where there is none."""
-    if not isinstance(value, np.ndarray):
-        return value
-    return [float(each) if math.isfinite(each) else None for each in value]

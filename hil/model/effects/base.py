@@ -1,7 +1,7 @@
 """What an effect is: one small class that everything else uses.
 
 The twin simulates with it, the solver solves for it, reconcile searches over it, the report prints it. A model is a sum
-of effects. Adding one is a class with a docstring and a line in the catalogue (`hil.model.effects.catalogue`).
+of effects. Adding one is a class with a docstring in the file of its family; `hil.model.effects.catalogue` finds it.
 
     effect = effect_by_id("bias_Tdot")
     effect.missing(conditions)                   # () or ("dTdt_degC_per_min",): it cannot be asked about this data

@@ -1,4 +1,4 @@
-"""The catalogue: every effect by its id. Adding one is a class in its family's file and a line here.
+"""The catalogue: every effect by its id. Adding one is a class in its family's file.
 
 effect_by_id("MU_real")
 askable(conditions, base)          # what this data can be asked about, and why not the rest
@@ -36,71 +36,28 @@ BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
 _BROUGHT = tuple(made() if isinstance(made, type) else made for made in map(loaded, brought("hil.effects").values()))
 """Effects of other installed distributions: classes, or instances, of any of the three kinds below."""
 
-EFFECTS: tuple[Effect, ...] = (
-    thermal.BiasTemperature(),
-    thermal.TemperatureRateBias(),
-    thermal.GradientBias(),
-    thermal.ThermometerLag(),
-    thermal.Hysteresis(),
-    thermal.InsufficientSoak(),
-    thermal.WarmUp(),
-    thermal.GasConvection(),
-    g_linear.RotorSensitivity(),
-    g_linear.AxialDrift(),
-    g_linear.RotorSensitivityTemperature(),
-    g_linear.AxialDriftTemperature(),
-    g_linear.AnisotropicSensitivity(),
-    g_linear.LinearSensitivity(),
-    g_linear.LinearSensitivityTemperature(),
-    g_squared.SquaredAcceleration(),
-    pickoff.PhaseError(),
-    pickoff.ScaleFactor(),
-    pickoff.Misalignment(),
-    setup.Tilt(),
-    setup.AccelerometerError(),
-    setup.IndexPositionError(),
-    setup.EarthRateError(),
-    data.EarthRateFrame(),
-    data.Mislabelled(),
-    noise.Drift(),
-    noise.Ageing(),
-    noise.Jump(),
-    noise.PowerCycleBias(),
-    dynamics.IndexSettling(),
-    dynamics.SpinSpeed(),
-    vibration.VibrationRectification(),
-    electronics.QuadratureLeakage(),
-    electronics.SupplyVoltage(),
-    electronics.MagneticSensitivity(),
-    *(each for each in _BROUGHT if isinstance(each, Effect)),
+_FAMILIES = (
+    thermal, g_linear, g_squared, pickoff, setup, data, noise, dynamics, vibration, electronics, environment, series,
+)  # fmt: skip
+_EVERY: tuple[Described, ...] = (
+    *(
+        each()
+        for family in _FAMILIES
+        for each in vars(family).values()
+        if isinstance(each, type) and issubclass(each, Described)
+        if each.__module__ == family.__name__ and hasattr(each, "id")
+    ),
+    *_BROUGHT,
 )
+"""One of each class, as they stand in the files of the families, then what others bring."""
+
+EFFECTS = tuple(each for each in _EVERY if isinstance(each, Effect) and each.id not in {of.id for of in BASE_EFFECTS})
 """Effects on the averages of collects."""
 
-VARIANCE_EFFECTS: tuple[VarianceEffect, ...] = (
-    g_linear.AxialDriftScatter(),
-    noise.AngleRandomWalk(),
-    noise.Quantisation(),
-    noise.BiasInstability(),
-    noise.RateRandomWalk(),
-    noise.GaussMarkovBias(),
-    noise.TurnOnBias(),
-    noise.RetainerNoise(),
-    environment.Frost(),
-    environment.BaseMotion(),
-    *(each for each in _BROUGHT if isinstance(each, VarianceEffect)),
-)
+VARIANCE_EFFECTS = tuple(each for each in _EVERY if isinstance(each, VarianceEffect))
 """Effects that only scatter the averages."""
 
-SERIES_EFFECTS: tuple[SeriesEffect, ...] = (
-    series.Tone(),
-    series.SettlingInCollect(),
-    series.Ramp(),
-    series.JumpInCollect(),
-    series.Lattice(),
-    series.Saturation(),
-    series.Bursts(),
-    *(each for each in _BROUGHT if isinstance(each, SeriesEffect)),
-)
+SERIES_EFFECTS = tuple(each for each in _EVERY if isinstance(each, SeriesEffect))
 """Effects that show in the series of samples within a collect. Some have the id of an effect on averages: one cause."""
 
 

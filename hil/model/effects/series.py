@@ -69,6 +69,61 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     return index, float(sizes[index]), min(p_value, 1.0)
 
 
+class Tone(SeriesEffect):
+    """A spectral line above its surroundings: the largest ratio of a periodogram ordinate to its neighbours' mean."""
+
+    id = "beat"
+    family = "vibration"
+    title = "Tone (spin beat, vibration, interference)"
+    equation = "R += a cos(2 pi f t + phase)"
+    parameters = (Parameter("a", _RATE, (0.1, 5.0)),)
+    signature = "A sinusoid of constant frequency; in averages it leaves a pseudo-random remainder."
+    confusable_with = ("arw", "vre")
+    experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
+
+    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+        step, power = _periodogram(series, channel)
+        if len(power) < 2 * _NEIGHBOURS:
+            return math.nan, {}, "too few samples for a spectrum"
+        if not np.any(power):
+            return 1.0, {}, "nothing changes"
+        return self._line(step, power, 1)
+
+    def summary(self, series: Series, channel: int) -> FloatArray:
+        """Return the sample spacing in s, then the periodogram, (k,)."""
+        step, power = _periodogram(series, channel)
+        return np.concatenate([[step], power]) if len(power) >= 2 * _NEIGHBOURS else np.empty(0)
+
+    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
+        """Look for a line in the mean spectrum of the collects that have the usual length and spacing."""
+        lengths = [len(summary) for summary in summaries if len(summary)]
+        if not lengths:
+            return None
+        usual = max(set(lengths), key=lengths.count)
+        alike = np.stack([summary for summary in summaries if len(summary) == usual])
+        step = float(np.median(alike[:, 0]))
+        alike = alike[np.abs(alike[:, 0] - step) < 1e-3 * step]
+        if len(alike) < _FEWEST_TOGETHER or not np.any(alike[:, 1:]):
+            return None
+        return self._line(step, alike[:, 1:].mean(axis=0), len(alike))
+
+    @staticmethod
+    def _line(step: float, power: FloatArray, averaged: int) -> tuple[float, dict[str, float], str]:
+        """Return the strongest line of a spectrum, averaged over so many collects."""
+        samples = 2 * len(power) + 1
+        background, neighbours = _surroundings(power)
+        # Under locally flat noise each ratio is F distributed, with twice as many degrees of freedom as ordinates.
+        p_values = fdtrc(2 * averaged, 2 * neighbours * averaged, power / np.maximum(background, 1e-300))
+        index = int(np.argmin(p_values))
+        amplitude = 2.0 / samples * math.sqrt(max(float(power[index] - background[index]), 0.0))
+        frequency = (index + 1) / (samples * step)
+        estimates = {"a_deg_per_hr": amplitude, "frequency_hz": frequency}
+        sentence = f"have a line at {frequency:.4g} Hz with amplitude {amplitude:.3g} deg/hr"
+        if averaged == 1:
+            sentence = sentence.removeprefix("have ")
+        return min(float(p_values[index]) * len(power), 1.0), estimates, sentence
+
+
 class SettlingInCollect(SeriesEffect):
     """An exponential at the beginning of the collect, beside level and slope."""
 
@@ -157,61 +212,6 @@ class JumpInCollect(SeriesEffect):
         index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
         at = float(0.5 * (times[edges[index] - 1] + times[edges[index]]))
         return p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s"
-
-
-class Tone(SeriesEffect):
-    """A spectral line above its surroundings: the largest ratio of a periodogram ordinate to its neighbours' mean."""
-
-    id = "beat"
-    family = "vibration"
-    title = "Tone (spin beat, vibration, interference)"
-    equation = "R += a cos(2 pi f t + phase)"
-    parameters = (Parameter("a", _RATE, (0.1, 5.0)),)
-    signature = "A sinusoid of constant frequency; in averages it leaves a pseudo-random remainder."
-    confusable_with = ("arw", "vre")
-    experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
-
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
-        step, power = _periodogram(series, channel)
-        if len(power) < 2 * _NEIGHBOURS:
-            return math.nan, {}, "too few samples for a spectrum"
-        if not np.any(power):
-            return 1.0, {}, "nothing changes"
-        return self._line(step, power, 1)
-
-    def summary(self, series: Series, channel: int) -> FloatArray:
-        """Return the sample spacing in s, then the periodogram, (k,)."""
-        step, power = _periodogram(series, channel)
-        return np.concatenate([[step], power]) if len(power) >= 2 * _NEIGHBOURS else np.empty(0)
-
-    def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
-        """Look for a line in the mean spectrum of the collects that have the usual length and spacing."""
-        lengths = [len(summary) for summary in summaries if len(summary)]
-        if not lengths:
-            return None
-        usual = max(set(lengths), key=lengths.count)
-        alike = np.stack([summary for summary in summaries if len(summary) == usual])
-        step = float(np.median(alike[:, 0]))
-        alike = alike[np.abs(alike[:, 0] - step) < 1e-3 * step]
-        if len(alike) < _FEWEST_TOGETHER or not np.any(alike[:, 1:]):
-            return None
-        return self._line(step, alike[:, 1:].mean(axis=0), len(alike))
-
-    @staticmethod
-    def _line(step: float, power: FloatArray, averaged: int) -> tuple[float, dict[str, float], str]:
-        """Return the strongest line of a spectrum, averaged over so many collects."""
-        samples = 2 * len(power) + 1
-        background, neighbours = _surroundings(power)
-        # Under locally flat noise each ratio is F distributed, with twice as many degrees of freedom as ordinates.
-        p_values = fdtrc(2 * averaged, 2 * neighbours * averaged, power / np.maximum(background, 1e-300))
-        index = int(np.argmin(p_values))
-        amplitude = 2.0 / samples * math.sqrt(max(float(power[index] - background[index]), 0.0))
-        frequency = (index + 1) / (samples * step)
-        estimates = {"a_deg_per_hr": amplitude, "frequency_hz": frequency}
-        sentence = f"have a line at {frequency:.4g} Hz with amplitude {amplitude:.3g} deg/hr"
-        if averaged == 1:
-            sentence = sentence.removeprefix("have ")
-        return min(float(p_values[index]) * len(power), 1.0), estimates, sentence
 
 
 class Lattice(SeriesEffect):
