@@ -16,17 +16,10 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
 
 from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
-from drivers.chambers.controllers.templates import Order, Reply, found_in, reply_with, taken_from
+from drivers.chambers.controllers.templates import Order, Reply, addressed_to, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
@@ -272,6 +265,7 @@ class BoxDescription(Entry):
     verified: Plain  # what was seen on a real one, and what was not
     line: SerialLine = SerialLine(9600)
     modbus: ModbusSection | None = None
+    address: Annotated[int, Field(ge=0, le=255)] = 1  # in its texts; that of Modbus stands in its section
     simulated: SimulatedSection = SimulatedSection()
     terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
     reply_terminator: Literal["CR", "LF", "CR LF"] | None = None
@@ -305,12 +299,13 @@ class BoxDescription(Entry):
     dead_man_s: Quantity | None = None
 
     @property
-    def framings(self) -> tuple[Framing, Framing]:
-        """What stands around the texts of requests and of replies."""
-        whole = self.frame or (self.silence_s and Silence(self.silence_s))
-        if whole:
-            return whole, whole
-        return Line(_TERMINATORS[self.terminator]), Line(_TERMINATORS[self.reply_terminator or self.terminator])
+    def framings(self) -> tuple[Framing, Framing, Framing]:
+        """What stands around the texts of questions, of settings and of replies."""
+        if self.frame:
+            return self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame
+        silence = self.silence_s and Silence(self.silence_s)
+        request = silence or Line(_TERMINATORS[self.terminator])
+        return request, request, silence or Line(_TERMINATORS[self.reply_terminator or self.terminator])
 
     @property
     def looked_at(self) -> list[Question]:
@@ -342,6 +337,8 @@ class BoxDescription(Entry):
                 raise ValueError("state: modes must give a word for CONSTANT and one for OFF")
         if self.start and self.start == self.stop:
             raise ValueError("start: it tells what stop tells; what switches a box on is not what switches it off")
+        if self.modbus is not None and "address" in self.model_fields_set:
+            raise ValueError("address: a box with a section modbus has it there")
         if self.modbus is not None:
             self._numbers_lie_apart(self.modbus)
         for key, entry in self.named:
@@ -365,23 +362,35 @@ class BoxDescription(Entry):
                     raise ValueError(f"{key}: register {register} belongs to {other}; two numbers cannot share one")
 
 
-def load_box(path: str | Path, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
-    """Read a description, or what it is for one of its `variants`, or with another terminator than its own.
+def load_box(
+    path: str | Path, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
+) -> BoxDescription:
+    """Read a description, or what it is for one of its `variants`, or with a terminator or address not its own.
 
     Raises `InputError` in one sentence that names the file and the key.
     """
-    return parse_box(read_text(path), str(path), variant, terminator)
+    return parse_box(read_text(path), str(path), variant, terminator, address)
 
 
 @cache
-def parse_box(text: str, source: str, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
+def parse_box(
+    text: str, source: str, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
+) -> BoxDescription:
     """Read a description from YAML text as `load_box` does; `source` names it in messages. Raises `InputError`."""
     document = parse_yaml(text, source)
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})
     if terminator is not None:
         document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
+    registers = document.get("modbus")
+    if address is not None:
+        (registers if isinstance(registers, dict) else document)["address"] = address
     try:
-        return BoxDescription.model_validate(document)
+        said = addressed_to(document, document.get("address", 1))
+        if address is not None and registers is None and said == document:
+            raise InputError(f"{source}: there is no {{address}} in its texts; leave address out of the bench file")
+        return BoxDescription.model_validate(said)
     except ValidationError as error:
         raise InputError(f"{source}: {first_mistake(error, document)}") from error
+    except ValueError as error:
+        raise InputError(f"{source}: address: {error}") from error
