@@ -1,4 +1,4 @@
-"""A night as Bluesky's documents: everything of its journal once, in order, the same each time, by event-model's rules."""
+"""A night as Bluesky's documents: all of its journal once, in order, the same each time, by event-model's rules."""
 
 from __future__ import annotations
 
