@@ -104,10 +104,14 @@ def to_do(content: ReportContent) -> Iterator[str]:
     if night is not None and night.to_do:
         yield f"{night.to_do}; what is missing is listed below."
     for verdict, do in _DO.items():
+        alike: dict[str, list[int]] = {}
         for sensor in content.sensors:
-            found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
-            if found:
-                yield f"{do} sensor {sensor.number}, {numbered('run', found)} ({verdict})."
+            if found := [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]:
+                alike.setdefault(numbered("run", found), []).append(sensor.number)
+        for runs, sensors in alike.items():
+            yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
+    if {Verdict.FAIL, Verdict.INCONCLUSIVE} & set(content.verdict_counts()):
+        yield "Mend what is said under Why; then measure again."
     compared = content.comparison
     if compared is not None and compared.doubts:
         yield "Find out which of the two campaigns is wrong before using either."
