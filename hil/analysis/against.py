@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import Uncertain

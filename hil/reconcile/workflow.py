@@ -36,10 +36,9 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 from hil.solve.wrong_rows import otherwise
-from procedures.verdict import Verdict
+from procedures.verdict import NOT_GOOD
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
-_NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
 
@@ -211,7 +210,7 @@ def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
     """Return the runs whose measurement failed, or of which nobody can tell, by verdict."""
     there = {run for rows in campaign.sensors.values() for run in rows.conditions.run.tolist()}
     judged = {run: each.verdict for run, each in campaign.verdicts.items() if run in there}
-    found = {str(verdict): sorted(run for run in judged if judged[run] is verdict) for verdict in _NOT_GOOD}
+    found = {str(verdict): sorted(run for run in judged if judged[run] is verdict) for verdict in NOT_GOOD}
     return {verdict: runs for verdict, runs in found.items() if runs}
 
 

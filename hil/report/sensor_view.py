@@ -14,7 +14,7 @@ from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
-from procedures.verdict import Judgement, Verdict
+from procedures.verdict import NOT_GOOD, Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
@@ -130,7 +130,7 @@ def _unit(repeat: Repeat) -> str:
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:
     """Say how many runs of a mean must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
-    return [f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found]
+    return [f"{found.count(v)} {v}" for v in NOT_GOOD if v in found]
 
 
 def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[tuple[str, str, str]]:

@@ -8,7 +8,7 @@ from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
-from procedures.verdict import Verdict
+from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
 _WANDER = (
@@ -61,7 +61,7 @@ def _ended(night: NightContent) -> str:
 def good(content: ReportContent) -> tuple[str, str]:
     """Say whether it is good, by a verdict and a sentence."""
     counts = content.verdict_counts()
-    worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
+    worst = next((each for each in (*NOT_GOOD, Verdict.MARGINAL) if each in counts), None)
     whole = not content.campaign.missing if content.night is None else content.night.state == "complete"
     if worst is None and whole and content.comparison is not None and content.comparison.doubts:
         return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
@@ -110,7 +110,7 @@ def to_do(content: ReportContent) -> Iterator[str]:
                 alike.setdefault(numbered("run", found), []).append(sensor.number)
         for runs, sensors in alike.items():
             yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
-    if {Verdict.FAIL, Verdict.INCONCLUSIVE} & set(content.verdict_counts()):
+    if set(NOT_GOOD) & set(content.verdict_counts()):
         yield "Mend what is said under Why; then measure again."
     compared = content.comparison
     if compared is not None and compared.doubts:
