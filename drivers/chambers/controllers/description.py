@@ -14,32 +14,30 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
 
-from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
+from drivers.chambers.controllers.registers import (
+    Address,
+    Entry,
+    InRegister,
+    ModbusSection,
+    Plain,
+    Registers,
+    Several,
+    Word,
+    off_is_a_word,
+)
 from drivers.chambers.controllers.templates import Order, Reply, addressed_to, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 from drivers.transports.framing import Frame, Framing, Line, Silence
 
-Item = TypeVar("Item")
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
 
-def _as_word(given: object) -> object:
-    return str(given) if isinstance(given, int) and not isinstance(given, bool) else given
-
-
-def _as_list(given: object) -> object:
-    return given if isinstance(given, list | tuple) else [given]
-
-
-Plain = Annotated[str, Field(min_length=1)]
-Word = Annotated[str, BeforeValidator(_as_word)]
-Several = Annotated[tuple[Item, ...], BeforeValidator(_as_list)]
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
@@ -192,7 +190,7 @@ class UnitQuestion(Question):
 class StateQuestion(Question):
     """What the box is doing: its word for each mode; `next` leaves it to the question that follows."""
 
-    modes: dict[Word, Mode | Literal["next"]]
+    modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(off_is_a_word)]]
     otherwise: Mode | Literal["next"] | None = None
 
     def meaning(self, word: str) -> str:
@@ -349,7 +347,11 @@ class BoxDescription(Entry):
         return self
 
     def _numbers_lie_apart(self, modbus: ModbusSection) -> None:
-        """Raise `ValueError` where two numbers share a register, or one stands in a coil."""
+        """Raise `ValueError` where two numbers share a register, one stands in a coil, or all bits were alarms."""
+        others = {(each.table, each.address) for _, each in self.named if isinstance(each, StateQuestion | Requirement)}
+        for alarm in self.alarms:
+            if alarm.bits is not None and (alarm.table, alarm.address) in others:
+                raise ValueError(f"alarms: register {alarm.address} tells the state too; give each alarm its own bit")
         told: dict[tuple[str, int], str] = {}
         for key, entry in self.named:
             if not entry.numeric or entry.address is None:

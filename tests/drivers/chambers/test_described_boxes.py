@@ -222,6 +222,24 @@ def test_a_simulated_plc_keeps_its_tables_apart() -> None:
     assert device.mode == "OFF"
 
 
+def test_a_status_word_may_tell_state_and_alarms_and_off_needs_no_quotes() -> None:
+    """Each alarm by its own bit, as in an Omron E5CC; YAML reads an unquoted OFF as false."""
+    box = _plc(
+        state={"register": 20, "bit": 8, "modes": {0: "CONSTANT", 1: False}},
+        start={"register": 21, "value": 256},
+        stop={"register": 21, "value": 257},
+        alarms={"register": 20, "bit": 6, "name": "sensor error"},
+    )
+    device = simulated_box(ChamberPlant(), box, limits=ChamberLimits(-75.0, 185.0))
+    chamber = _chamber(box, device, OFF)
+    chamber.prepare()
+    assert (chamber.read().mode, chamber.read().alarms) == ("CONSTANT", ())
+    chamber.safe_state()
+    assert chamber.read().mode == "OFF"
+    device.alarms = ("20",)
+    assert (chamber.read().mode, chamber.read().alarms) == ("OFF", ("sensor error",))
+
+
 def test_another_number_is_another_box() -> None:
     """In the description's own words where it has some."""
     device = simulated_box(ChamberPlant(), _plc(identify=PLC["identify"] | {"expect": 78}))
@@ -308,6 +326,11 @@ TEXT: dict[str, Any] = {
         (PLC, {"temperature": {"register": 1, "table": "coil"}}, "box.yaml: temperature: a coil holds a bit and no"),
         (PLC, {"start": PLC["stop"]}, "box.yaml: start: it tells what stop tells"),
         (PLC, {"start": {"send": "GO"}}, "box.yaml: start: a box with a section modbus has registers and no texts"),
+        (
+            PLC,
+            {"state": PLC["state"] | {"register": 8, "table": "input", "bit": 5}},
+            "box.yaml: alarms: register 8 tells the state too; give each alarm its own bit",
+        ),
         (PLC, {"address": 2}, "box.yaml: address: a box with a section modbus has it there"),
         (PLC, {"stop": {"value": 1}}, "box.yaml: stop: say how it is told: send, or register and value"),
         (
