@@ -36,7 +36,7 @@ from procedures.safe_air import Left, Word, not_commanded
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
 from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
-from procedures.verdict import Verdict
+from procedures.verdict import NOT_GOOD, Verdict
 from procedures.watch import Position, Watch
 from procedures.words import counted
 
@@ -60,7 +60,6 @@ _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.IND
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 _LEAST_WAIT_S = 0.1
 _SAFE_STATE_SILENCE_S = 200.0  # longer than a driver tries at a chamber that answers late or not at all
-_NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 
 
 class Sequencer:
@@ -360,4 +359,4 @@ def _unrecorded(_result: StepResult) -> None:
 
 def _not_good(result: StepResult) -> bool:
     """Tell a collect whose own samples are not good; a soak that was not is no reason to take it again."""
-    return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in _NOT_GOOD
+    return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in NOT_GOOD

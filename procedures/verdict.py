@@ -29,6 +29,8 @@ class Verdict(StrEnum):
     FAIL = "FAIL"
 
 
+NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
+"""Of a measurement that tells nothing of the unit."""
 _SEVERITY = (Verdict.PASS, Verdict.MARGINAL, Verdict.INCONCLUSIVE, Verdict.FAIL)
 
 

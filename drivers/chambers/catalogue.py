@@ -108,8 +108,8 @@ def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
         if (own := options.description or path) is None:
             raise ValueError("a box needs its description")
-        description = load_box(own, options.warning_limits, options.terminator)
-        given = {name: getattr(options, name) for name in ("address", "framing", *said)}
+        description = load_box(own, options.warning_limits, options.terminator, options.address)
+        given = {name: getattr(options, name) for name in ("framing", *said)}
         return supervised(kind(transport, clock, description, **given), clock, options)
 
     return build

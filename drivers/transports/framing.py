@@ -110,18 +110,25 @@ class BlockCheck:
 
 @dataclass(frozen=True)
 class Frame(Framing):
-    """Parts in their order: names of `CONTROLS`, `text` once, and `check` where there is one.
+    """Parts in their order: names of `CONTROLS`, `text` once, `address`, and `check` where there is one.
 
-    It begins with a control character and ends with one, but for a check that may come last. Raises `ValueError`
-    otherwise, and where a check that is a byte stands before the end, which it may look like.
+    It begins with a control character and ends with one, but for a check that may come last. `asked` and `told` are the
+    parts of questions and of settings where they have others, as in EI-Bisynch; `alone` are control characters that
+    come without a frame, and are the text of their name. Raises `ValueError` where it is none of this, and where a
+    check that is a byte stands before the end, which it may look like.
     """
 
     parts: tuple[str, ...]
     check: BlockCheck | None = None
+    address: str = ""
+    asked: tuple[str, ...] | None = None
+    told: tuple[str, ...] | None = None
+    alone: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if unknown := [part for part in self.parts if part not in ("text", "check", *CONTROLS)]:
-            raise ValueError(f"{unknown[0]!r} is no part of a frame; there are text, check, {', '.join(CONTROLS)}")
+        known = ("text", "check", *CONTROLS, *(["address"] if self.address else []))
+        if unknown := [part for part in (*self.parts, *self.alone) if part not in known]:
+            raise ValueError(f"{unknown[0]!r} is no part of a frame; there are {', '.join(known)}")
         if self.parts.count("text") != 1 or self.parts.count("check") != (self.check is not None):
             raise ValueError("a frame has the part text once, and the part check where a check is described")
         if self.parts[0] not in CONTROLS or not self._end:
@@ -130,18 +137,25 @@ class Frame(Framing):
             raise ValueError("a check is over other parts of its frame")
         if self.check is not None and self.check.size == 1 and self.parts[-1] != "check":
             raise ValueError("a check that is a byte comes last: before the end it could look like it")
+        self.of(self.asked), self.of(self.told)
+
+    def of(self, parts: tuple[str, ...] | None) -> "Frame":
+        """Return the frame of other parts, with the check where they have it; this one where there are none."""
+        return self if parts is None else Frame(parts, self.check if "check" in parts else None, self.address)
 
     def packed(self, text: bytes) -> bytes:
-        """Return the frame of a text."""
+        """Return the frame of a text, or the control character that comes alone under that name."""
+        if (name := text.decode("latin-1")) in self.alone:
+            return self._fixed(name)
         over = () if self.check is None else self.check.over
-        checked = b"".join(text if part == "text" else self._control(part) for part in self.parts if part in over)
+        checked = b"".join(text if part == "text" else self._fixed(part) for part in self.parts if part in over)
         whole = {"text": text, "check": b"" if self.check is None else self.check.of(checked)}
-        return b"".join(whole.get(part) or self._control(part) for part in self.parts)
+        return b"".join(whole.get(part) or self._fixed(part) for part in self.parts)
 
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
         """Return the text of the next frame."""
         del length
-        data = b""
+        data = transport.read(1, timeout_s) if self.alone else b""
         while (found := self.cut(data)) is None:
             data += transport.read_until(self._end, timeout_s)
             if self.parts[-1] == "check":
@@ -150,9 +164,12 @@ class Frame(Framing):
 
     def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
         """Return the text of the first whole frame and what follows it; `ValueError` where its check is wrong."""
+        for name in self.alone:
+            if data.startswith(self._fixed(name)):
+                return name.encode(), data[1:]
         any_check = b".{%d}" % (0 if self.check is None else self.check.size)
         open_parts = {"text": b"(?P<text>.*?)", "check": any_check}
-        pattern = b"".join(open_parts.get(part) or re.escape(self._control(part)) for part in self.parts)
+        pattern = b"".join(open_parts.get(part) or re.escape(self._fixed(part)) for part in self.parts)
         found = re.search(pattern, data, re.DOTALL)
         if found is not None and self.packed(found["text"]) != found[0]:
             raise ValueError("a frame with a wrong block check")
@@ -161,8 +178,9 @@ class Frame(Framing):
     @property
     def _end(self) -> bytes:
         after = self.parts[self.parts.index("text") + 1 :]
-        return b"".join(self._control(part) for part in after if part != "check")
+        return b"".join(self._fixed(part) for part in after if part != "check")
 
-    @staticmethod
-    def _control(part: str) -> bytes:
+    def _fixed(self, part: str) -> bytes:
+        if part == "address":
+            return self.address.encode("ascii")
         return bytes([CONTROLS[part]]) if part in CONTROLS else b""

@@ -38,8 +38,9 @@ class LineTiming:
 class LineExchange:
     """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
 
-    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own; `framing` and
-    `reply_framing` are what stands around them where that is no terminator. `encoding` is that of the text itself.
+    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own; `framing`,
+    `told_framing` (of commands) and `reply_framing` are what stands around them where that is no terminator. `encoding`
+    is that of the text itself.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class LineExchange:
         timing: LineTiming | None = None,
         reply_terminator: bytes | None = None,
         framing: Framing | None = None,
+        told_framing: Framing | None = None,
         reply_framing: Framing | None = None,
         encoding: str = "ascii",
     ) -> None:
@@ -59,6 +61,7 @@ class LineExchange:
         self._clock = clock
         self._device = device
         self._framing = framing or Line(terminator)
+        self._told_framing = told_framing or self._framing
         self._reply_framing = reply_framing or Line(reply_terminator or terminator)
         self._encoding = encoding
         self._timing = timing or LineTiming()
@@ -80,7 +83,7 @@ class LineExchange:
         acknowledgement, False for a line that belongs to something else (a late reply to an earlier request, an
         unreadable line), and raises `CommandRefused` for a refusal. `TransportError` where it could not be sent.
         """
-        self._send(request)
+        self._send(request, self._told_framing)
         try:
             deadline_s = self._clock.now() + self._timing.timeout_s
             while True:
@@ -97,24 +100,24 @@ class LineExchange:
 
     def tell(self, request: str) -> None:
         """Send `request` once, to a controller that answers such requests with nothing: read back."""
-        self._send(request)
+        self._send(request, self._told_framing)
         self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
 
     def _ask(self, request: str, parse: Callable[[str], Reply], length: int | None) -> Reply:
         try:
-            self._send(request)
+            self._send(request, self._framing)
             return parse(self._receive(request, self._clock.now() + self._timing.timeout_s, length))
         finally:
             self._ready_at_s = self._clock.now() + self._timing.pause_after_query_s
 
-    def _send(self, request: str) -> None:
+    def _send(self, request: str, framing: Framing) -> None:
         self._clock.sleep(self._ready_at_s - self._clock.now())
         if self._unanswered and self._timing.late_s > 0.0:
             with suppress(DeviceTimeout, ValueError):
                 self._reply_framing.received(self._transport, self._timing.late_s)
         self._unanswered = False
         self._transport.drain()
-        self._transport.write(self._framing.packed(request.encode(self._encoding)))
+        self._transport.write(framing.packed(request.encode(self._encoding)))
 
     def _receive(self, request: str, deadline_s: float, length: int | None) -> str:
         """Return the next line that is not the echo of the request (two-wire adapters hear themselves)."""

@@ -7,7 +7,7 @@ in memory are interchangeable.
 from abc import ABC, abstractmethod
 
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout
+from drivers.errors import DeviceTimeout, TransportError
 
 _POLL_S = 0.002  # between looks while a read waits
 _SHOWN = 60  # bytes of what arrived in a message
@@ -84,3 +84,18 @@ class Transport(ABC):
         self._clock.sleep(min(_POLL_S, deadline_s - now_s))
         self._fill()
         return True
+
+
+class OwnPort(Transport):
+    """A port that the library of a device opens by itself: it has a name, and carries no byte of ours."""
+
+    def write(self, data: bytes) -> None:
+        """Raise `TransportError`: who would write here has a bench file that names no port."""
+        del data
+        raise TransportError(f"{self.name}: only a driver that opens its device itself has such a port; name the port")
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def _fill(self) -> None:
+        """Nothing comes."""

@@ -32,9 +32,9 @@ def _every(group: str) -> pytest.MarkDecorator:
 def test_a_chamber_that_is_brought_does_what_every_chamber_must(name: str, safe: SafeState) -> None:
     """Limits before any byte, a setpoint read back and reached, alarms latched, a safe state, and an end to silence."""
     clock, plant = VirtualClock(), ChamberPlant()
-    device = CHAMBER_SIMULATORS[name](plant, SimulatorOptions())
-    port = MemoryTransport(device, clock, "sim://chamber")
     try:
+        device = CHAMBER_SIMULATORS[name](plant, SimulatorOptions())
+        port = MemoryTransport(device, clock, "sim://chamber")
         chamber = CHAMBER_DRIVERS[name].build(port, clock, ChamberOptions(LIMITS, safe, celsius_confirmed=True))
     except ValueError as error:
         pytest.skip(f"{name}: {error}")

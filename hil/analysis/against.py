@@ -15,11 +15,12 @@ from itertools import combinations
 
 import numpy as np
 
-from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import Uncertain
 from hil.solve.temperatures import nearest, runs_by_temperature
+from procedures.verdict import NOT_GOOD
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side

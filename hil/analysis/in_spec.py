@@ -25,7 +25,7 @@ from typing import Any
 from scipy.special import chdtri, ndtr
 
 from hil.analysis.against import Comparison
-from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits, load_limits
 from hil.config.recorded import recorded_limits
@@ -35,7 +35,7 @@ from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
 from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
-from procedures.verdict import Judgement
+from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"

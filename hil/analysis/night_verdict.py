@@ -10,9 +10,6 @@ from hil.solve import RunSolution, solve_campaign
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted
 
-NOT_GOOD = (Verdict.INCONCLUSIVE, Verdict.FAIL)
-"""Of a measurement that tells nothing of the unit."""
-
 
 def night_solutions(folder: Path) -> tuple[Campaign | None, list[RunSolution]]:
     """Return a night's campaign and what `hil solve` makes of it; nothing where too little is there.

@@ -32,11 +32,12 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
 from drivers.transports.serial_port import SerialTransport, existing_ports
+from drivers.transports.transport import OwnPort
 from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.frames import load_frames, tells_serial
-from hil.config.ports import COM_PORT, SIMULATED_SCHEME
+from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
@@ -218,6 +219,8 @@ class _Ports:
             port: Transport = self.simulated.setdefault(
                 key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
             )
+        elif url.startswith(OWN_SCHEME):
+            port = OwnPort(url, self._clock)
         else:
             port = self._real(key, url, line)
         self._opened.callback(port.close)

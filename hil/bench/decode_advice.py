@@ -53,7 +53,8 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
     if others:
         return
     if counts.bad_checksum > begun / 2 > 2:
-        yield "frames begin as described, but their checksums do not match: compare length and checksum with the manual"
+        advice = "compare length, checksum and the byte order of both with the manual"
+        yield f"frames begin as described, but their checksums do not match: {advice}"
     yield "no shipped description reads it: compare baud rate, word length and the unit's settings with the manual"
 
 

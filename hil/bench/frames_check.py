@@ -102,7 +102,8 @@ def _length(frame: FrameDescription) -> str:
     length = frame.length
     if isinstance(length, LengthDescription):
         extended = f", or further on where it is {length.extended.mark}" if length.extended is not None else ""
-        told = f"the number at byte {length.at} and {length.plus} more{extended}"
+        order = f" ({length.byte_order}-endian)" if length.type == "u16" else ""
+        told = f"the number at byte {length.at}{order} and {length.plus} more{extended}"
         return f"{length.shortest} to {length.longest} bytes: {told}"
     return f"at most {frame.longest} bytes" if length is None else f"{length} bytes"
 

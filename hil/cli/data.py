@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.solve import RunSolution
     from hil.solve.repeats import SensorRepeats
 
-Format = Literal["hdf5", "netcdf", "mat"]
+Format = Literal["hdf5", "netcdf", "mat", "documents"]
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
 
 
@@ -127,10 +127,14 @@ def export(
         Format | None, typer.Option("--format", help="One file instead of a folder of CSV.", show_default=False)
     ] = None,
 ) -> None:
-    """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format."""
+    """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format.
+
+    documents: the journal as Bluesky's event-model documents, a JSON line for each.
+    """
+    from hil.records.documents import export_documents
     from hil.records.export import export_campaign
 
-    written = export_campaign(folder, out, form)
+    written = export_documents(folder, out) if form == "documents" else export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
     results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")

@@ -65,18 +65,20 @@ def docs(
     """Print a page of the documentation that came with the program; no network is needed."""
     from rich.markdown import Markdown
 
+    from hil.cli.api import api_reference
     from hil.files.manual import manual, manual_folder, page, write_site
 
     text = page(topic)
     if site is not None or show:
         folder = site or Path(tempfile.mkdtemp(prefix="hil-docs-"))
-        write_site(folder)
+        write_site(folder, {"python": api_reference()})
         name = topic.removesuffix(".md").rpartition("/")[2]
         shown = (folder / manual()[name].relative_to(manual_folder())).with_suffix(".html").resolve()
         results().print(f"page: {shown}")
         if show and not webbrowser.open(shown.as_uri()):
             raise InputError(f"no browser could be started here; open {shown} yourself")
         return
+    text += api_reference() if topic == "python" else ""
     console = results()
     console.print(Markdown(text) if console.is_terminal else text)
 

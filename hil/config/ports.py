@@ -9,6 +9,8 @@ from pydantic import BeforeValidator
 SIMULATED_SCHEME = "sim://"
 COM_PORT = re.compile(r"(?:\\\\\.\\)?COM\d+", re.IGNORECASE)
 """How Windows calls a serial port: COM3, or \\\\.\\COM12."""
+OWN_SCHEME = "own://"
+"""A chamber whose driver opens it by itself, through a library of others: own://NAME."""
 _SCHEMES = ("sim", "socket", "rfc2217")
 
 
@@ -19,6 +21,8 @@ def _port(value: object, name: str) -> str:
             f"{value!r} is not a port; write /dev/ttyUSB0, socket://host:port, rfc2217://host:port, sim://{name}"
         )
     scheme = text.split("://", 1)[0] if "://" in text else ""
+    if name == "chamber" and text.startswith(OWN_SCHEME):
+        return text
     if scheme and scheme not in _SCHEMES:
         raise ValueError(f"{text!r}: ports begin with {', '.join(f'{known}://' for known in _SCHEMES)} or are a path")
     if scheme == "sim" and text != f"sim://{name}":

@@ -3,8 +3,10 @@
 manual()["wire-a-chamber"].read_text("utf-8")
 """
 
+import json
 import re
 import shutil
+from collections.abc import Mapping
 from html import unescape
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from hil.errors import InputError
 from hil.files.strict import near
 
 INDEX = "index"
+_SEARCH = Path(__file__).with_name("search.js")
 _LINK = re.compile(r'href="([^":#]*)\.md(#[^"]*)?"')
 _HEADING = re.compile(r"<(h[1-6])>(.*)</\1>")
 
@@ -41,9 +44,10 @@ def page(topic: str) -> str:
     return pages[name].read_text("utf-8")
 
 
-def write_site(folder: Path) -> None:
+def write_site(folder: Path, more: Mapping[str, str]) -> None:
     """Write every page as HTML below `folder`, with pictures; links lead from page to page and to their headings.
 
+    `more` is what follows in pages, by their name. Every page has a search over all of them, which needs no server.
     Raises `InputError` where it cannot be written.
     """
     above, render = manual_folder(), MarkdownIt("commonmark").enable("table")
@@ -51,15 +55,20 @@ def write_site(folder: Path) -> None:
         loader=PackageLoader("hil.files", "."), autoescape=True, undefined=StrictUndefined
     ).get_template("manual.html.j2")
     try:
-        for path in manual().values():
+        found = []
+        for name, path in manual().items():
             there = path.relative_to(above)
-            text = path.read_text("utf-8")
+            text = path.read_text("utf-8") + more.get(name, "")
             body = _HEADING.sub(_with_anchor, _LINK.sub(r'href="\1.html\2"', render.render(text)))
             target = folder / there.with_suffix(".html")
             target.parent.mkdir(parents=True, exist_ok=True)
             top = "../" * (len(there.parts) - 1)
             title = text.partition("\n")[0].removeprefix("# ")
-            target.write_text(template.render(body=body, title=title, index=f"{top}README.html"), "utf-8")
+            target.write_text(template.render(body=body, title=title, top=top), "utf-8")
+            found.append(
+                [title, there.with_suffix(".html").as_posix(), " ".join(re.sub(r"<[^>]*>", " ", body).split())]
+            )
+        (folder / "search.js").write_text(f"const PAGES = {json.dumps(found)};\n{_SEARCH.read_text('utf-8')}", "utf-8")
         for kind in ("images", "notebooks"):
             shutil.copytree(above / kind, folder / kind, dirs_exist_ok=True)
     except OSError as error:

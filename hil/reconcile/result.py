@@ -224,6 +224,10 @@ class Reconciliation:
     twin: Mapping[str, Any] | None = None
     tested: bool = True
     contradicted: Sequence[int] = ()
+    missing: Sequence[str] = ()  # of the measurement
+    doubtful: Mapping[str, Sequence[int]] = field(
+        default_factory=dict
+    )  # runs whose measurement is not good, by verdict
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -236,6 +240,8 @@ class Reconciliation:
             "verdict": self.verdict,
             "tested": self.tested,
             "contradicted_runs": list(self.contradicted),
+            "missing": list(self.missing),
+            "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
             "p_value": self.p_value,
             "calibration": self.calibration,
             "disagreements": [d.document() for d in self.disagreements],

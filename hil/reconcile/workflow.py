@@ -36,6 +36,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 from hil.solve.wrong_rows import otherwise, pooled
+from procedures.verdict import NOT_GOOD
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
@@ -201,8 +202,18 @@ def _result(
         rows=rows,
         tested=tested,
         contradicted=sorted({run for run, _ in campaign.contradicted}),
+        missing=campaign.missing,
+        doubtful=_doubtful(campaign),
         values=values,
     )
+
+
+def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
+    """Return the runs whose measurement failed, or of which nobody can tell, by verdict."""
+    there = {run for rows in campaign.sensors.values() for run in rows.conditions.run.tolist()}
+    judged = {run: each.verdict for run, each in campaign.verdicts.items() if run in there}
+    found = {str(verdict): sorted(run for run in judged if judged[run] is verdict) for verdict in NOT_GOOD}
+    return {verdict: runs for verdict, runs in found.items() if runs}
 
 
 def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Problem) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
-from procedures.verdict import Judgement, Verdict
+from procedures.verdict import NOT_GOOD, Judgement, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
@@ -69,21 +69,25 @@ def in_words(name: str) -> str:
 def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
     """The numbers in one look: each parameter nearest to room temperature, and between which it lies over all."""
     shown = [each for each in sensors if each.repeats][:_MOST_SENSORS]
-    at_room = [min(each.repeats, key=_from_room).matrix for each in shown]
+    nearest = [min(each.repeats, key=_from_room) for each in shown]
     units = {name: unit for sensor in shown for name, unit in _units(sensor.solutions).items()}
     rows = []
     for name, unit in units.items():
         cells = []
-        for sensor, at in zip(shown, at_room, strict=True):
-            one = at.values.get(name)
+        for sensor, at in zip(shown, nearest, strict=True):
+            one = at.matrix.values.get(name)
             digits = decimals_for([None if one is None else one.sd])
             over = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
             span = f"{number(min(over), digits)} … {number(max(over), digits)}" if over else number(None)
             value, error = estimate(one, digits)
             cells.append((value, f"{error} {unit}", span, len(sensor.repeats) > 1))
         rows.append((f"{in_words(name)}, {name}", cells))
-    heads = [(s.number, at.temperature_degC, len(s.repeats)) for s, at in zip(shown, at_room, strict=True)]
-    return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown)}
+    heads = [
+        (s.number, at.temperature_degC, len(s.repeats), ", ".join(_doubtful(s, at)))
+        for s, at in zip(shown, nearest, strict=True)
+    ]
+    doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.repeats)
+    return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown), "doubtful": doubtful}
 
 
 _MOST_SENSORS = 3  # beside each other in one look
@@ -126,7 +130,7 @@ def _unit(repeat: Repeat) -> str:
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:
     """Say how many runs of a mean must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
-    return [f"{found.count(v)} {v}" for v in (Verdict.FAIL, Verdict.INCONCLUSIVE) if v in found]
+    return [f"{found.count(v)} {v}" for v in NOT_GOOD if v in found]
 
 
 def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[tuple[str, str, str]]:

@@ -8,7 +8,7 @@ from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
-from procedures.verdict import Verdict
+from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
 _WANDER = (
@@ -61,7 +61,7 @@ def _ended(night: NightContent) -> str:
 def good(content: ReportContent) -> tuple[str, str]:
     """Say whether it is good, by a verdict and a sentence."""
     counts = content.verdict_counts()
-    worst = next((each for each in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.MARGINAL) if each in counts), None)
+    worst = next((each for each in (*NOT_GOOD, Verdict.MARGINAL) if each in counts), None)
     whole = not content.campaign.missing if content.night is None else content.night.state == "complete"
     if worst is None and whole and content.comparison is not None and content.comparison.doubts:
         return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
@@ -104,10 +104,14 @@ def to_do(content: ReportContent) -> Iterator[str]:
     if night is not None and night.to_do:
         yield f"{night.to_do}; what is missing is listed below."
     for verdict, do in _DO.items():
+        alike: dict[str, list[int]] = {}
         for sensor in content.sensors:
-            found = [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]
-            if found:
-                yield f"{do} sensor {sensor.number}, {numbered('run', found)} ({verdict})."
+            if found := [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]:
+                alike.setdefault(numbered("run", found), []).append(sensor.number)
+        for runs, sensors in alike.items():
+            yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
+    if set(NOT_GOOD) & set(content.verdict_counts()):
+        yield "Mend what is said under Why; then measure again."
     compared = content.comparison
     if compared is not None and compared.doubts:
         yield "Find out which of the two campaigns is wrong before using either."

@@ -48,8 +48,10 @@ _ROLES: dict[str, frozenset[str]] = {
     "imu": frozenset({"identify", "read_block", "discard", "close"}),
     "positioner": frozenset({"move_to", "position"}),
 }
-# What is common to all chambers speaks no protocol of its own, and a person at a positioner has no bytes.
+# What is common to all chambers speaks no protocol of its own, a person at a positioner has no bytes, and those of what
+# is borrowed are its library's.
 _WITHOUT_PROTOCOL = {"SupervisedChamber", "RampedChamber", "OperatorPositioner", "IndexingPositioner"}
+_WITHOUT_PROTOCOL |= {"BorrowedController", "BorrowedPositioner"}
 
 
 def _classes() -> Iterator[tuple[str, type]]:

@@ -22,7 +22,7 @@ from drivers.transports import Transport
 
 
 class SetpointBox(Controller):
-    """A `Controller` as a description says. `settings` are of a Modbus box alone: `address`, `framing`, `timing`."""
+    """A `Controller` as a description says. `settings` are of a Modbus box alone: `framing`, `timing`."""
 
     def __init__(self, transport: Transport, clock: Clock, description: BoxDescription, **settings: Any) -> None:
         super().__init__(transport, "chamber" if description.modbus else description.name)

@@ -14,39 +14,30 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-    model_validator,
+from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+
+from drivers.chambers.controllers.registers import (
+    Address,
+    Entry,
+    InRegister,
+    ModbusSection,
+    Plain,
+    Registers,
+    Several,
+    Word,
+    off_is_a_word,
 )
-
-from drivers.chambers.controllers.registers import Address, Entry, InRegister, ModbusSection, Registers
-from drivers.chambers.controllers.templates import Order, Reply, found_in, reply_with, taken_from
+from drivers.chambers.controllers.templates import Order, Reply, addressed_to, found_in, reply_with, taken_from
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 from drivers.transports.framing import Frame, Framing, Line, Silence
 
-Item = TypeVar("Item")
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
 
-def _as_word(given: object) -> object:
-    return str(given) if isinstance(given, int) and not isinstance(given, bool) else given
-
-
-def _as_list(given: object) -> object:
-    return given if isinstance(given, list | tuple) else [given]
-
-
-Plain = Annotated[str, Field(min_length=1)]
-Word = Annotated[str, BeforeValidator(_as_word)]
-Several = Annotated[tuple[Item, ...], BeforeValidator(_as_list)]
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
@@ -199,7 +190,7 @@ class UnitQuestion(Question):
 class StateQuestion(Question):
     """What the box is doing: its word for each mode; `next` leaves it to the question that follows."""
 
-    modes: dict[Word, Mode | Literal["next"]]
+    modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(off_is_a_word)]]
     otherwise: Mode | Literal["next"] | None = None
 
     def meaning(self, word: str) -> str:
@@ -272,6 +263,7 @@ class BoxDescription(Entry):
     verified: Plain  # what was seen on a real one, and what was not
     line: SerialLine = SerialLine(9600)
     modbus: ModbusSection | None = None
+    address: Annotated[int, Field(ge=0, le=255)] = 1  # in its texts; that of Modbus stands in its section
     simulated: SimulatedSection = SimulatedSection()
     terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
     reply_terminator: Literal["CR", "LF", "CR LF"] | None = None
@@ -305,12 +297,13 @@ class BoxDescription(Entry):
     dead_man_s: Quantity | None = None
 
     @property
-    def framings(self) -> tuple[Framing, Framing]:
-        """What stands around the texts of requests and of replies."""
-        whole = self.frame or (self.silence_s and Silence(self.silence_s))
-        if whole:
-            return whole, whole
-        return Line(_TERMINATORS[self.terminator]), Line(_TERMINATORS[self.reply_terminator or self.terminator])
+    def framings(self) -> tuple[Framing, Framing, Framing]:
+        """What stands around the texts of questions, of settings and of replies."""
+        if self.frame:
+            return self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame
+        silence = self.silence_s and Silence(self.silence_s)
+        request = silence or Line(_TERMINATORS[self.terminator])
+        return request, request, silence or Line(_TERMINATORS[self.reply_terminator or self.terminator])
 
     @property
     def looked_at(self) -> list[Question]:
@@ -342,6 +335,8 @@ class BoxDescription(Entry):
                 raise ValueError("state: modes must give a word for CONSTANT and one for OFF")
         if self.start and self.start == self.stop:
             raise ValueError("start: it tells what stop tells; what switches a box on is not what switches it off")
+        if self.modbus is not None and "address" in self.model_fields_set:
+            raise ValueError("address: a box with a section modbus has it there")
         if self.modbus is not None:
             self._numbers_lie_apart(self.modbus)
         for key, entry in self.named:
@@ -352,7 +347,11 @@ class BoxDescription(Entry):
         return self
 
     def _numbers_lie_apart(self, modbus: ModbusSection) -> None:
-        """Raise `ValueError` where two numbers share a register, or one stands in a coil."""
+        """Raise `ValueError` where two numbers share a register, one stands in a coil, or all bits were alarms."""
+        others = {(each.table, each.address) for _, each in self.named if isinstance(each, StateQuestion | Requirement)}
+        for alarm in self.alarms:
+            if alarm.bits is not None and (alarm.table, alarm.address) in others:
+                raise ValueError(f"alarms: register {alarm.address} tells the state too; give each alarm its own bit")
         told: dict[tuple[str, int], str] = {}
         for key, entry in self.named:
             if not entry.numeric or entry.address is None:
@@ -365,23 +364,35 @@ class BoxDescription(Entry):
                     raise ValueError(f"{key}: register {register} belongs to {other}; two numbers cannot share one")
 
 
-def load_box(path: str | Path, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
-    """Read a description, or what it is for one of its `variants`, or with another terminator than its own.
+def load_box(
+    path: str | Path, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
+) -> BoxDescription:
+    """Read a description, or what it is for one of its `variants`, or with a terminator or address not its own.
 
     Raises `InputError` in one sentence that names the file and the key.
     """
-    return parse_box(read_text(path), str(path), variant, terminator)
+    return parse_box(read_text(path), str(path), variant, terminator, address)
 
 
 @cache
-def parse_box(text: str, source: str, variant: str | None = None, terminator: bytes | None = None) -> BoxDescription:
+def parse_box(
+    text: str, source: str, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
+) -> BoxDescription:
     """Read a description from YAML text as `load_box` does; `source` names it in messages. Raises `InputError`."""
     document = parse_yaml(text, source)
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})
     if terminator is not None:
         document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
+    registers = document.get("modbus")
+    if address is not None:
+        (registers if isinstance(registers, dict) else document)["address"] = address
     try:
-        return BoxDescription.model_validate(document)
+        said = addressed_to(document, document.get("address", 1))
+        if address is not None and registers is None and said == document:
+            raise InputError(f"{source}: there is no {{address}} in its texts; leave address out of the bench file")
+        return BoxDescription.model_validate(said)
     except ValidationError as error:
         raise InputError(f"{source}: {first_mistake(error, document)}") from error
+    except ValueError as error:
+        raise InputError(f"{source}: address: {error}") from error

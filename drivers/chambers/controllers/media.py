@@ -25,13 +25,14 @@ class TextMedium:
     """A box that speaks text."""
 
     def __init__(self, transport: Transport, clock: Clock, box: BoxDescription, device: str) -> None:
-        framing, reply_framing = box.framings
+        framing, told_framing, reply_framing = box.framings
         timing = LineTiming(box.timeout_s, box.pause_after_question_s, box.pause_after_setting_s, late_s=box.late_s)
         self._exchange = LineExchange(
             transport,
             clock,
             device=device,
             framing=framing,
+            told_framing=told_framing,
             reply_framing=reply_framing,
             timing=timing,
             encoding=box.encoding,
@@ -104,7 +105,7 @@ class TextMedium:
 
 
 class RegisterMedium:
-    """A box that speaks Modbus; what a bench file says of `address` and `framing` is said here."""
+    """A box that speaks Modbus; what a bench file says of `framing` is said here."""
 
     def __init__(
         self,
@@ -113,7 +114,6 @@ class RegisterMedium:
         box: BoxDescription,
         device: str,
         *,
-        address: int | None = None,
         framing: Framing | None = None,
         timing: ModbusTiming | None = None,
     ) -> None:
@@ -123,7 +123,7 @@ class RegisterMedium:
             transport,
             clock,
             device=device,
-            unit=self._map.address if address is None else address,
+            unit=self._map.address,
             framing=framing or self._map.framing,
             timing=timing or ModbusTiming(box.timeout_s, box.pause_after_question_s, box.late_s),
         )

@@ -8,18 +8,33 @@ r"""Texts with places in them, of which a box that speaks text is described.
 In what is sent `{value}` stands for a number and says how it is written; `{setpoint:05.1f}` is the setpoint that the
 box holds, `{mode}` its word for its state. In what comes back `{value}` stands for what is looked for and `{any}` for
 what does not matter: `T={value}C{any}`; a value directly before `{any}` ends with its word. `{value:5}` and `{any:2}`
-are as many characters; `{code}` is a value that is a whole number, `{decimal}` one that has a decimal point.
+are as many characters; `{code}` is a value that is a whole number, `{decimal}` one that has a decimal point, `{hex}`
+one of hexadecimal digits. `{address:02d}` is the address, `{group}` and `{unit}` its two digits.
 """
 
 import re
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from pydantic import AfterValidator
 
-_PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|mode|code|decimal)\}")
+_PLACE = re.compile(r"\{((?:value|setpoint)(?::[^{}]*)?|any(?::\d+)?|mode|code|decimal|hex)\}")
+_ADDRESS = re.compile(r"\{((?:address|group|unit)(?::[^{}]*)?)\}")
 _NUMBER = r"\s*(?P<{}>[-+]?\d+(?:\.\d*)?)\s*"
 _DECIMAL = r"(?P<value>[-+]?\d+\.\d*)"
 _PROBES = (-29.7, 0.0, 25.0, 104.0)
+
+
+def addressed_to(given: Any, address: Any) -> Any:
+    """Return texts, and those in mappings and lists, with an address in its places, as they are where it is none."""
+    if not isinstance(address, int):
+        return given
+    if isinstance(given, Mapping):
+        return {key: addressed_to(each, address) for key, each in given.items()}
+    if isinstance(given, list):
+        return [addressed_to(each, address) for each in given]
+    values = {"address": address, "group": address // 10, "unit": address % 10}
+    return _ADDRESS.sub(lambda place: f"{{{place[1]}}}".format(**values), given) if isinstance(given, str) else given
 
 
 def filled(template: str, **values: object) -> str:
@@ -35,12 +50,13 @@ def taken_from(template: str, request: str) -> dict[str, str] | None:
 
 def found_in(template: str, line: str) -> str | None:
     """Return what stands for the value in a reply, None where it is no such reply."""
-    pattern = _pattern(
-        template, {"any": ".*", "value": "(?P<value>.+?)", "code": r"(?P<value>\d+)", "decimal": _DECIMAL}, ""
-    )
+    numbers = {"code": r"(?P<value>\d+)", "decimal": _DECIMAL, "hex": "(?P<value>[0-9A-Fa-f]+)"}
+    pattern = _pattern(template, {"any": ".*", "value": "(?P<value>.+?)", **numbers}, "")
     # Where nothing written ends the value, it ends with the word: else it would be the first character alone.
     found = re.fullmatch(pattern.replace("(?P<value>.+?).*", r"(?P<value>[^\s,;]+).*"), line, re.DOTALL)
-    return None if found is None else found["value"].strip()
+    if found is None:
+        return None
+    return str(int(found["value"], 16)) if "{hex}" in template else found["value"].strip()
 
 
 def agrees(template: str, line: str) -> bool:
@@ -53,7 +69,8 @@ def reply_with(template: str, value: str) -> str:
 
     def said(place: re.Match[str]) -> str:
         name, _, size = place[1].partition(":")
-        return (value if name != "any" else "").rjust(int(size or 0))
+        word = "" if name == "any" else f"{int(value):04X}" if name == "hex" else value
+        return word.rjust(int(size or 0))
 
     return _PLACE.sub(said, template)
 
@@ -71,7 +88,7 @@ def _pattern(template: str, named: dict[str, str], number: str) -> str:
 
 def _reply(template: str) -> str:
     names = [name for name in _PLACE.findall(template) if not name.startswith("any")]
-    if len(names) != 1 or not re.fullmatch(r"value(:\d+)?|code|decimal", names[0]):
+    if len(names) != 1 or not re.fullmatch(r"value(:\d+)?|code|decimal|hex", names[0]):
         raise ValueError(f"{template!r} must hold {{value}} once, where the answer stands")
     return template
 

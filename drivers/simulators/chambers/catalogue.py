@@ -70,9 +70,9 @@ def _box(description: Path | None, kind: Callable[..., SimulatedChamberControlle
     def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
         path = options.description or description
         if path is None:
-            raise ValueError("a box needs its description")
-        box = load_box(path, options.warning_limits, options.terminator)
-        said = {"address": options.address, "framing": options.framing} if box.modbus else {}
+            raise ValueError("it has no description, and no simulator of its own")
+        box = load_box(path, options.warning_limits, options.terminator, options.address)
+        said = {"framing": options.framing} if box.modbus else {}
         return kind(plant, box, faults=options.faults, begins_s=options.begins_s, **said)
 
     return build

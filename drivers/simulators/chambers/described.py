@@ -106,8 +106,15 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
         self._usual_alarm = description.simulated.alarm
-        framing, reply_framing = description.framings
-        super().__init__(plant, framing=framing, reply_framing=reply_framing, encoding=description.encoding, **settings)
+        framing, told_framing, reply_framing = description.framings
+        super().__init__(
+            plant,
+            framing=framing,
+            told_framing=told_framing,
+            reply_framing=reply_framing,
+            encoding=description.encoding,
+            **settings,
+        )
 
     def _respond(self, request: str, now_s: float) -> str | None:
         request = request.upper() if self._box.simulated.any_case else request
@@ -143,7 +150,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     def _refuse(self, request: str, refusal: Refusal) -> str | None:
         del request
-        return self._box.refused and reply_with(self._box.refused, str(refusal) or "5")
+        return self._box.refused and reply_with(self._box.refused, str(refusal) or next(iter(self._box.refusals), "5"))
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):
@@ -159,7 +166,6 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
         plant: ChamberPlant,
         description: BoxDescription,
         *,
-        address: int | None = None,
         framing: Literal["rtu", "tcp"] | None = None,
         **settings: Any,
     ) -> None:
@@ -170,7 +176,7 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
         usual["coils"] = any(each.table in ("coil", "discrete") for _, each in description.named)
         super().__init__(
             plant,
-            address=self._map.address if address is None else address,
+            address=self._map.address,
             framing=framing or self._map.framing,
             **{**usual, **settings},
         )

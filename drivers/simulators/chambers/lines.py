@@ -11,8 +11,8 @@ from drivers.transports.framing import Framing, Line
 class SimulatedLines(SimulatedController):
     """A `SimulatedDevice` whose requests end with `terminator` and whose replies end with `reply_terminator`.
 
-    `framing` and `reply_framing` are what stands around them where that is no terminator. A controller answers text
-    with text (`_respond`): None is no reply. Faults know requests by their text.
+    `framing`, `told_framing` (of commands) and `reply_framing` are what stands around them where that is no terminator.
+    A controller answers text with text (`_respond`): None is no reply. Faults know requests by their text.
     """
 
     def __init__(
@@ -22,11 +22,13 @@ class SimulatedLines(SimulatedController):
         terminator: bytes = b"\r",
         reply_terminator: bytes | None = None,
         framing: Framing | None = None,
+        told_framing: Framing | None = None,
         reply_framing: Framing | None = None,
         encoding: str = "ascii",
         **settings: Any,
     ) -> None:
         self._framing = framing or Line(terminator)
+        self._told_framing = told_framing or self._framing
         self._reply_framing = reply_framing or Line(reply_terminator or terminator)
         self._encoding = encoding
         super().__init__(plant, **settings)
@@ -42,7 +44,9 @@ class SimulatedLines(SimulatedController):
 
     def _next_request(self) -> bytes | None:
         try:
-            found = self._framing.cut(self._received)
+            # Of what is told and what is asked the first to end; its check may look like the end of a question.
+            both = [each.cut(self._received) for each in (self._told_framing, self._framing)]
+            found = max((each for each in both if each is not None), key=lambda each: len(each[1]), default=None)
         except ValueError:  # a damaged frame is not answered
             self._received = b""
             return None

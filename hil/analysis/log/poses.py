@@ -34,7 +34,7 @@ from procedures.words import listed, numbered
 SCHEMA, ACCELEROMETER_SCHEMA = "hil.import-log/1", "hil.accelerometer/1"
 ACCELEROMETER_FILE = "accelerometer.json"
 _AXIS_LABEL = re.compile(r"([+\-−]?)\s*([XYZ])\s*([+\-−]?)\s*(up|down)?", re.IGNORECASE)
-_OF_AN_AXIS = 0.7  # of f lies along the axis that a label names: 45 degrees
+_OF_AN_AXIS = 0.87  # of f lies along an axis by which a pose is called: 30 degrees; beyond, it stands between axes
 _DIRECTIONS = "put the unit down on edges and corners too, so that every two axes share gravity"
 
 
@@ -184,12 +184,16 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
         turned += along < -_OF_AN_AXIS
         worst = int(np.argmax(np.abs(f)))
         seen = f"{'+' if f[worst] > 0 else '-'}{AXES[worst]}"
-        positions.append(label if along > _OF_AN_AXIS else seen)
-        if along <= _OF_AN_AXIS:
-            said.append(
-                f"collect {k} (rows {first}-{last}): its label says {label}, its "
-                f"accelerometers {seen} ({f[worst]:+.2f} g along {AXES[worst]}): taken as {seen}"
-            )
+        if along > _OF_AN_AXIS:
+            positions.append(label)
+            continue
+        between = abs(f[worst]) <= _OF_AN_AXIS
+        positions.append(f"pose-{k:02d}" if between else seen)
+        said.append(
+            f"collect {k} (rows {first}-{last}): its label says {label}, its accelerometers "
+            f"{'that it stands between axes' if between else seen} ({f[worst]:+.2f} g along {AXES[worst]}): taken as "
+            f"{positions[-1]}"
+        )
     if turned == axes > 1:
         raise InputError(
             f"{log.path}: all {axes} labels say the opposite of the accelerations: these seem to be those of gravity, "

@@ -218,6 +218,7 @@ export class Detail {
 function ending(head) {
   if (head.working) return "beginning …";
   if (head.killed) return "interrupted";
+  if (head.verdict && head.verdict.verdict === "FAIL") return "ended, not good";
   return head.state === "failed" ? "ended early" : head.reason;
 }
 

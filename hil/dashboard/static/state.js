@@ -28,7 +28,9 @@ export function troubleOf(head) {
   if (problems) return { bad: true, text: problems };
   if (head.state === "failed") return { bad: true, text: `Failed: ${head.reason}` };
   if (head.state === "incomplete" && !head.working) return { bad: true, text: `Incomplete: ${head.reason}` };
-  if (head.verdict && head.verdict.verdict === "FAIL") return { bad: true, text: `FAIL: ${sentence(head.verdict.reason)}` };
+  if (head.verdict && head.verdict.verdict === "FAIL") {
+    return { bad: true, text: `FAIL: ${sentence(head.verdict.reason).split(";")[0]} must not be used` }; // the card says why
+  }
   return null;
 }
 

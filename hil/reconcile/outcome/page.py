@@ -36,8 +36,12 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was."""
     only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
-    first = "First see to what its own records contradict (notes): " if result.contradicted else ""
-    return kind, f"{first}{numbered('run', result.contradicted)}. {_ACT[kind]}" if first else _ACT[kind]
+    doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
+    first = ["what is missing of the measurement (hil report says what)"] if result.missing else []
+    first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
+    if result.contradicted:
+        first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
+    return kind, f"First see to {'; '.join(first)}. {_ACT[kind]}" if first else _ACT[kind]
 
 
 def page(result: Reconciliation) -> str:

@@ -79,6 +79,36 @@ def test_weiss_sb22_with_a_wrong_check_is_not_believed_and_asked_again() -> None
     device.finish()
 
 
+def test_eurotherm_answers_each_kind_of_text_in_its_own_frame() -> None:
+    """Mnemonics of its handbook at address 1; checks worked out by hand, one of them nought and one that is ENQ."""
+    low, high = (b"\x040011LS\x05", b"\x02LS-40.0\x03+"), (b"\x040011HS\x05", b"\x02HS70.0\x03\x01")
+    temperature = (b"\x040011PV\x05", b"\x02PV22.0\x03\x1b")
+    before, after = ((b"\x040011SL\x05", reply) for reply in (b"\x02SL20.0\x03\x00", b"\x02SL25.0\x03\x05"))
+    told = (b"\x040011\x02SL25.0\x03\x05", b"\x06")
+    device = _transcript([temperature, before, low, high] * 2 + [told, temperature, after, low, high])
+    _chamber(_box("eurotherm"), device).set_temperature(25.0)
+    device.finish()
+    unknown = _transcript([(temperature[0], b"\x04")] * 3)
+    with pytest.raises(CommandRefused, match="refused 'PV' with code EOT; it does not know this mnemonic"):
+        _chamber(_box("eurotherm"), unknown).read()
+
+
+def test_the_address_of_a_bench_file_is_used_or_refused() -> None:
+    """In frames, in texts and in Modbus; a simulated one of another address does not answer."""
+    path = EXAMPLE_BOX.with_name("eurotherm.yaml")
+    device = simulated_box(ChamberPlant(), load_box(path, address=12))
+    device.receive(b"\x040011PV\x05" + b"\x041122PV\x05" + b"\x041122\x02SL25.0\x03\x05" + b"\x041122SL\x05", 0.0)
+    assert device.transmit(9.0) == b"\x02PV22.0\x03\x1b\x06\x02SL25.0\x03\x05"
+    assert load_box(path.with_name("weiss-sb22.yaml"), address=2).temperature.ask == "2?"
+    modbus = load_box(path.with_name("binder-mk53.yaml"), address=7).modbus
+    assert modbus is not None
+    assert modbus.address == 7
+    with pytest.raises(InputError, match=r"cts\.yaml: there is no \{address\} in its texts; leave address out"):
+        load_box(path.with_name("cts.yaml"), address=2)
+    with pytest.raises(InputError, match="address: Unknown format code 'q'"):
+        parse_box(yaml.safe_dump(TEXT | {"temperature": {"ask": "{address:q}"}}), "box.yaml")
+
+
 def test_cts_needs_no_terminator() -> None:
     """Its replies have lengths; what a short one lacks is waited for, and the rest of a long one answers nothing."""
     device = _transcript(
@@ -192,6 +222,24 @@ def test_a_simulated_plc_keeps_its_tables_apart() -> None:
     assert device.mode == "OFF"
 
 
+def test_a_status_word_may_tell_state_and_alarms_and_off_needs_no_quotes() -> None:
+    """Each alarm by its own bit, as in an Omron E5CC; YAML reads an unquoted OFF as false."""
+    box = _plc(
+        state={"register": 20, "bit": 8, "modes": {0: "CONSTANT", 1: False}},
+        start={"register": 21, "value": 256},
+        stop={"register": 21, "value": 257},
+        alarms={"register": 20, "bit": 6, "name": "sensor error"},
+    )
+    device = simulated_box(ChamberPlant(), box, limits=ChamberLimits(-75.0, 185.0))
+    chamber = _chamber(box, device, OFF)
+    chamber.prepare()
+    assert (chamber.read().mode, chamber.read().alarms) == ("CONSTANT", ())
+    chamber.safe_state()
+    assert chamber.read().mode == "OFF"
+    device.alarms = ("20",)
+    assert (chamber.read().mode, chamber.read().alarms) == ("OFF", ("sensor error",))
+
+
 def test_another_number_is_another_box() -> None:
     """In the description's own words where it has some."""
     device = simulated_box(ChamberPlant(), _plc(identify=PLC["identify"] | {"expect": 78}))
@@ -278,6 +326,12 @@ TEXT: dict[str, Any] = {
         (PLC, {"temperature": {"register": 1, "table": "coil"}}, "box.yaml: temperature: a coil holds a bit and no"),
         (PLC, {"start": PLC["stop"]}, "box.yaml: start: it tells what stop tells"),
         (PLC, {"start": {"send": "GO"}}, "box.yaml: start: a box with a section modbus has registers and no texts"),
+        (
+            PLC,
+            {"state": PLC["state"] | {"register": 8, "table": "input", "bit": 5}},
+            "box.yaml: alarms: register 8 tells the state too; give each alarm its own bit",
+        ),
+        (PLC, {"address": 2}, "box.yaml: address: a box with a section modbus has it there"),
         (PLC, {"stop": {"value": 1}}, "box.yaml: stop: say how it is told: send, or register and value"),
         (
             PLC,

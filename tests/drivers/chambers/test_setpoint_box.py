@@ -99,6 +99,8 @@ def test_it_sets_a_temperature_as_its_file_says() -> None:
         ("{any},{value},{any}", "1,23.04,2", "23.04"),
         ("{value},{any}", "23.04,1,2", "23.04"),
         ("T={value}", "S=23.04", None),
+        ("SW>{hex}", "SW>801f", "32799"),
+        ("SW>{hex}", "SW>80G0", None),
         ("(.*) {value}", "x 1", None),
     ],
 )

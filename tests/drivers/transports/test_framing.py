@@ -49,6 +49,28 @@ def test_a_check_that_looks_like_the_end_is_no_end() -> None:
     assert BISYNCH.cut(b"\x02AA\x03") is None
 
 
+EUROTHERM = Frame(
+    ("STX", "text", "ETX", "check"),
+    BlockCheck("xor", ("text", "ETX")),
+    address="1122",
+    asked=("EOT", "address", "text", "ENQ"),
+    told=("EOT", "address", "STX", "text", "ETX", "check"),
+    alone=("ACK", "NAK", "EOT"),
+)
+
+
+def test_questions_settings_and_replies_may_stand_in_frames_of_their_own() -> None:
+    """As in EI-Bisynch; what comes alone has its name. A check may be what ends a question, ENQ."""
+    assert EUROTHERM.of(EUROTHERM.asked).packed(b"PV") == b"\x041122PV\x05"
+    assert EUROTHERM.of(EUROTHERM.told).packed(b"SL25.0") == b"\x041122\x02SL25.0\x03\x05"
+    assert EUROTHERM.packed(b"NAK") == b"\x15"
+    assert EUROTHERM.cut(b"\x06\x04") == (b"ACK", b"\x04")
+    assert EUROTHERM.received(_transport(b"\x04")[0], 1.0) == b"EOT"
+    assert EUROTHERM.received(_transport(b"\x02PV16.4\x03\x18")[0], 1.0) == b"PV16.4"
+    with pytest.raises(ValueError, match="'EXT' is no part of a frame"):
+        Frame(("STX", "text", "ETX"), told=("STX", "text", "EXT"))
+
+
 def _transport(reply: bytes) -> tuple[MemoryTransport, VirtualClock]:
     clock = VirtualClock()
     transport = MemoryTransport(TranscriptDevice([(b"?", reply)]), clock, "sim://box")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import hil
 from hil.cli.app import GROUPS, app
 from hil.files.manual import manual
 
@@ -139,6 +141,12 @@ def test_the_site_holds_together(tmp_path: Path) -> None:
     pages = {path.resolve(): path.read_text("utf-8") for path in tmp_path.rglob("*.html")}
     assert len(pages) == len(manual()) == len(PAGES) - 1
     assert sum(len(re.findall(r'href="[^":]+\.html#', text)) for text in pages.values()) > 10
+    searched = (tmp_path / "search.js").read_text("utf-8")
+    assert all(f'"{path.relative_to(tmp_path.resolve()).as_posix()}"' in searched for path in pages)
+    python = pages[tmp_path.resolve() / "reference" / "python.html"]
+    for name in hil.__all__:
+        assert f"{name}</h3>" in python
+        assert str(getattr(hil, name).__doc__).partition("\n")[0].partition("`")[0] in unescape(python), name
     for path, text in pages.items():
         for target in re.findall(r'(?:href|src)="([^":]*)"', text):
             file, _, anchor = target.partition("#")

@@ -15,6 +15,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.search.problem import pose
+from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import (
     ROTOR,
     Rows,
@@ -26,6 +27,8 @@ from tests.hil.reconcile.hidden_effects import (
     noise,
 )
 from tests.hil.reconcile.test_unrecorded import names, with_columns
+
+NOT_GOOD = Judgement(Verdict.INCONCLUSIVE, "moved")
 
 
 def ids(result: Reconciliation) -> list[str]:
@@ -69,13 +72,19 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     """One run alone: none, and the first words are that it means nothing."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
-    result = reconcile(only(full, full.sensors[2].conditions.run == 1), "matrix-6")
+    alone = only(full, full.sensors[2].conditions.run == 1)
+    result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
+    assert (result.doubtful, result.missing) == ({"INCONCLUSIVE": [1]}, ["run 2"])
+    result = replace(result, doubtful={}, missing=[])
     assert result.verdict == "none"
     assert not result.tested
     assert not result.document()["tested"]
     assert what_to_do(result) == ("untested", "Take more runs before anything is concluded.")
     assert "Nobody has to act" not in page(result)
     assert "nothing but noise" not in page(result)
+    told = what_to_do(replace(result, missing=["run 2"], doubtful={"FAIL": [1]}))[1]
+    assert "what is missing of the measurement" in told
+    assert "not measured well (hil report says why): run 1 (FAIL)" in told
     failed = replace(result, contradicted=(3, 4))
     assert what_to_do(failed)[1].startswith("First see to what its own records contradict (notes): runs 3–4. Take")
 

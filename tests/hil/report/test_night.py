@@ -192,7 +192,7 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
     from hil.records.export import campaign_of_night
     from hil.report.content import gather
     from hil.report.page import render
-    from hil.report.sensor_view import sensor_view
+    from hil.report.sensor_view import key_numbers, sensor_view
 
     campaign = campaign_of_night(night)
     passed = Judgement(Verdict.PASS, "")
@@ -205,7 +205,11 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
         view = sensor_view(content.sensors[0])
         assert view["table"]["runs"] == [first, (2, [])]
         assert any("run 1 FAILed" in said for said in view["shown"]) == (judged.verdict is Verdict.FAIL)
-        assert ("INCONCLUSIVE or FAIL" in render(content)) == bool(first[1])
+        page = render(content)
+        assert ("INCONCLUSIVE or FAIL" in page) == ("no numbers to rely on" in page) == bool(first[1])
+        heads = [head[3] for head in key_numbers(content.sensors)["heads"]]
+        assert heads[0] in (", ".join(first[1]), "")
+        assert ("then measure again" in page) == (judged is not passed)
 
 
 def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:

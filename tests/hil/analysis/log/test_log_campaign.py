@@ -137,6 +137,19 @@ def test_a_label_that_says_the_opposite_of_the_data_is_told_and_the_data_win(sou
     assert "its label says +Z" in read_campaign(tmp_path / "campaign").notes
 
 
+def test_a_pose_between_axes_is_called_by_none(sound: Simulated, tmp_path: Path) -> None:
+    """Whatever axis its label says: on an edge or a corner it has a number."""
+    between = next(k for k in range(6, 14) if np.abs(sound.f_g[k]).max() < 0.8)
+    axis = int(np.argmax(np.abs(sound.f_g[between])))
+    nearest = f"{'+' if sound.f_g[between][axis] > 0 else '-'}{'XYZ'[axis]}"
+    label = np.where(sound.label == f"pose {between}", nearest, sound.label)
+    made = made_of(replace(sound, label=label).write(tmp_path / "log.csv", labels=True))
+    assert f"its label says {nearest}, its accelerometers that it stands between axes" in said(made)
+    positions = [each["position"] for each in made.document["stretches"]]
+    assert positions[between] == f"pose-{between + 1:02d}"
+    assert positions[:6] == ["+Z", "-Z", "+X", "-X", "+Y", "-Y"]
+
+
 def test_accelerometers_that_show_gravity_itself_are_refused_by_their_labels(sound: Simulated, tmp_path: Path) -> None:
     """All labels say the opposite: the sign of f would turn every sensitivity; with a minus in the scale it is read."""
     path = replace(sound, acc=-sound.acc).write(tmp_path / "log.csv", labels=True)
