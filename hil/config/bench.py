@@ -25,6 +25,7 @@ from hil.campaign import Sensor
 from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
+from hil.config.laboratory import InstrumentSection, LaboratorySection, each_once
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
@@ -189,6 +190,8 @@ class Bench(WholeFile):
     limits: str | None = None  # of the unit's parameters: a file, where the sweep names none
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
+    laboratory: LaboratorySection | None = None
+    equipment: Annotated[tuple[InstrumentSection, ...], AfterValidator(each_once)] = ()
     notify: NotifySection | None = None
     simulation: SimulationSection | None = None
     faults: tuple[Fault, ...] = ()
