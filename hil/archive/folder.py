@@ -19,20 +19,20 @@ folders are the truth. The night itself stays where it is; when it goes, what wa
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, unquote
 
 import numpy as np
 import yaml
 
-from drivers.given_file import check_folder, read_bytes
+from drivers.given_file import read_bytes
+from hil.archive.places import CAMPAIGN, CONFIGURATION, ENTRY, HASHED, MARK, folder_of
 from hil.campaign import Campaign
 from hil.campaign.header import day_of
-from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, read_campaign
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk, make_folders, write_durably
@@ -46,13 +46,10 @@ from hil.records.reader import is_night
 from hil.records.status import night_status
 
 SCHEMA = "hil.archived/1"
-MARK, ENTRY, CONFIGURATION, CAMPAIGN = "archive.yaml", "archived.yaml", "configuration.yaml", "campaign"
 _MARK_TEXT = (
     "schema: hil.archive/1\n# Taken up by hil archive. The folders are the truth; index.sqlite is made from them.\n"
 )
-_HASHED = (f"{CAMPAIGN}/{HEADER_FILE}", f"{CAMPAIGN}/{COLLECTS_FILE}", CONFIGURATION)
 _DIGITS = 12
-_UNIT = "unit-"
 _WORKING = ("running", "paused")
 
 
@@ -92,39 +89,10 @@ def take_up(
         write_campaign(replace(campaign, series_block_s=None), partial / CAMPAIGN)
         if configuration is not None:
             RealDisk().write(partial / CONFIGURATION, configuration.encode())
-        hashes = {name: _sha256(partial / name) for name in _HASHED if (partial / name).is_file()}
+        hashes = {name: _sha256(partial / name) for name in HASHED if (partial / name).is_file()}
         text = yaml.safe_dump({**facts, "sha256": hashes}, sort_keys=False, allow_unicode=True, width=120)
         RealDisk().write(partial / ENTRY, text.encode())
     return Taken(f"{unit.name}/{target.name}", serial, before=False)
-
-
-def folder_of(serial: str) -> str:
-    """Return the name of a unit's folder."""
-    return f"{_UNIT}{quote(serial, safe='')}"
-
-
-def serial_of(entry: str) -> str:
-    """Return the serial number of the unit in whose folder an entry stands."""
-    return unquote(entry.partition("/")[0].removeprefix(_UNIT))
-
-
-def check_archive(archive: Path) -> None:
-    """Raise `InputError` where the folder is no archive."""
-    check_folder(archive)
-    if not (archive / MARK).is_file():
-        raise InputError(f"{archive}: is no archive (no {MARK}); hil archive {archive} NIGHT makes one of a new folder")
-
-
-def entries(archive: Path, unit: str = "*") -> list[str]:
-    """Return the entries that are there, of one unit's folder or of all, by name."""
-    found = archive.glob(f"{unit}/*/{ENTRY}")
-    return sorted(f"{p.parent.parent.name}/{p.parent.name}" for p in found if not p.parent.name.startswith(PARTIAL))
-
-
-def stamp(archive: Path, entry: str) -> str:
-    """Return what changes with an entry's files, without reading them."""
-    stats = [(archive / entry / name).stat() for name in (ENTRY, *_HASHED) if (archive / entry / name).exists()]
-    return " ".join(f"{each.st_size}:{each.st_mtime_ns}" for each in stats)
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:
@@ -137,7 +105,7 @@ def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Map
     if facts.get("schema") != SCHEMA or not isinstance(facts.get("sha256"), dict):
         raise InputError(f"{folder / ENTRY}: is no {SCHEMA}")
     for name, digest in facts["sha256"].items():
-        if name not in _HASHED or _sha256(folder / name) != digest:
+        if name not in HASHED or _sha256(folder / name) != digest:
             raise InputError(f"{folder / name}: is not what was taken up (another hash)")
     text = folder / CONFIGURATION
     configuration = parse_yaml(read_text(text), str(text)) if CONFIGURATION in facts["sha256"] else {}
@@ -242,8 +210,8 @@ def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None
 
 
 def _rates_digest(campaign: Campaign) -> str:
-    """Return what two sources have in common that hold the very same rates, whatever else they say."""
-    digest = hashlib.sha256()
+    """Return what two sources of a model have in common that hold the very same rates, whatever else they say."""
+    digest = hashlib.sha256(campaign.identity.get("model", "").encode())
     for number, of in sorted(campaign.sensors.items()):
         digest.update(f"{number} ".encode())
         for each in (of.conditions.run, of.conditions.start_s, of.rates_deg_per_hr):
@@ -255,7 +223,8 @@ def _begin(archive: Path) -> None:
     """Make the archive where it is new; raise `InputError` for a folder that holds something else."""
     if (archive / MARK).is_file():
         return
-    if not is_new(archive):
+    unfinished = archive / f"{PARTIAL}{MARK}"  # of somebody who was killed here
+    if not is_new(archive) and list(archive.iterdir()) != [unfinished]:
         raise InputError(f"{archive}: holds something else than an archive (no {MARK}); name a new folder")
     try:
         make_folders(RealDisk(), archive)
@@ -266,8 +235,3 @@ def _begin(archive: Path) -> None:
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(read_bytes(path)).hexdigest()
-
-
-def interrupted(archive: Path) -> Iterator[str]:
-    """Yield what a killed process left behind: no entries, and nothing is read from them."""
-    yield from (str(path.relative_to(archive)) for path in archive.glob(f"*/{PARTIAL}*"))

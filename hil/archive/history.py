@@ -17,20 +17,21 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.analysis.night_verdict import NOT_GOOD
 from hil.archive.index import ArchivedMean, Entry, Index
 from hil.archive.stations import at_usual_temperatures, differs, shifts_of, stations_of
-from hil.archive.trend import Trend, control_half_width, control_limits, predicted, trend
+from hil.archive.trend import Trend, at_one_temperature, control_half_width, control_limits, predicted, trend
 from hil.campaign import FloatArray
-from hil.config.limits import Limits, ParameterLimits
 from hil.errors import InputError
 from hil.files.strict import near
 from hil.solve.repeats import Uncertain
 from hil.solve.runs import finite
+
+if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loaded
+    from hil.config.limits import Limits, ParameterLimits
 
 _MONTH_S = 365.25 / 12.0 * 86400.0
 _AHEAD_MONTHS = np.linspace(0.0, 120.0, 1201)
@@ -98,7 +99,8 @@ class History:
         newest = datetime.fromisoformat(self.used[-1].began_utc)
         day = (newest + timedelta(seconds=months * _MONTH_S)).date().isoformat()
         at = "" if of.temperature_degC is None else f" at {of.temperature_degC:.1f} °C"
-        return day, f"sensor {parameter.sensor}, {parameter.name}{at}: it may be beyond its limit by then"
+        why = "may be beyond its limit by then" if months else "is not certainly within its limits even now"
+        return day, f"sensor {parameter.sensor}, {parameter.name}{at} {why}"
 
     def document(self) -> dict[str, Any]:
         """Return the document hil.history/1."""
@@ -154,7 +156,7 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     said += _told(good)
     newest = {each.night or each.name: each for each in good}  # of a night that was carried on, what has most
     good = [each for each in good if newest[each.night or each.name] is each]
-    used = [each for each in good if each.verdict not in NOT_GOOD]
+    used = [each for each in good if each.good]
     said += [
         f"{each.name}: is {each.verdict} and tells nothing of the unit: {each.reason}"
         for each in good
@@ -163,43 +165,16 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     settings = index.settings([each.settings for each in good])
     if limits is None and good:
         text = settings.get(good[-1].settings, {}).get("limits")
-        limits = None if text is None else Limits.parse(text, good[-1].name)
+        if text is not None:
+            from hil.config.limits import Limits
+
+            limits = Limits.parse(text, good[-1].name)
     names = {each.name for each in used}
     means = [each for each in index.means(serial) if each.entry in names]
     began = {each.name: datetime.fromisoformat(each.began_utc).timestamp() / _MONTH_S for each in used}
     parameters = list(_parameters(means, began, limits))
     kind = good[-1]
     return History(serial, kind.model, kind.simulated, good, used, _changes(good, settings), parameters, limits, said)
-
-
-def units(index: Index) -> list[dict[str, Any]]:
-    """Return a row for each unit: serial, model, how often calibrated, first and last, the newest verdict, troubles."""
-    found: dict[tuple[str, str, bool], list[Entry]] = {}
-    gone = set(index.gone())
-    broken: dict[str, int] = {}
-    for each in index.entries():
-        if each.trouble or each.name in gone:
-            broken[each.serial] = broken.get(each.serial, 0) + 1
-        else:
-            found.setdefault((each.serial, each.model, each.simulated), []).append(each)
-    for serial in broken:
-        if all(key[0] != serial for key in found):
-            found[serial, "", False] = []
-    same = [serial for serial, model, _ in found if len({m for s, m, _ in found if s == serial}) > 1]
-    return [
-        {
-            "serial": serial,
-            "model": model,
-            "simulated": simulated,
-            "campaigns": len(of),
-            "first": of[0].began_utc[:10] if of else None,
-            "last": of[-1].began_utc[:10] if of else None,
-            "verdict": of[-1].verdict if of else None,
-            "cannot_be_read": broken.get(serial, 0),
-            "remark": "two units have this serial number" if serial in same else "",
-        }
-        for (serial, model, simulated), of in sorted(found.items())
-    ]
 
 
 def _told(good: Sequence[Entry]) -> Iterator[str]:
@@ -238,7 +213,7 @@ def _parameters(
         values = at_usual_temperatures(stations)
         names, shifts, errors, left = shifts_of(values)
         months = np.array([began[each] for each in names])
-        together = trend(months, shifts, errors, own[0].value.unit)
+        together = trend(months, shifts, errors)
         k = 2.0 if limits is None else limits.k
         asked = None if limits is None else limits.sensors.get(sensor, {}).get(name)
         of_station = [_station(at, of, values[at], began, together, months, asked, k) for at, of in stations.items()]
@@ -259,10 +234,10 @@ def _station(
 ) -> Station:
     months = np.array([began[each.entry] for each in means])
     y, sd = np.array([values[each.entry] for each in means]).T
-    found = trend(months, y, sd, means[0].value.unit)
-    since = all_months[together.step] if together.step else -np.inf
+    since = float(all_months[together.step]) if together.step else -np.inf
+    found = at_one_temperature(together, since, months, y, sd)
     before = months[:-1] >= since
-    control = control_limits(y[:-1][before], sd[:-1][before], means[0].value.unit)
+    control = control_limits(y[:-1][before], sd[:-1][before])
     return Station(at, means, months, found, control, _due(found, months, asked, k))
 
 

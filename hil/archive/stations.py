@@ -46,8 +46,8 @@ def at_usual_temperatures(stations: Mapping[float | None, Sequence[ArchivedMean]
         slopes = np.gradient(np.array(level), where)
     return {
         at: {
-            m.entry: (m.value.value - float(np.nan_to_num(slope * (here - usual[at]))), m.value.sd)
-            for m, here in zip(of, own[at], strict=True)
+            m.entry: (m.value.value - off, m.value.sd)
+            for m, off in zip(of, np.nan_to_num(slope * (own[at] - usual[at])).tolist(), strict=True)
         }
         for (at, of), slope in zip(stations.items(), slopes, strict=True)
     }
@@ -69,7 +69,8 @@ def shifts_of(
     columns = np.zeros((len(y), len(values) + len(names)))
     columns[np.arange(len(y)), k.astype(int)] = 1.0
     columns[np.arange(len(y)), len(values) + i.astype(int)] = 1.0
-    found = np.linalg.lstsq(columns * weight[:, None], y * weight, rcond=None)[0]
+    weighted = columns.T * weight**2
+    found = np.linalg.lstsq(weighted @ columns, weighted @ y, rcond=None)[0]  # a shift of all is an offset of all
     shifts = found[len(values) :] - found[len(values) :].mean()
     errors = np.array([1.0 / np.sqrt(np.sum(weight[i == each] ** 2)) for each in range(len(names))])
     left: dict[float | None, dict[str, tuple[float, float]]] = {}

@@ -26,6 +26,7 @@ LEAST = 4
 """Calibrations that it takes to tell anything: a line has two left then."""
 
 _EACH_SIDE = 2
+_UNKNOWN, _NOTHING = "cannot tell", "nothing shown"
 _SHEWHART = 1.128  # of the mean range of two values, by their standard deviation (d2 for n = 2)
 _SIGMAS = 3.0
 
@@ -44,10 +45,10 @@ class Fit:
     freedom: int
     cost: float
 
-    def of(self, place: int, unit: str = "") -> Uncertain:
+    def of(self, place: int) -> Uncertain:
         """Return one of the values with its uncertainty."""
         sd = math.sqrt(float(self.covariance[place, place]))
-        return Uncertain(float(self.values[place]), sd, self.freedom, self.freedom, unit)
+        return Uncertain(float(self.values[place]), sd, self.freedom, self.freedom, "")
 
 
 @dataclass(frozen=True)
@@ -65,32 +66,43 @@ class Trend:
         return self.fit.step if self.fit is not None and self.jump is not None else 0
 
 
-def trend(months: FloatArray, values: FloatArray, sd: FloatArray, unit: str = "") -> Trend:
+def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     """Say what n values (n,) with standard deviations (n,) did over `months` (n,), which rise."""
     if len(values) < LEAST or not np.all(np.isfinite(sd)) or not np.all(sd > 0.0):
         if len(values) > 2 and np.all(np.isfinite(sd)) and np.all(sd > 0.0):
             line = fitted(months, values, sd, line=True)
-            return Trend("cannot tell", line, line.of(1, unit))
-        return Trend("cannot tell", None)
+            return Trend(_UNKNOWN, line, line.of(1))
+        return Trend(_UNKNOWN, None)
     steps = [step for step in range(_EACH_SIDE, len(values) - _EACH_SIDE + 1) if months[step] > months[step - 1]]
     steady, line = (fitted(months, values, sd, line=with_line) for with_line in (False, True))
     jumps = [fitted(months, values, sd, line=False, step=step, places=len(steps)) for step in steps]
     both = [fitted(months, values, sd, line=True, step=s, places=len(steps)) for s in steps if len(values) > LEAST]
-    best = {"nothing shown": steady, "drift": line}
+    best = {_NOTHING: steady, "drift": line}
     for word, several in (("jump", jumps), ("drift and jump", both)):
         if several:
             best[word] = min(several, key=lambda each: each.cost)
     order = sorted(best, key=lambda word: best[word].cost)
-    if best["nothing shown"].cost - best[order[0]].cost < MARGIN:
-        return Trend("nothing shown", line, line.of(1, unit))
+    if best[_NOTHING].cost - best[order[0]].cost < MARGIN:
+        return Trend(_NOTHING, line, line.of(1))
     word, rivals = order[0], [each for each in order[1:] if best[each].cost - best[order[0]].cost < MARGIN]
     if {"drift", "jump"} <= {word, *rivals}:
-        return Trend("drift or jump", line, line.of(1, unit))
+        return Trend("drift or jump", line, line.of(1))
     if word == "drift and jump" and rivals:  # the simpler one that explains nearly as much
         word = rivals[0]
     found = best[word]
-    slope = found.of(1, unit) if found.line else None
-    return Trend(word, found, slope, found.of(len(found.values) - 1, unit) if found.step else None)
+    slope = found.of(1) if found.line else None
+    return Trend(word, found, slope, found.of(len(found.values) - 1) if found.step else None)
+
+
+def at_one_temperature(together: Trend, since: float, months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
+    """Return the trend of some of the values that `together` had, by its model, with its step at the month `since`."""
+    if together.fit is None or len(values) < LEAST - 1:
+        return Trend(_UNKNOWN, None)
+    step = int(np.searchsorted(months, since)) if together.step else 0
+    step = step if step < len(values) else 0  # nothing was measured here after it
+    found = fitted(months, values, sd, line=together.fit.line, step=step)
+    slope = found.of(1) if found.line else None
+    return Trend(together.word, found, slope, found.of(len(found.values) - 1) if step else None)
 
 
 def fitted(
@@ -127,7 +139,7 @@ def predicted(fit: Fit, at: FloatArray, months: FloatArray, sigmas: float) -> tu
     return columns @ fit.values, sd * Uncertain(0.0, 1.0, fit.freedom, fit.freedom, "").expanded(sigmas)
 
 
-def control_limits(earlier: FloatArray, sd: FloatArray, unit: str = "") -> Uncertain | None:
+def control_limits(earlier: FloatArray, sd: FloatArray) -> Uncertain | None:
     """Return where the next of a unit's values should be by its own earlier ones (m,), None for fewer than three.
 
     A chart of single values (Shewhart): the scatter is that of neighbours, so that a slow drift does not widen it, and
@@ -137,7 +149,7 @@ def control_limits(earlier: FloatArray, sd: FloatArray, unit: str = "") -> Uncer
     if count < LEAST - 1:
         return None
     scatter = max(float(np.mean(np.abs(np.diff(earlier)))) / _SHEWHART, float(np.sqrt(np.mean(sd**2))))
-    return Uncertain(float(earlier.mean()), scatter * math.sqrt(1.0 + 1.0 / count), count - 1, count, unit)
+    return Uncertain(float(earlier.mean()), scatter * math.sqrt(1.0 + 1.0 / count), count - 1, count, "")
 
 
 def control_half_width(limits: Uncertain) -> float:

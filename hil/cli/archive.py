@@ -41,7 +41,7 @@ def archive(
 ) -> Answer:
     """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
     from hil.archive.folder import take_up
-    from hil.archive.index import update
+    from hil.archive.taking_in import update
     from hil.files.strict import NAME, one_line
 
     try:
@@ -85,11 +85,10 @@ def _archived(document: Mapping[str, Any]) -> Iterator[str]:
 
 def units(archive: _Archive = None, csv_file: _Csv = None) -> Answer:
     """List the units of the archive: how often each was calibrated, when last, and how that was."""
-    from hil.archive.history import units as listed
     from hil.archive.index import opened_index
 
     with opened_index(_named(archive)) as index:
-        rows, behind = listed(index), index.behind()
+        rows, behind = index.units(), index.behind()
     if csv_file is not None:
         _write_csv(csv_file, rows)
     document = {

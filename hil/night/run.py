@@ -299,7 +299,7 @@ def _archive(journal: SqliteJournal, bench: Bench, state: str) -> None:
     if bench.archive is None:
         return
     from hil.archive.folder import take_up  # only an end needs what solves
-    from hil.archive.index import take_in
+    from hil.archive.taking_in import take_in
 
     try:
         taken = take_up(bench.archive, journal.folder, state=state)
