@@ -61,7 +61,10 @@ class Station:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a sensor: what all its temperatures did together, `with_temperature`, and each of them."""
+    """One parameter of a sensor: what all its temperatures did together over `months` (n,), and each of them.
+
+    `differs` says that a jump is not the same at all of them.
+    """
 
     sensor: int
     name: str

@@ -95,7 +95,7 @@ def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
 
 
 def at_one_temperature(together: Trend, since: float, months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
-    """Return the trend of some of the values that `together` had, by its model, with its step at the month `since`."""
+    """Return the trend of values (n,) at one temperature by the model of `together`, with its step `since` a month."""
     if together.fit is None or len(values) < LEAST - 1:
         return Trend(_UNKNOWN, None)
     step = int(np.searchsorted(months, since)) if together.step else 0
@@ -108,7 +108,7 @@ def at_one_temperature(together: Trend, since: float, months: FloatArray, values
 def fitted(
     months: FloatArray, values: FloatArray, sd: FloatArray, *, line: bool, step: int = 0, places: int = 1
 ) -> Fit:
-    """Fit a constant, with a `line` and with a `step` that might have been at so many `places`."""
+    """Fit a constant to values (n,), with a `line` and a `step` that might have been at so many `places`."""
     columns = columns_of(months, months, line=line, step=step) / sd[:, None]
     count, parameters = columns.shape
     inverse = np.linalg.pinv(columns.T @ columns)

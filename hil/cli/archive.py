@@ -22,7 +22,6 @@ _Archive = Annotated[
     Path | None,
     typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.", show_default=False),
 ]
-_Csv = Annotated[Path | None, typer.Option("--csv", help="Write the rows here, .csv.", show_default=False)]
 
 
 def archive(
@@ -83,7 +82,10 @@ def _archived(document: Mapping[str, Any]) -> Iterator[str]:
     yield f"{document['archive']}: {counted(document['entries'], 'campaign')}, {len(document['read'])} of them read now"
 
 
-def units(archive: _Archive = None, csv_file: _Csv = None) -> Answer:
+def units(
+    archive: _Archive = None,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.")] = None,
+) -> Answer:
     """List the units of the archive: how often each was calibrated, when last, and how that was."""
     from hil.archive.index import opened_index
 
@@ -120,7 +122,7 @@ def history(
     limits: Annotated[
         str | None, typer.Option("--limits", help="What the unit must be; default: the newest calibration's own.")
     ] = None,
-    csv_file: _Csv = None,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every value here, .csv.")] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Write its life as one campaign folder, for reconcile, thermal, visibility."),

@@ -175,6 +175,7 @@ def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
     assert len(entries(copy, "a/../b")) == 1
 
 
+@pytest.mark.slow
 def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -194,6 +195,7 @@ def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     assert hil(["history", "SIM-0001", "--archive", str(tmp_path / "archive")]) == 0
     out = capsys.readouterr()
     assert "its night is not at" in out.err
+    assert "were measured at the same time: two units with one serial number" in out.err
     assert "SIMULATED" in out.out
     assert "bench.title: bench 0 → bench 1" in out.out
     facts, campaign, _ = read_entry(tmp_path / "archive", entries(tmp_path / "archive")[0])
