@@ -102,13 +102,22 @@ def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Map
     """
     folder = archive / entry
     facts = parse_yaml(read_text(folder / ENTRY), str(folder / ENTRY))
-    if facts.get("schema") != SCHEMA or not isinstance(facts.get("sha256"), dict):
+    if facts.get("schema") != SCHEMA or not isinstance(hashes := facts.get("sha256"), dict):
         raise InputError(f"{folder / ENTRY}: is no {SCHEMA}")
-    for name, digest in facts["sha256"].items():
+    if folder_of(str(facts.get("serial"))) != folder.parent.name:
+        raise InputError(f"{folder / ENTRY}: it is of unit {facts.get('serial')}, and stands in another unit's folder")
+    try:
+        began, ended = (datetime.fromisoformat(str(facts[key])) for key in ("began_utc", "ended_utc"))
+        _ = ended - began
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder / ENTRY}: when it was measured cannot be read ({error})") from None
+    if not {*HASHED[:2]} <= hashes.keys() or not isinstance(facts.get("night"), dict | None):
+        raise InputError(f"{folder / ENTRY}: is not whole")
+    for name, digest in hashes.items():
         if name not in HASHED or _sha256(folder / name) != digest:
             raise InputError(f"{folder / name}: is not what was taken up (another hash)")
     text = folder / CONFIGURATION
-    configuration = parse_yaml(read_text(text), str(text)) if CONFIGURATION in facts["sha256"] else {}
+    configuration = parse_yaml(read_text(text), str(text)) if CONFIGURATION in hashes else {}
     return facts, read_campaign(folder / CAMPAIGN), configuration
 
 
@@ -118,18 +127,17 @@ def life(archive: Path, names: list[str]) -> Campaign:
     What comes with age shows in it, and in no single night. Raises `InputError` as `read_entry` does, and where the
     sensors are not the same in all of them.
     """
+    if not names:
+        raise InputError(f"{archive}: no calibration of this unit tells anything of it")
     parts = sorted((read_entry(archive, name)[:2] for name in names), key=lambda each: str(each[0]["began_utc"]))
     first = datetime.fromisoformat(parts[0][0]["began_utc"])
-    whole: Campaign | None = None
-    for facts, campaign in parts:
+    whole = parts[0][1]
+    for facts, campaign in parts[1:]:
         since_s = (datetime.fromisoformat(facts["began_utc"]) - first).total_seconds()
-        later = campaign if whole is None else _numbered_on(whole, campaign, since_s)
-        if whole is not None and {n: of.conditions.sensor for n, of in later.sensors.items()} != {
-            n: of.conditions.sensor for n, of in whole.sensors.items()
-        }:
+        layouts = [{n: of.conditions.sensor for n, of in each.sensors.items()} for each in (whole, campaign)]
+        if layouts[0] != layouts[1]:
             raise InputError(f"{archive}: from {facts['began_utc'][:10]} on its sensors are others: no one campaign")
-        whole = later if whole is None else _together(whole, later)
-    assert whole is not None  # noqa: S101 - an archive's unit has an entry
+        whole = _together(whole, _numbered_on(whole, campaign, since_s))
     return replace(whole, title=f"{whole.identity['serial']}, {len(parts)} campaigns", notes="", missing=())
 
 

@@ -175,8 +175,8 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     names = {each.name for each in used}
     means = [each for each in index.means(serial) if each.entry in names]
     began = {each.name: datetime.fromisoformat(each.began_utc).timestamp() / _MONTH_S for each in used}
-    parameters = list(_parameters(means, began, limits))
-    kind = good[-1]
+    parameters, kind = list(_parameters(means, began, limits)), good[-1]
+    said += _not_judged(limits, kind.model, parameters)
     return History(serial, kind.model, kind.simulated, good, used, _changes(good, settings), parameters, limits, said)
 
 
@@ -193,6 +193,18 @@ def _told(good: Sequence[Entry]) -> Iterator[str]:
         for each in good
         if each.night and not Path(each.whence).exists()
     )
+
+
+def _not_judged(limits: Limits | None, model: str, parameters: Sequence[Parameter]) -> Iterator[str]:
+    """Yield of which limits the unit has no parameter; raise `InputError` for limits of another model."""
+    if limits is None:
+        return
+    if limits.unit and model and limits.unit != model:
+        raise InputError(f"{limits.source}: unit: these are limits of {limits.unit}, and the unit is {model}")
+    there = {(each.sensor, each.name) for each in parameters}
+    for sensor, of in limits.sensors.items():
+        if lacking := [name for name in of if (sensor, name) not in there]:
+            yield f"{limits.source}: sensor {sensor}: no calibration tells {', '.join(lacking)}: not judged"
 
 
 def _changes(good: Sequence[Entry], settings: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:

@@ -108,6 +108,16 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
 ) -> None:
     """A flipped number, a folder that went, one that came beside; an index that is lost or no index at all."""
     first, second, third, *_ = entries(copy)
+    for number, (old, new) in enumerate(
+        {"serial: '0042'": "serial: '0043'", "began_utc: '": "began_utc: 'on "}.items()
+    ):
+        entry = copy / entries(copy)[-1 - number] / ENTRY
+        entry.write_text((text := entry.read_text()).replace(old, new, 1))
+        with pytest.raises(InputError, match=r"another unit's folder|when it was measured"):
+            read_entry(copy, f"unit-0042/{entry.parent.name}")
+        entry.write_text(text)
+    assert hil(["archive", str(copy)]) == 0
+    capsys.readouterr()
     table = copy / first / "campaign" / "collects.csv"
     table.write_text(table.read_text().replace("7", "8", 1))
     shutil.rmtree(copy / second)
