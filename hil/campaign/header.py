@@ -1,7 +1,10 @@
 """campaign.yaml: what was measured, where, with which channels."""
 
+import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
+from datetime import date
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,6 +22,7 @@ KNOWN_KEYS = frozenset(
     | {"verdicts", "pose", "identity", "largest_standard_error_deg_per_hr", "rebuilt", "missing"}
 )
 OF_A_SENSOR = frozenset({"axes", "channels", "technology"})
+_DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,14 @@ def read_header(path: Path) -> Header:
     )
     extra = tuple(sorted(str(key) for key in keys.keys() - KNOWN_KEYS))
     return Header(campaign, _sensors(path, keys), extra, _number(path, "series.collects", written or 0))
+
+
+def day_of(source: str) -> date | None:
+    """Return the first date, such as 1985-10-01, in the words about where a campaign comes from."""
+    for said in _DATE.findall(source):
+        with suppress(ValueError):  # the 39th of a month
+            return date.fromisoformat(said)
+    return None
 
 
 def _texts(path: Path, keys: Mapping[Any, Any], key: str) -> tuple[str, ...]:

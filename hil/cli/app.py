@@ -9,6 +9,8 @@ import typer
 from typer.core import TyperGroup
 
 from hil.cli import (
+    archive,
+    certificate,
     chamber,
     coefficients,
     dashboard,
@@ -36,6 +38,7 @@ GROUPS = {
     "Before a night": "plan check visibility design budget",
     "A night": "demo run status dashboard pause continue confirm abort resume watchdog notify",
     "Its results": "report solve reconcile fleet twin scatter thermal allan plot export verify repair replay",
+    "A unit": "certificate archive units history",
     "Tables and the catalogue": "import audit reproduce effects",
     "Devices": "simulate chamber decode frames",
 }
@@ -72,7 +75,20 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-_ROOMS: tuple[Any, ...] = (night, data, report, model, frames, device, replay, control, notify, watchdog)
+_ROOMS: tuple[Any, ...] = (
+    night,
+    data,
+    report,
+    certificate,
+    archive,
+    model,
+    frames,
+    device,
+    replay,
+    control,
+    notify,
+    watchdog,
+)
 for room in (*_ROOMS, coefficients, design, reproduction, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))

@@ -74,18 +74,13 @@ def write_report(
     """
     from hil.analysis.against import compare
     from hil.analysis.in_spec import in_spec_of
+    from hil.files.page import page_file
     from hil.report.content import gather
     from hil.report.page import write_page
 
     night = _night(source)
     campaign = _campaign(source, night)
-    path = out or source / "report.html"
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
-    if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
-        raise InputError(f"{path}: the report is written as .html; give a name that ends so")
+    path = page_file(out or source / "report.html")
     warn(tuple(campaign.warnings))
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)

@@ -25,6 +25,7 @@ from hil.campaign import Sensor
 from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
+from hil.config.laboratory import InstrumentSection, LaboratorySection, each_once
 from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
@@ -59,7 +60,9 @@ _RIGID = 0.05  # of direction cosines: three degrees
 
 def _absolute(path: Path) -> Path:
     if not path.is_absolute():
-        raise ValueError(f"{path}: give a whole path, such as /etc/hil/bench.key: a night is carried on from anywhere")
+        raise ValueError(
+            f"{path}: give a whole path, such as /srv/hil/{path.name}: a night is carried on from anywhere"
+        )
     return path
 
 
@@ -187,8 +190,11 @@ class Bench(WholeFile):
     pose: Annotated[PoseTolerance, settings_of(PoseTolerance)] = PoseTolerance()
     largest_standard_error: Annotated[DegreesPerHour, Field(gt=0.0)] | None = None
     limits: str | None = None  # of the unit's parameters: a file, where the sweep names none
+    archive: Annotated[Path, AfterValidator(_absolute)] | None = None  # where its nights are taken up at their end
     record: RecordSection = RecordSection()
     uncertainties: UncertaintySection = UncertaintySection()
+    laboratory: LaboratorySection | None = None
+    equipment: Annotated[tuple[InstrumentSection, ...], AfterValidator(each_once)] = ()
     notify: NotifySection | None = None
     simulation: SimulationSection | None = None
     faults: tuple[Fault, ...] = ()

@@ -267,6 +267,7 @@ def _carry_out(
                 journal.event("wear", f"chamber: {wear}")
             shown.close()  # what it shows is recorded with the verdict
             judge(journal, outcome.state)
+            _archive(journal, live.bench, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
             notifier.tell("finished", in_words_at_the_end(journal, f"{outcome.state}: {outcome.reason}"))
         return outcome
@@ -291,6 +292,21 @@ def judge(journal: SqliteJournal, state: str) -> None:
     unit = in_spec_of(journal.folder, campaign, solutions, state=state)
     seals = {"trace": seal(journal.folder / TRACE_NAME), "log": sealed_log(journal.folder)}
     journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **seals, in_spec=unit and unit.brief())
+
+
+def _archive(journal: SqliteJournal, bench: Bench, state: str) -> None:
+    """Take the night up into the archive that its bench names; where that cannot be done, the record says why."""
+    if bench.archive is None:
+        return
+    from hil.archive.folder import take_up  # only an end needs what solves
+    from hil.archive.taking_in import take_in
+
+    try:
+        taken = take_up(bench.archive, journal.folder, state=state)
+        take_in(bench.archive, taken.entry)
+        journal.event("archived", f"taken up into {bench.archive} as {taken.entry}")
+    except (InputError, OSError) as error:
+        journal.event("not-archived", f"the archive does not have this night: {error}. Later: hil archive")
 
 
 def _polling(live: LiveBench) -> Polling:

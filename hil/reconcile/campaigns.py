@@ -11,12 +11,10 @@ that does not depend on the workers, so that the numbers do not either.
 from __future__ import annotations
 
 import hashlib
-import re
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import date
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ import numpy as np
 
 from drivers.given_file import check_folder
 from hil.campaign import Campaign, FloatArray
+from hil.campaign.header import day_of
 from hil.campaign.reader import HEADER_FILE
 from hil.errors import InputError
 from hil.model import Model, load_model
@@ -37,7 +36,6 @@ LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
 _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
-_DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -211,16 +209,8 @@ def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> FloatAr
 
 
 def _unit(place: str, facts: Campaign, layout: int, finding: UnitFinding) -> ScreenedUnit:
-    serial = facts.identity.get("serial", "")
-    return ScreenedUnit(place, facts.title, serial, _date(facts.source), facts.simulated, layout, finding)
-
-
-def _date(source: str) -> str:
-    """Return the first date, such as 1985-10-01, in the words about where a campaign comes from; empty for none."""
-    for said in _DATE.findall(source):
-        with suppress(ValueError):  # the 39th of a month
-            return date.fromisoformat(said).isoformat()
-    return ""
+    serial, day = facts.identity.get("serial", ""), day_of(facts.source)
+    return ScreenedUnit(place, facts.title, serial, day.isoformat() if day else "", facts.simulated, layout, finding)
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """What a design can tell apart: spans, projecting out the base, overlaps, classes, and the size that shows.
 
-    whiten = whitener(covariance)                                   # (N, N)
+    whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
     seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
     seen.kept, overlap(seen, other), smallest_visible(seen, alpha)
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import linalg, special
+from scipy import special
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import flattened
 from hil.solve.observability import linked_groups
 
@@ -31,31 +31,46 @@ CANNOT_BE_SEEN = 0.1
 """An effect that keeps less of its norm than this is absorbed by the base model's parameters."""
 
 
-def whitener(covariance: FloatArray) -> FloatArray:
-    """Return the matrix W, (N, N), with W V Wᵀ = 1 for a covariance V; raises LinAlgError where V is not positive."""
-    factor = linalg.cholesky(covariance, lower=True)
-    return np.asarray(linalg.solve_triangular(factor, np.eye(len(covariance)), lower=True))
+@dataclass(frozen=True)
+class Whitener:
+    """The matrix W, (N, N), with W V Wᵀ = 1 for the covariance V of N measured rates that only runs have in common.
+
+    `blocks` has it run by run, for r runs with b rates each: their rows (r, b), and W's blocks (r, b, b).
+    """
+
+    blocks: Sequence[tuple[IntArray, FloatArray]]
+
+    def __matmul__(self, columns: FloatArray) -> FloatArray:
+        """Return columns (n·c, p) whitened, (N, p), without the rows that were not measured, run by run."""
+        white = [(block @ columns[rows]).reshape(rows.size, -1) for rows, block in self.blocks]
+        return np.concatenate([np.zeros((0, columns.shape[1])), *white])
 
 
-def run_covariance(
+def whitener(
     conditions: Conditions,
     sigma: FloatArray,
     run_bias: FloatArray,
     run_columns: Sequence[tuple[FloatArray, float]] = (),
-) -> FloatArray:
-    """Return the covariance (n·c, n·c) of collects with white noise and scatter from run to run.
+) -> Whitener:
+    """Return what whitens collects with white noise and scatter from run to run.
 
-    `sigma` (n, c) is the standard deviation of each average, `run_bias` (c,) that of a bias per run and channel;
-    `run_columns` adds parameters that scatter from run to run: pairs of columns (n, c, p) and standard deviation.
+    `sigma` (n, c) is the standard deviation of each average, NaN where it was not measured, `run_bias` (c,) that of a
+    bias per run and channel; `run_columns` adds parameters that scatter from run to run: pairs of columns (n, c, p) and
+    standard deviation. Raises LinAlgError where a covariance is not positive.
     """
     count, channels = sigma.shape
-    same_run = (conditions.run[:, None] == conditions.run[None, :]).astype(np.float64)
-    covariance = np.diag(sigma.ravel() ** 2)
-    covariance += np.kron(same_run, np.diag(np.broadcast_to(run_bias, channels) ** 2))
-    for columns, deviation in run_columns:
-        flat = flattened(columns)
-        covariance += deviation**2 * (flat @ flat.T) * np.kron(same_run, np.ones((channels, channels)))
-    return np.asarray(covariance.reshape(count * channels, count * channels))
+    biases = flattened(np.broadcast_to(np.diag(np.broadcast_to(run_bias, channels)), (count, channels, channels)))
+    scattering = np.concatenate([biases, *(size * flattened(columns) for columns, size in run_columns)], axis=1)
+    measured = np.flatnonzero(np.isfinite(sigma))
+    own = conditions.run[measured // channels]
+    by_run = np.split(measured[np.argsort(own, kind="stable")], np.flatnonzero(np.diff(np.sort(own))) + 1)
+    blocks = []
+    for size in {len(rows) for rows in by_run} - {0}:
+        rows = np.array([each for each in by_run if len(each) == size])
+        covariance = scattering[rows] @ np.swapaxes(scattering[rows], 1, 2)
+        covariance[:, np.arange(size), np.arange(size)] += sigma.ravel()[rows] ** 2
+        blocks.append((rows, np.linalg.inv(np.linalg.cholesky(covariance))))
+    return Whitener(blocks)
 
 
 def unit_columns(columns: FloatArray) -> FloatArray:

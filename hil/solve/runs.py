@@ -10,6 +10,8 @@ of how the run was measured and what its records contradict (`Campaign.verdicts`
 runs say of its collects, and of whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -93,33 +95,53 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
             found.append(_solve_rows(number, int(run), form, chosen))
-    judged = [_judged(each, campaign, rows[each.sensor]) for each in found]
+    beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
+    judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
 
 
-def _judged(solution: RunSolution, campaign: Campaign, beside: WrongRows) -> RunSolution:
+@dataclass(frozen=True)
+class _Beside:
+    """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
+
+    `lacking` are the collects without a standard error, by run.
+    """
+
+    judged: Sequence[Mapping[int, Judgement]]
+    not_compared: Sequence[int]
+    lacking: Mapping[int, list[int]]
+    largest_se: float | None
+
+    @classmethod
+    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
+        """Gather it from a campaign, and from what its rows say of each other."""
+        rows = campaign.sensors[sensor]
+        here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
+        soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in unsettled(rows.conditions).items()}
+        lacking: dict[int, list[int]] = {}
+        for row in np.flatnonzero(unstated(rows).any(axis=1)):
+            lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
+        judged = (campaign.verdicts, here, wrong.judged, soak)
+        return cls(judged, sorted(wrong.not_compared), lacking, campaign.largest_se)
+
+
+def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:
     """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`.
 
     Where there is nothing to compare it with, that stands among what was assumed.
     """
-    if not beside.not_compared.isdisjoint(solution.runs):
+    if not set(beside.not_compared).isdisjoint(solution.runs):
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
         )
         solution = replace(solution, assumed=(*solution.assumed, alone))
-    rows = campaign.sensors[solution.sensor]
-    lacking = unstated(rows).any(axis=1) & np.isin(rows.conditions.run, solution.runs)
-    if lacking.any():
+    if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
         largest = "not all standard errors are stated: the largest of the others stands for the rest"
-        which = numbered("collect", rows.conditions.collect[lacking].tolist())
-        solution = replace(solution, assumed=(*solution.assumed, f"{which}: {largest}"))
-    here = {run: of for (run, sensor), of in campaign.contradicted.items() if sensor == solution.sensor}
-    soak = unsettled(rows.conditions)
-    told = (campaign.verdicts, here, beside.judged, {run: Judgement(Verdict.MARGINAL, of) for run, of in soak.items()})
-    found = [of[run] for run in solution.runs for of in told if run in of]
+        solution = replace(solution, assumed=(*solution.assumed, f"{numbered('collect', lacking)}: {largest}"))
+    found = [of[run] for run in solution.runs for of in beside.judged if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
-    found.append(measured_well_enough(errors, rows.conditions.sensor, campaign.largest_se))
+    found.append(measured_well_enough(errors, rows.conditions.sensor, beside.largest_se))
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution

@@ -67,6 +67,12 @@ class Budget:
         return np.asarray(simulated / np.sqrt(2.0 * self.draws))
 
     @property
+    def from_run_to_run(self) -> FloatArray:
+        """The part of one run's that is new in each run, (p,)."""
+        varying = [each.analytic**2 for each in self.shares if each.source.varies == "run"]
+        return np.asarray(np.sqrt(np.sum(varying, axis=0)))
+
+    @property
     def agrees(self) -> bool:
         """Whether every contribution, and the total, is the same both ways, within the draws' own error."""
         return not self.too_large and not np.any(self._apart(self.total(), self.everything))
@@ -103,12 +109,20 @@ def error_budget(scene: Scene, given: Sequence[Source], form: LinearForm, draws:
 
     `draws` is for each source. Parameters that the collects cannot know are NaN. The same seed gives the same numbers.
     """
-    to_parameters = response(scene, form)
     squares = np.zeros((len(given) + 1, len(form.names)))
     rng = np.random.default_rng(seed)
     for begin in range(0, draws, _CHUNK):
         squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
-    spread = np.sqrt(squares / draws)
+    return _budget(scene, given, form, np.sqrt(squares / draws), draws)
+
+
+def calculated_budget(scene: Scene, given: Sequence[Source], form: LinearForm) -> Budget:
+    """Return the budget of one self-calibration without draws: what is simulated is NaN."""
+    return _budget(scene, given, form, np.full((len(given) + 1, len(form.names)), np.nan), 0)
+
+
+def _budget(scene: Scene, given: Sequence[Source], form: LinearForm, spread: FloatArray, draws: int) -> Budget:
+    to_parameters = response(scene, form)
     shares = tuple(
         Share(source, analytic_share(source, scene, to_parameters), spread[i]) for i, source in enumerate(given)
     )

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.design.budget.budget import DRAWS, Budget, analytic_share, error_budget, response
-from hil.design.budget.scenes import MEASURED, RunScene
+from hil.design.budget.budget import DRAWS, Budget, calculated_budget, error_budget
+from hil.design.budget.means import as_solved, mean_of_repeats
+from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
-from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 
 SCHEMA = "hil.budget/1"
@@ -55,12 +56,12 @@ def budget_document(
 
 
 def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
-    totals = {each.run: _total(each) for each in runs}
+    totals = {each.run: calculated_budget(each.scene, each.sources, each.form).total() for each in runs}
     if asked.run is not None and asked.run not in totals:
         raise InputError(f"sensor {number}: there is no run {asked.run}; there are {', '.join(map(str, totals))}")
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
     budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
-    one = _as_solved(budget, observed)
+    one = as_solved(budget, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     return {
         "run": chosen.run,
@@ -73,8 +74,8 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, _mean(budget, asked.repeats, one, mean)),
-        "run_to_run": _named(budget, _from_run_to_run(budget)),
+        "mean_of_repeats": _named(budget, mean_of_repeats(budget, asked.repeats, one, mean)),
+        "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, one) if observed is not None else {},
         "mean_as_solved": {}
@@ -92,42 +93,6 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
             for each in runs
         ],
     }
-
-
-def _total(each: RunScene) -> FloatArray:
-    to_parameters = response(each.scene, each.form)
-    parts = [analytic_share(source, each.scene, to_parameters) ** 2 for source in each.sources]
-    return np.asarray(np.sqrt(np.sum(parts, axis=0)))
-
-
-def _as_solved(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
-    """What `hil solve` states of one run, (p,): its noise, and what repeats and residuals show; NaN where nothing."""
-    noise = next((each for each in budget.shares if each.source.id == "noise"), None)
-    if observed is None or noise is None:
-        return np.full(len(budget.names), np.nan)
-    measured = noise.source.origin == MEASURED
-    own = dict(zip(budget.names, noise.analytic.tolist(), strict=True)) if measured else {}
-    sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
-    told = dict(zip(observed.names, sd.tolist(), strict=True))
-    return np.array([told.get(name, np.nan) for name in budget.names])
-
-
-def _mean(budget: Budget, repeats: int, one: FloatArray, mean: MeanAt | None) -> FloatArray:
-    """Return the whole uncertainty of the mean of some repeats, (p,): what they show, and what they have in common.
-
-    `one` (p,) is what `hil solve` states of one run, `mean` what it states of the runs at that temperature, the same
-    number where as many repeats are asked for. It is never less than what the budget's own sources give.
-    """
-    shown = one / np.sqrt(repeats)
-    if mean is not None and len(mean.runs) == repeats:
-        shown = np.array([mean.values[n].sd if n in mean.values else np.nan for n in budget.names])
-    common = budget.total() ** 2 - _from_run_to_run(budget) ** 2
-    return np.asarray(np.fmax(budget.total(repeats), np.sqrt(shown**2 + common)))
-
-
-def _from_run_to_run(budget: Budget) -> FloatArray:
-    varying = [each.analytic**2 for each in budget.shares if each.source.varies == "run"]
-    return np.asarray(np.sqrt(np.sum(varying, axis=0)))
 
 
 def _share(budget: Budget, index: int) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
-from hil.design.visibility.worth import improvements
+from hil.design.visibility.worth import MOST_RUNS, improvements
 from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.solve import repeats, solve_campaign
@@ -68,6 +68,8 @@ def visibility_document(
             for number, sights in maps.items()
         },
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
+        "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
+        "changes_weighed_on_runs": min(MOST_RUNS, runs),
         "changes": [
             {
                 **vars(one),

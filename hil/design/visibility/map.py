@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, Parameter, flattened
 from hil.model.effects.catalogue import askable
@@ -23,10 +23,10 @@ from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
+    Whitener,
     classes,
     orthonormal,
     overlap_table,
-    run_covariance,
     smallest_visible,
     visible,
     whitener,
@@ -115,16 +115,16 @@ def visibility(
     form = default_model_name(conditions) if model is None else model.form
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)
-    measured, whiten = _noise(conditions, noise, sigma)
+    whiten = _noise(conditions, noise, sigma)
     fitted = named_form(form, conditions)
-    whitened = whiten @ flattened(fitted.columns(conditions))[measured]
+    whitened = whiten @ flattened(fitted.columns(conditions))
     absorbed = orthonormal(whitened)
     shapes = {effect.id: _chosen(effect.shape_grid(conditions)) for effect in asked}
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
     for effect in asked:
         sizes = np.array([parameter.size for parameter in effect.parameters_for(conditions)])
-        grids = [whiten @ flattened(effect.columns(conditions, base, shape))[measured] for shape in shapes[effect.id]]
+        grids = [whiten @ flattened(effect.columns(conditions, base, shape)) for shape in shapes[effect.id]]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
         leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, fitted.names))
     overlaps = overlap_table(seen)
@@ -183,18 +183,14 @@ def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[
     }
 
 
-def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) -> tuple[IntArray, FloatArray]:
-    """Return which of the flattened rates are measured (indices), and the whitener of those."""
+def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) -> Whitener:
+    """Return what whitens the rates that are measured."""
     channels = len(conditions.sensor.channels)
     given = np.full((len(conditions), channels), noise.collect_deg_per_hr) if sigma is None else sigma
-    measured = np.flatnonzero(np.isfinite(given.ravel()))
     scattering: list[tuple[FloatArray, float]] = []
     if conditions.sensor.is_rotor and noise.run_mu_deg_per_hr_per_g > 0.0:
         scattering.append((mu_columns(conditions), noise.run_mu_deg_per_hr_per_g))
-    covariance = run_covariance(
-        conditions, np.nan_to_num(given, nan=1.0), np.full(channels, noise.run_bias_deg_per_hr), scattering
-    )
-    return measured, whitener(covariance[np.ix_(measured, measured)])
+    return whitener(conditions, given, np.full(channels, noise.run_bias_deg_per_hr), scattering)
 
 
 def _chosen(shapes: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:

@@ -88,7 +88,9 @@ def _unasked(document: Mapping[str, Any]) -> Iterator[str]:
 def _changes(document: Mapping[str, Any]) -> Iterator[str]:
     changes = [change for change in document["changes"] if _benefits(change)]
     if changes:
-        yield "What would help, most first:"
+        some = document["changes_weighed_on_runs"]
+        few = f", weighed on {some} runs of {document['runs']}" if some < document["runs"] else ""
+        yield f"What would help, most first{few}:"
     for place, change in enumerate(changes, 1):
         yield f"  {place}. {change['change']} (costs {change['cost']})"
         yield from (f"     {benefit}" for benefit in _benefits(change))

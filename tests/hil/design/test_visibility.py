@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.forms import named_form
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
-from hil.solve.identifiability import orthonormal, project_out, run_covariance, whitener
+from hil.solve.identifiability import orthonormal, project_out, whitener
 from procedures.plan import make_plan
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
 
@@ -101,7 +102,7 @@ def test_smallest_visible_size_is_found_with_the_stated_probability() -> None:
     assert sight is not None
     names = [parameter.name for parameter in sight.effect.parameters_for(conditions)]
     columns = flattened(effect_by_id("GS_T").columns(conditions, base_values(conditions, model), {}))
-    white = whitener(run_covariance(conditions, np.full((len(conditions), 2), 0.7), np.array([1.1, 1.1])))
+    white = whitener(conditions, np.full((len(conditions), 2), 0.7), np.array([1.1, 1.1]))
     base = orthonormal(white @ flattened(named_form("matrix-6", conditions).columns(conditions)))
     basis = orthonormal(project_out(base, white @ columns))
     signal = (white @ columns)[:, names.index(sight.best.parameter.name)] * sight.best.value
@@ -109,6 +110,17 @@ def test_smallest_visible_size_is_found_with_the_stated_probability() -> None:
     groups = len({one.members for one in sights.effects if one.visible})
     found = statistic > stats.chi2.isf(sights.false_alarm_rate / groups, basis.shape[1])
     assert np.mean(found) == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.slow
+def test_what_is_asked_of_a_whole_life_stays_linear() -> None:
+    """The rates of runs are whitened run by run: four thousand runs take no matrix of all of them."""
+    life = campaign(temperatures=np.linspace(-30.0, 60.0, 8).tolist(), runs_each=500)
+    tracemalloc.start()
+    document = visibility_document({2: life}, "a life", built_in_model("matrix-6"))
+    assert tracemalloc.get_traced_memory()[1] < 8e8  # one matrix of all rates with each other: 4.6 GB
+    tracemalloc.stop()
+    assert "weighed on 384 runs of 4000" in visibility_text(document)
 
 
 def test_less_noise_shows_smaller_effects() -> None:

@@ -1,0 +1,245 @@
+"""The archive's folder: what was measured of every unit, taken up from nights and campaign folders, each once.
+
+    taken = take_up(Path("archive"), Path("night-014"))
+    taken.entry, taken.before      # "unit-0042/20260301T1700Z-9f31c2a4d07b", False
+
+    archive/
+      archive.yaml                 says that it is one
+      unit-0042/                   everything of serial number 0042
+        20260301T1700Z-9f31c2a4d07b/
+          campaign/                a campaign folder (hil.campaign/1), averages only
+          configuration.yaml       of a night: what its journal has on record
+          archived.yaml            hil.archived/1: when, of which unit, from where, hashes of the files beside it
+      index.sqlite                 made from the folders, and from nothing else (hil.archive.index)
+
+An entry appears whole or not at all, and is never changed: what is taken up again with more in it stands beside. The
+folders are the truth. The night itself stays where it is; when it goes, what was averaged of it is still here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from drivers.given_file import read_bytes
+from hil.archive.places import CAMPAIGN, CONFIGURATION, ENTRY, HASHED, MARK, folder_of
+from hil.campaign import Campaign
+from hil.campaign.header import day_of
+from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
+from hil.errors import InputError
+from hil.files.durable import PARTIAL, RealDisk, make_folders, write_durably
+from hil.files.folder import is_new, whole_or_nothing
+from hil.files.strict import parse_yaml, read_text
+from hil.model.effects.history import joined
+from hil.records import reading
+from hil.records.export import open_source
+from hil.records.ledger import read_head
+from hil.records.reader import is_night
+from hil.records.status import night_status
+
+SCHEMA = "hil.archived/1"
+_MARK_TEXT = (
+    "schema: hil.archive/1\n# Taken up by hil archive. The folders are the truth; index.sqlite is made from them.\n"
+)
+_DIGITS = 12
+_WORKING = ("running", "paused")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What was taken up: the entry, the unit's serial number, and whether it had been there `before`."""
+
+    entry: str
+    serial: str
+    before: bool
+
+
+def take_up(
+    archive: Path, source: Path, serial: str | None = None, day: date | None = None, state: str | None = None
+) -> Taken:
+    """Take up a night or a campaign folder; `serial` and `day` are for those that do not say.
+
+    `state` is how the night ended, where the caller knows it. Raises `InputError` where the source cannot be read, is
+    still being measured, tells no serial number or date and none is given, or contradicts them; `Damaged` where a
+    night's records are not what was written. Nothing is changed then.
+    """
+    campaign = open_source(source).campaign
+    own = campaign.identity.get("serial", "")
+    if serial is not None and own not in ("", serial):
+        raise InputError(f"{source}: --serial {serial}: its records say {own}")
+    if not (serial := own or serial):
+        raise InputError(f"{source}: its records do not say which unit it is of; give --serial")
+    campaign = replace(campaign, identity={**campaign.identity, "serial": serial}, folder=None, series_files={})
+    facts, configuration = _facts(source, campaign, day, state)
+    unit, began = archive / folder_of(serial), datetime.fromisoformat(facts["began_utc"])
+    digest = _rates_digest(campaign)
+    if there := next(unit.glob(f"*-{digest}"), None):
+        return Taken(f"{unit.name}/{there.name}", serial, before=True)
+    _begin(archive)
+    target = unit / f"{began:%Y%m%dT%H%MZ}-{digest}"
+    with whole_or_nothing(target) as partial:
+        write_campaign(replace(campaign, series_block_s=None), partial / CAMPAIGN)
+        if configuration is not None:
+            RealDisk().write(partial / CONFIGURATION, configuration.encode())
+        hashes = {name: _sha256(partial / name) for name in HASHED if (partial / name).is_file()}
+        text = yaml.safe_dump({**facts, "sha256": hashes}, sort_keys=False, allow_unicode=True, width=120)
+        RealDisk().write(partial / ENTRY, text.encode())
+    return Taken(f"{unit.name}/{target.name}", serial, before=False)
+
+
+def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:
+    """Return what archived.yaml says, the campaign, and a night's configuration (empty for a campaign's).
+
+    Raises `InputError` where a file is not what was written, or not there.
+    """
+    folder = archive / entry
+    facts = parse_yaml(read_text(folder / ENTRY), str(folder / ENTRY))
+    if facts.get("schema") != SCHEMA or not isinstance(hashes := facts.get("sha256"), dict):
+        raise InputError(f"{folder / ENTRY}: is no {SCHEMA}")
+    if folder_of(str(facts.get("serial"))) != folder.parent.name:
+        raise InputError(f"{folder / ENTRY}: it is of unit {facts.get('serial')}, and stands in another unit's folder")
+    try:
+        began, ended = (datetime.fromisoformat(str(facts[key])) for key in ("began_utc", "ended_utc"))
+        _ = ended - began
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder / ENTRY}: when it was measured cannot be read ({error})") from None
+    if not {*HASHED[:2]} <= hashes.keys() or not isinstance(facts.get("night"), dict | None):
+        raise InputError(f"{folder / ENTRY}: is not whole")
+    for name, digest in hashes.items():
+        if name not in HASHED or _sha256(folder / name) != digest:
+            raise InputError(f"{folder / name}: is not what was taken up (another hash)")
+    text = folder / CONFIGURATION
+    configuration = parse_yaml(read_text(text), str(text)) if CONFIGURATION in hashes else {}
+    return facts, read_campaign(folder / CAMPAIGN), configuration
+
+
+def life(archive: Path, names: list[str]) -> Campaign:
+    """Return a unit's campaigns as one, in the order of time: runs are numbered on, times are those of the calendar.
+
+    What comes with age shows in it, and in no single night. Raises `InputError` as `read_entry` does, and where the
+    sensors are not the same in all of them.
+    """
+    if not names:
+        raise InputError(f"{archive}: no calibration of this unit tells anything of it")
+    parts = sorted((read_entry(archive, name)[:2] for name in names), key=lambda each: str(each[0]["began_utc"]))
+    first = datetime.fromisoformat(parts[0][0]["began_utc"])
+    whole = parts[0][1]
+    for facts, campaign in parts[1:]:
+        since_s = (datetime.fromisoformat(facts["began_utc"]) - first).total_seconds()
+        layouts = [{n: of.conditions.sensor for n, of in each.sensors.items()} for each in (whole, campaign)]
+        if layouts[0] != layouts[1]:
+            raise InputError(f"{archive}: from {facts['began_utc'][:10]} on its sensors are others: no one campaign")
+        whole = _together(whole, _numbered_on(whole, campaign, since_s))
+    return replace(whole, title=f"{whole.identity['serial']}, {len(parts)} campaigns", notes="", missing=())
+
+
+def _numbered_on(whole: Campaign, campaign: Campaign, since_s: float) -> Campaign:
+    runs = max(int(of.conditions.run.max()) for of in whole.sensors.values())
+    collects = max(int(of.conditions.collect.max()) for of in whole.sensors.values())
+    sensors = {
+        number: replace(
+            of,
+            conditions=replace(
+                of.conditions,
+                run=of.conditions.run + runs,
+                collect=of.conditions.collect + collects,
+                start_s=of.conditions.start_s + since_s,
+            ),
+        )
+        for number, of in campaign.sensors.items()
+    }
+    verdicts = {run + runs: each for run, each in campaign.verdicts.items()}
+    contradicted = {(run + runs, number): each for (run, number), each in campaign.contradicted.items()}
+    return replace(campaign, sensors=sensors, verdicts=verdicts, contradicted=contradicted)
+
+
+def _together(whole: Campaign, later: Campaign) -> Campaign:
+    sensors = {
+        number: replace(
+            of,
+            conditions=joined(of.conditions, later.sensors[number].conditions),
+            rates_deg_per_hr=np.concatenate([of.rates_deg_per_hr, later.sensors[number].rates_deg_per_hr]),
+            rates_se_deg_per_hr=np.concatenate([of.rates_se_deg_per_hr, later.sensors[number].rates_se_deg_per_hr]),
+        )
+        for number, of in whole.sensors.items()
+    }
+    return replace(
+        whole,
+        sensors=sensors,
+        verdicts={**whole.verdicts, **later.verdicts},
+        contradicted={**whole.contradicted, **later.contradicted},
+        simulated=whole.simulated or later.simulated,
+        condition_units={**later.condition_units, **whole.condition_units},
+    )
+
+
+def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None) -> tuple[dict[str, Any], str | None]:
+    """Return what archived.yaml says of a source, and a night's configuration."""
+    rows = [each.conditions for each in campaign.sensors.values()]
+    lasted_s = max(float((each.start_s + each.duration_s).max()) for each in rows)
+    facts = {"schema": SCHEMA, "serial": campaign.identity["serial"], "model": campaign.identity.get("model", "")}
+    if not is_night(source):
+        told = day_of(campaign.source)
+        if (on := day or told) is None:
+            raise InputError(f"{source}: its records do not say when it was measured; give --date")
+        if None not in (day, told) and day != told:
+            raise InputError(f"{source}: --date {day}: its records say {told}")
+        began = datetime(on.year, on.month, on.day, tzinfo=UTC)
+        ended, state = began + timedelta(seconds=lasted_s), "incomplete" if campaign.missing else "complete"
+        whence = {"began_utc": began.isoformat(), "ended_utc": ended.isoformat(), "state": state}
+        return {**facts, **whence, "from": str(source.resolve()), "night": None, "versions": {}}, None
+    if (state := state or str(night_status(source)["state"])) in _WORKING:
+        raise InputError(f"{source}: is {state}; it is taken up at its end")
+    with reading(source) as journal:
+        night = journal.night
+    head = read_head(source)
+    when = {
+        "began_utc": night.began_utc.isoformat(),
+        "ended_utc": (night.began_utc + timedelta(seconds=lasted_s)).isoformat(),
+    }
+    known = hashlib.sha256(f"{night.began_utc.isoformat()}{night.configuration}".encode()).hexdigest()
+    record = {"id": known, "head_sha256": head[1] if head else None}
+    return {
+        **facts,
+        **when,
+        "state": state,
+        "from": str(source.resolve()),
+        "night": record,
+        "versions": dict(night.versions or {}),
+    }, night.configuration
+
+
+def _rates_digest(campaign: Campaign) -> str:
+    """Return what two sources of a model have in common that hold the very same rates, whatever else they say."""
+    digest = hashlib.sha256(campaign.identity.get("model", "").encode())
+    for number, of in sorted(campaign.sensors.items()):
+        digest.update(f"{number} ".encode())
+        for each in (of.conditions.run, of.conditions.start_s, of.rates_deg_per_hr):
+            digest.update(np.ascontiguousarray(each).tobytes())
+    return digest.hexdigest()[:_DIGITS]
+
+
+def _begin(archive: Path) -> None:
+    """Make the archive where it is new; raise `InputError` for a folder that holds something else."""
+    if (archive / MARK).is_file():
+        return
+    unfinished = archive / f"{PARTIAL}{MARK}"  # of somebody who was killed here
+    if not is_new(archive) and list(archive.iterdir()) != [unfinished]:
+        raise InputError(f"{archive}: holds something else than an archive (no {MARK}); name a new folder")
+    try:
+        make_folders(RealDisk(), archive)
+        write_durably(RealDisk(), archive / MARK, _MARK_TEXT.encode())
+    except OSError as error:
+        raise InputError(f"{archive}: cannot be made ({error.strerror})") from None
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path)).hexdigest()

@@ -1,0 +1,228 @@
+"""The archive's index: what `hil units` and `hil history` answer from in a second.
+
+    with opened_index(Path("archive")) as index:
+        index.units(); index.entries("0042"); index.means("0042")
+
+It is SQLite and never the truth: it is made from the folders (`hil.archive.taking_in`), and where it is lost, damaged
+or of another version, made again. Whoever asks is told what is in the folders and not in it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from hil.archive.places import INDEX_NAME, check_archive, entries, stamp
+from hil.errors import InputError
+
+if TYPE_CHECKING:  # a list of units loads no arithmetic
+    from hil.solve.repeats import Uncertain
+
+_VERSION = 1
+_BUSY_S = 30.0
+_TABLES = """
+CREATE TABLE entries (
+    name TEXT PRIMARY KEY, stamp TEXT NOT NULL, serial TEXT NOT NULL, trouble TEXT NOT NULL, model TEXT NOT NULL,
+    simulated INTEGER NOT NULL, began_utc TEXT NOT NULL, ended_utc TEXT NOT NULL, title TEXT NOT NULL,
+    verdict TEXT NOT NULL, reason TEXT NOT NULL, night TEXT NOT NULL, collects INTEGER NOT NULL, whence TEXT NOT NULL,
+    settings TEXT NOT NULL, good INTEGER NOT NULL
+);
+CREATE INDEX entries_of_unit ON entries (serial);
+CREATE TABLE means (
+    entry TEXT NOT NULL REFERENCES entries (name) ON DELETE CASCADE, sensor INTEGER NOT NULL, parameter TEXT NOT NULL,
+    temperature_degC REAL, own_degC REAL, value REAL NOT NULL, sd REAL, freedom REAL, runs INTEGER NOT NULL,
+    unit TEXT NOT NULL
+);
+CREATE INDEX means_of_entry ON means (entry);
+CREATE TABLE settings (digest TEXT PRIMARY KEY, document TEXT NOT NULL);
+"""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry as the index has it; `trouble` is why it cannot be read, and then only `name` and `serial` are known.
+
+    `good` says that the measurement tells something of the unit: it is neither INCONCLUSIVE nor FAIL.
+    """
+
+    name: str
+    stamp: str
+    serial: str
+    trouble: str
+    model: str = ""
+    simulated: bool = False
+    began_utc: str = ""
+    ended_utc: str = ""
+    title: str = ""
+    verdict: str = ""
+    reason: str = ""
+    night: str = ""
+    collects: int = 0
+    whence: str = ""
+    settings: str = ""
+    good: bool = False
+
+
+@dataclass(frozen=True)
+class ArchivedMean:
+    """A parameter's mean at a temperature, and what the unit's own thermometer showed."""
+
+    entry: str
+    sensor: int
+    parameter: str
+    temperature_degC: float | None
+    own_degC: float | None
+    value: Uncertain
+
+
+class Index:
+    """The index, to be asked."""
+
+    def __init__(self, archive: Path, connection: sqlite3.Connection) -> None:
+        self._archive = archive
+        self._connection = connection
+        self._folders: dict[str | None, list[str]] = {}
+
+    def entries(self, serial: str | None = None) -> list[Entry]:
+        """Return the entries of a unit, or of all, in the order of time."""
+        names = ", ".join(Entry.__dataclass_fields__)
+        of = "" if serial is None else "WHERE serial = ?"
+        rows = self._connection.execute(
+            f"SELECT {names} FROM entries {of} ORDER BY began_utc, collects",  # noqa: S608 - our own names
+            () if serial is None else (serial,),
+        )
+        return [Entry(*row) for row in rows]
+
+    def units(self) -> list[dict[str, Any]]:
+        """Return a row for each unit: serial, model, how often calibrated, first and last, newest verdict, troubles."""
+        found: dict[tuple[str, str, bool], list[Entry]] = {}
+        gone = set(self.gone())
+        broken: dict[str, int] = {}
+        for each in self.entries():
+            if each.trouble or each.name in gone:
+                broken[each.serial] = broken.get(each.serial, 0) + 1
+            else:
+                found.setdefault((each.serial, each.model, each.simulated), []).append(each)
+        for serial in broken:
+            if all(key[0] != serial for key in found):
+                found[serial, "", False] = []
+        same = [serial for serial, model, _ in found if len({m for s, m, _ in found if s == serial}) > 1]
+        return [
+            {
+                "serial": serial,
+                "model": model,
+                "simulated": simulated,
+                "campaigns": len(of),
+                "first": of[0].began_utc[:10] if of else None,
+                "last": of[-1].began_utc[:10] if of else None,
+                "verdict": of[-1].verdict if of else None,
+                "cannot_be_read": broken.get(serial, 0),
+                "remark": "two units have this serial number" if serial in same else "",
+            }
+            for (serial, model, simulated), of in sorted(found.items())
+        ]
+
+    def means(self, serial: str) -> list[ArchivedMean]:
+        """Return every mean of a unit, in the order of time."""
+        from hil.solve.repeats import Uncertain
+
+        rows = self._connection.execute(
+            "SELECT entry, sensor, parameter, temperature_degC, own_degC, value, sd, freedom, runs, unit FROM means "
+            "JOIN entries ON name = entry WHERE serial = ? ORDER BY began_utc, means.rowid",
+            (serial,),
+        )
+        return [
+            ArchivedMean(
+                entry,
+                sensor,
+                parameter,
+                at,
+                own,
+                Uncertain(value, math.nan if sd is None else sd, math.inf if freedom is None else freedom, runs, unit),
+            )
+            for entry, sensor, parameter, at, own, value, sd, freedom, runs, unit in rows
+        ]
+
+    def settings(self, digests: Sequence[str]) -> dict[str, Mapping[str, Any]]:
+        """Return what bench and software were, by digest."""
+        marks = ", ".join("?" * len(digests))
+        rows = self._connection.execute(
+            f"SELECT digest, document FROM settings WHERE digest IN ({marks})",  # noqa: S608 - question marks
+            tuple(digests),
+        )
+        return {digest: json.loads(text) for digest, text in rows}
+
+    def behind(self, serial: str | None = None) -> list[str]:
+        """Return in words what is in the folders and not here, or here and not in the folders: it is not answered from.
+
+        Of one unit also what has changed since it was taken in.
+        """
+        mine = {each.name: each.stamp for each in self.entries(serial)}
+        there = set(self._there(serial))
+        said = [f"{name}: is not in the index yet" for name in sorted(there - mine.keys())]
+        said += [f"{name}: is gone from the archive's folder, and not answered from" for name in self.gone(serial)]
+        if serial is not None:
+            changed = [name for name in sorted(there & mine.keys()) if mine[name] != stamp(self._archive, name)]
+            said += [f"{name}: has changed since it was taken in" for name in changed]
+        return said
+
+    def gone(self, serial: str | None = None) -> list[str]:
+        """Return the entries whose folder is not there any more."""
+        return sorted({each.name for each in self.entries(serial)} - set(self._there(serial)))
+
+    def _there(self, serial: str | None) -> list[str]:
+        if serial not in self._folders:
+            self._folders[serial] = entries(self._archive, serial)
+        return self._folders[serial]
+
+
+@contextmanager
+def opened_index(archive: Path) -> Iterator[Index]:
+    """Open the index to ask it; raise `InputError` where there is none that can be read, with what to do."""
+    check_archive(archive)
+    with connected(archive / INDEX_NAME, new=False) as connection:
+        yield Index(archive, connection)
+
+
+@contextmanager
+def connected(path: Path, *, new: bool) -> Iterator[sqlite3.Connection]:
+    """Open an index, make it where it is `new`; raise `InputError` for what is none."""
+    again = f"hil archive {path.parent} --rebuild makes it from the folders"
+    if not new and not path.is_file():
+        raise InputError(f"{path}: there is no index; {again}")
+    try:
+        uri = f"file:{quote(str(path.resolve()))}?mode={'rwc' if new else 'ro'}"
+        with contextlib.closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=_BUSY_S)) as connection:
+            connection.execute("PRAGMA foreign_keys = ON")
+            connection.execute("BEGIN IMMEDIATE" if new else "BEGIN")
+            version = connection.execute("PRAGMA user_version").fetchone()[0]
+            if new and version == 0:
+                for statement in filter(str.strip, _TABLES.split(";")):
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA user_version = {_VERSION}")
+            elif version != _VERSION:
+                raise InputError(f"{path}: is no index of this version; {again}")
+            connection.execute("COMMIT")
+            yield connection
+    except sqlite3.Error as error:
+        raise InputError(f"{path}: cannot be read or written ({error}); {again}") from None
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """All of what is written within, or nothing."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    connection.execute("COMMIT")

@@ -1,0 +1,149 @@
+"""The archive's index made from the folders: new entries read and solved, those that went forgotten.
+
+    report = update(Path("archive"))     # what is new, gone, or cannot be read; rebuild=True: all anew
+
+Each entry is one transaction, so a process that is killed leaves an index of whole entries. Numbers are those of `hil
+solve`, the means and their uncertainty what repeats show.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.archive.folder import read_entry
+from hil.archive.index import Entry, connected, transaction
+from hil.archive.places import INDEX_NAME, check_archive, entries, interrupted, serial_of, stamp
+from hil.campaign import Campaign
+from hil.errors import InputError
+from hil.files.durable import PARTIAL, RealDisk
+from hil.solve import RunSolution, repeats, solve_campaign
+from hil.solve.repeats import SensorRepeats
+from hil.solve.runs import finite
+
+_NOT_COMPARED = ("seed", "serial", "notify", "text")
+
+
+@dataclass(frozen=True)
+class Update:
+    """What an update did: entries that are `new` or were read again, that are `gone`, that cannot be read, and why."""
+
+    new: Sequence[str]
+    gone: Sequence[str]
+    broken: Mapping[str, str]
+    unfinished: Sequence[str]
+    all_of: int
+
+
+def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object] = str) -> Update:
+    """Bring the index to what is in the folders; `each` is told every entry that is read.
+
+    A `rebuild` is made beside the old index and takes its place at the end. Raises `InputError` for no archive, an
+    index that cannot be read (without `rebuild`), or one that cannot be written.
+    """
+    check_archive(archive)
+    path = archive / INDEX_NAME
+    target = path.with_name(f"{PARTIAL}{INDEX_NAME}") if rebuild else path
+    if rebuild:
+        target.unlink(missing_ok=True)
+    there, new = entries(archive), []
+    with connected(target, new=True) as connection:
+        known = dict(connection.execute("SELECT name, stamp FROM entries"))
+        gone = sorted(known.keys() - set(there))
+        for name in gone:
+            connection.execute("DELETE FROM entries WHERE name = ?", (name,))
+        for name in there:
+            if known.get(name) != (now := stamp(archive, name)):
+                each(name)
+                _read(connection, archive, name, now)
+                new.append(name)
+        broken = dict(connection.execute("SELECT name, trouble FROM entries WHERE trouble != ''"))
+    if rebuild:
+        RealDisk().rename(target, path)
+        RealDisk().synchronise_folder(archive)
+    return Update(new, gone, broken, list(interrupted(archive)), len(there))
+
+
+def take_in(archive: Path, entry: str) -> None:
+    """Take one entry in, as `update` does."""
+    with connected(archive / INDEX_NAME, new=True) as connection:
+        _read(connection, archive, entry, stamp(archive, entry))
+
+
+def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) -> None:
+    """Read an entry and write what it says, or why it cannot be read, in one transaction."""
+    means: list[tuple[Any, ...]] = []
+    try:
+        facts, campaign, configuration = read_entry(archive, name)
+        solutions = solve_campaign(campaign)
+        entry = _entry(name, now, facts, campaign, solutions)
+        means = list(_means(name, repeats(campaign, solutions)))
+        text = json.dumps(_settings(facts, configuration), sort_keys=True)
+        entry = entry | {"settings": hashlib.sha256(text.encode()).hexdigest()}
+    except (InputError, KeyError, TypeError, ValueError) as error:
+        entry, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), ""
+    with transaction(connection):
+        connection.execute("DELETE FROM entries WHERE name = ?", (name,))
+        marks = ", ".join(f":{each}" for each in entry)
+        connection.execute(f"INSERT INTO entries ({', '.join(entry)}) VALUES ({marks})", entry)  # noqa: S608
+        connection.executemany(f"INSERT INTO means VALUES ({', '.join('?' * 10)})", means)  # noqa: S608
+        if text:
+            connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (entry["settings"], text))
+
+
+def _entry(
+    name: str, now: str, facts: Mapping[str, Any], campaign: Campaign, solutions: Sequence[RunSolution]
+) -> dict[str, Any]:
+    judged = night_verdict(str(facts["state"]), solutions)
+    found = Entry(
+        name,
+        now,
+        serial=str(facts["serial"]),
+        trouble="",
+        model=str(facts["model"]),
+        simulated=campaign.simulated,
+        began_utc=str(facts["began_utc"]),
+        ended_utc=str(facts["ended_utc"]),
+        title=campaign.title,
+        verdict=str(judged.verdict),
+        reason=judged.reason,
+        night=str((facts["night"] or {}).get("id", "")),
+        collects=sum(map(len, campaign.sensors.values())),
+        whence=str(facts["from"]),
+        good=judged.verdict not in NOT_GOOD,
+    )
+    return dict(vars(found))
+
+
+def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any, ...]]:
+    for number, of_sensor in shown.items():
+        for mean in of_sensor.means:
+            own = None if mean.unit_degC is None else sum(mean.unit_degC) / 2.0
+            for parameter, of in mean.values.items():
+                known = (finite(of.sd), finite(of.freedom))
+                yield name, number, parameter, mean.temperature_degC, own, of.value, *known, of.runs, of.unit
+
+
+def _settings(facts: Mapping[str, Any], configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a unit was measured with, flat: versions, and every key of bench and sweep; other files by hash."""
+    found = {f"software.{name}": str(each) for name, each in (facts["versions"] or {}).items()}
+    for name, of in configuration.items():
+        if isinstance(of, dict):
+            found |= dict(_flat(name, of))
+        elif not name.endswith("_file") and name != "schema":
+            found[f"file {name}"] = hashlib.sha256(str(of).encode()).hexdigest()[:12]
+    return found | ({"limits": configuration["limits"]} if "limits" in configuration else {})
+
+
+def _flat(above: str, of: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in of.items():
+        if isinstance(value, dict):
+            yield from _flat(f"{above}.{key}", value)
+        elif key not in _NOT_COMPARED:
+            yield f"{above}.{key}", str(value)

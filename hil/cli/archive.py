@@ -1,0 +1,229 @@
+"""Commands about a unit's life: archive, units, history."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from hil.cli.answer import Answer, Aside
+from hil.cli.output import listing, messages
+from hil.errors import InputError
+from procedures.words import counted
+
+_SHOWN = 8  # sentences of one kind on a terminal; --json has all
+_Archive = Annotated[
+    Path | None,
+    typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.", show_default=False),
+]
+
+
+def archive(
+    folder: Annotated[Path, typer.Argument(metavar="ARCHIVE", help="The archive's folder.", show_default=False)],
+    sources: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.", show_default=False),
+    ] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Of which unit, where the records do not say.", show_default=False)
+    ] = None,
+    day: Annotated[
+        str | None, typer.Option("--date", help="When, where they do not say: 2026-03-01.", show_default=False)
+    ] = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the index anew from the folders.")] = False,
+) -> Answer:
+    """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
+    from hil.archive.folder import take_up
+    from hil.archive.taking_in import update
+    from hil.files.strict import NAME, one_line
+
+    try:
+        on = None if day is None else date.fromisoformat(day)
+    except ValueError:
+        raise InputError(f"--date {day}: is no date; write it as 2026-03-01") from None
+    who = None if serial is None else one_line("--serial", serial, NAME)
+    taken, refused = [], {}
+    for source in sources or ():
+        try:
+            taken.append(take_up(folder, source, who, on))
+        except InputError as error:
+            if len(sources or ()) == 1:
+                raise
+            refused[str(source)] = str(error)
+    console = messages()
+    done = update(folder, rebuild=rebuild, each=lambda entry: console.print(f"reading {entry}"))
+    document = {
+        "schema": "hil.archive/1",
+        "archive": str(folder),
+        "taken_up": [vars(each) for each in taken],
+        "not_taken_up": refused,
+        "entries": done.all_of,
+        "read": list(done.new),
+        "gone": list(done.gone),
+        "cannot_be_read": dict(done.broken),
+        "unfinished": list(done.unfinished),
+    }
+    return Answer(document, lambda: _archived(document), status=4 if refused else 0)
+
+
+def _archived(document: Mapping[str, Any]) -> Iterator[str]:
+    for each in document["taken_up"]:
+        yield f"unit {each['serial']}: {each['entry']}{' was there before' * each['before']}"
+    yield from (Aside(f"not taken up: {source}: {why}") for source, why in document["not_taken_up"].items())
+    yield from _some([f"warning: {name}: cannot be read: {why}" for name, why in document["cannot_be_read"].items()])
+    yield from _some([f"warning: {name}: is gone from the folder" for name in document["gone"]])
+    yield from _some([f"note: {name}: was never finished; nothing is read from it" for name in document["unfinished"]])
+    yield f"{document['archive']}: {counted(document['entries'], 'campaign')}, {len(document['read'])} of them read now"
+
+
+def units(
+    archive: _Archive = None,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.")] = None,
+) -> Answer:
+    """List the units of the archive: how often each was calibrated, when last, and how that was."""
+    from hil.archive.index import opened_index
+
+    with opened_index(_named(archive)) as index:
+        rows, behind = index.units(), index.behind()
+    if csv_file is not None:
+        _write_csv(csv_file, rows)
+    document = {
+        "schema": "hil.units/1",
+        "simulated": any(each["simulated"] for each in rows),
+        "units": rows,
+        "said": behind,
+    }
+    return Answer(document, lambda: _units(document))
+
+
+def _units(document: Mapping[str, Any]) -> Iterator[str | Table]:
+    yield from _some([f"warning: {each}; hil archive ARCHIVE brings the index up" for each in document["said"]])
+    table = listing("unit", "model", "campaigns", "first", "last", "verdict", "", left={"unit", "model", "verdict", ""})
+    for each in document["units"]:
+        bad = f"{each['cannot_be_read']} cannot be read" if each["cannot_be_read"] else ""
+        remark = "; ".join(filter(None, ["SIMULATED" * each["simulated"], bad, each["remark"]]))
+        cells = (each[name] or "–" for name in ("first", "last", "verdict"))
+        table.add_row(each["serial"], each["model"], str(each["campaigns"]), *cells, remark)
+    yield table
+
+
+def history(
+    serial: Annotated[str, typer.Argument(metavar="SERIAL", help="The unit's serial number.", show_default=False)],
+    archive: _Archive = None,
+    model: Annotated[
+        str | None, typer.Option(help="Of two units with one serial number, which.", show_default=False)
+    ] = None,
+    limits: Annotated[
+        str | None, typer.Option("--limits", help="What the unit must be; default: the newest calibration's own.")
+    ] = None,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every value here, .csv.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Write its life as one campaign folder, for reconcile, thermal, visibility."),
+    ] = None,
+) -> Answer:
+    """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""
+    from hil.archive.folder import life
+    from hil.archive.history import history as told
+    from hil.archive.index import opened_index
+    from hil.campaign.writer import write_campaign
+    from hil.config.limits import load_limits
+
+    folder, chosen = _named(archive), None if limits is None else load_limits(limits)
+    with opened_index(folder) as index:
+        found = told(index, serial, model, chosen)
+    document = found.document()
+    if csv_file is not None:
+        _write_csv(csv_file, _rows(document))
+    if out is not None:
+        write_campaign(life(folder, [each.name for each in found.used]), out)
+    return Answer(document, lambda: _history(document, [each for each in (csv_file, out) if each is not None]))
+
+
+def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield a row for every value."""
+    for parameter in document["parameters"]:
+        for station in parameter["temperatures"]:
+            for each in station["values"]:
+                names = {"sensor": parameter["sensor"], "parameter": parameter["parameter"]}
+                yield {**names, "temperature_degC": station["temperature_degC"], **each}
+
+
+def _history(document: Mapping[str, Any], written: Sequence[Path]) -> Iterator[str | Table]:
+    yield from _some([f"warning: {each}" for each in document["said"]])
+    used = [each for each in document["campaigns"] if each["used"]]
+    mark = "  SIMULATED" * document["simulated"]
+    first, last = (used[place]["began_utc"][:10] if used else "–" for place in (0, -1))
+    yield f"unit {document['serial']} {document['model']}: {counted(len(used), 'calibration')}, {first} to {last}{mark}"
+    headings = ("sensor", "parameter", "unit", "drift per month", "95 % interval", "finding", "outside control limits")
+    table = listing(*headings, left={"parameter", "unit", "finding", "outside control limits"})
+    for each in document["parameters"]:
+        slope = each["drift_per_month"]
+        cells = (
+            ("–", "–") if slope is None else (f"{slope['value']:+.3g}", f"{slope['low']:+.3g} … {slope['high']:+.3g}")
+        )
+        out = [_at(of) for of in each["temperatures"] if of["control"] and of["control"]["outside"]]
+        row = (str(each["sensor"]), each["parameter"], each["unit"], *cells, each["finding"])
+        table.add_row(*row, ", ".join(out))
+    yield table
+    for each in document["parameters"]:
+        if (jump := each["jump"]) is not None:
+            differs = each["differs_between_temperatures"]
+            so = (
+                "not the same at all temperatures: how it depends on temperature has changed"
+                if differs
+                else "alike at all temperatures"
+            )
+            yield (
+                f"sensor {each['sensor']}, {each['parameter']} jumped by {jump['value']:+.3g} {each['unit']} "
+                f"({jump['low']:+.3g} … {jump['high']:+.3g}) between {' and '.join(jump['between'])}, {so}"
+            )
+    for campaign in document["campaigns"]:
+        if changed := campaign["changed_since_the_last"]:
+            yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(changed[:_SHOWN])}" + _more(changed)
+    due = document["next_calibration"]
+    yield f"next calibration: {due['due'] or 'no date'} ({due['why']})"
+    yield from (f"written: {path}" for path in written)
+
+
+def _at(station: Mapping[str, Any]) -> str:
+    degC = station["temperature_degC"]
+    return "yes" if degC is None else f"{degC:.1f} °C"
+
+
+def _more(things: Sequence[object]) -> str:
+    return f" and {len(things) - _SHOWN} more" if len(things) > _SHOWN else ""
+
+
+def _some(lines: Sequence[str]) -> Iterator[Aside]:
+    """Yield the first of many lines that go beside the answer, and how many more there are."""
+    yield from map(Aside, lines[:_SHOWN])
+    if rest := _more(lines):
+        yield Aside(f"…{rest}: --json has all")
+
+
+def _named(archive: Path | None) -> Path:
+    if archive is None:
+        raise InputError("which archive? --archive names its folder, or once for all the environment's HIL_ARCHIVE")
+    return archive
+
+
+def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    from hil.files.durable import RealDisk, write_durably
+
+    if path.suffix.lower() != ".csv" or not path.parent.is_dir():
+        raise InputError(f"{path}: give a name that ends in .csv, in a folder that exists")
+    every, stream = list(rows), io.StringIO()
+    writer = csv.DictWriter(stream, list(every[0]) if every else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(every)
+    write_durably(RealDisk(), path, stream.getvalue().encode())
+
+
+COMMANDS = (archive, units, history)

@@ -1,0 +1,75 @@
+"""`hil certificate`: a calibration certificate of one night's unit, as a page and on A4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from drivers.clock import SystemClock
+from hil.cli.answer import Answer, Aside
+from hil.cli.exit_status import Limits, Strict, of_unit
+from hil.cli.output import Folder, listing
+from hil.errors import InputError
+
+
+def certificate(
+    folder: Folder,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="The unit's serial number; default: the night's.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where to write it; default: certificate.html in the folder.")
+    ] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF on A4; the browser here prints it.")] = False,
+    draft: Annotated[
+        bool, typer.Option("--draft", help="Where there can be none, write a draft, which every page says.")
+    ] = False,
+    customer: Annotated[str, typer.Option(help="For whom.", show_default=False)] = "",
+    number: Annotated[
+        str, typer.Option(help="The certificate's own number; default: from serial and time.", show_default=False)
+    ] = "",
+    limits: Limits = None,
+    strict: Strict = False,
+) -> Answer:
+    """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
+    from hil.files.durable import RealDisk, write_durably
+    from hil.files.page import page_file
+    from hil.files.strict import NAME, one_line
+    from hil.report.certificate import Asked
+    from hil.report.certificate import certificate as made
+    from hil.report.pdf import find_browser, write_pdf
+
+    if pdf:
+        find_browser()  # before anything is written
+    path = page_file(out or folder / "certificate.html")
+    asked = Asked(unit, one_line("--customer", customer), one_line("--number", number, NAME), limits)
+    found = made(folder, asked, SystemClock().utc().date())
+    if found.refused and not draft:
+        raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
+    write_durably(RealDisk(), path, found.page().encode())
+    written = [path]
+    if pdf:
+        write_pdf(path, path.with_suffix(".pdf"))
+        written.append(path.with_suffix(".pdf"))
+    document = found.document
+    return Answer(document, lambda: _said(document, written), status=of_unit(document["in_spec"], strict))
+
+
+def _said(document: Mapping[str, Any], written: list[Path]) -> Iterator[str | Table]:
+    yield from (Aside(f"DRAFT: {why}") for why in document["refused_because"])
+    table = listing("sensor", "at, °C", "parameter", "value", "U (k = 2)", "unit", left={"parameter", "unit"})
+    for each in document["results"]:
+        degC, digits = each["temperature_degC"], each["decimals"]
+        numbers = (each["value"], each["expanded_uncertainty"])
+        cells = ("–" if value is None else f"{value:.{digits}f}" for value in numbers)
+        at = "–" if degC is None else f"{degC:.1f}"
+        table.add_row(str(each["sensor"]), at, each["parameter"], *cells, each["unit"])
+    yield table
+    yield from (f"{'draft' if document['draft'] else 'certificate'}: {path}" for path in written)
+
+
+COMMANDS = (certificate,)

@@ -1,0 +1,254 @@
+"""The calibration certificate of one unit's night: what ISO/IEC 17025 asks of one, or why there is none.
+
+    found = certificate(Path("night"), Asked(unit="0042"))
+    found.refused       # in sentences: simulated, incomplete, FAIL, an instrument past its date
+    found.document      # hil.certificate/1
+    found.page()        # HTML, printed on A4
+
+Every number is another command's: means are those of `hil solve`, the uncertainties those of `hil budget` (which are
+never smaller than repeats show), the judgement that of `hil.analysis.in_spec`, the records' proof that of `hil verify`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+from hil.analysis.in_spec import InSpec, judge
+from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.campaign import Campaign, Collects
+from hil.config import Bench
+from hil.config.limits import load_limits
+from hil.config.recorded import bench_of_record, recorded_limits
+from hil.design.budget.means import MeanBudget, budgets_of_means
+from hil.design.budget.scenes import measured_scenes
+from hil.errors import InputError
+from hil.files.numbers import degrees
+from hil.files.page import in_style, rendered
+from hil.records import reading
+from hil.records.export import campaign_of_night
+from hil.records.ledger import read_head
+from hil.records.reader import is_night
+from hil.records.status import night_status
+from hil.records.verify import verify_night
+from hil.report.content import ReportContent, gather
+from hil.report.statements import assumed
+from hil.solve.repeats import SensorRepeats
+from hil.solve.runs import finite
+from procedures.words import counted, listed
+
+SCHEMA = "hil.certificate/1"
+K = 2.0
+_ONCE = "no temperature was measured twice: what changes from run to run is not known, and in no uncertainty"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Of which `unit` (a serial number, None: the night's), for whom, by which limits; the number that it gets."""
+
+    unit: str | None = None
+    customer: str = ""
+    number: str = ""
+    limits: str | None = None
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate's `document`, and in sentences why it must not be one."""
+
+    document: Mapping[str, Any]
+    refused: Sequence[str]
+    in_spec: InSpec | None
+
+    def page(self) -> str:
+        """Return it as HTML; where it is refused, as a draft, which every page says."""
+        running = f"{'DRAFT ' * bool(self.refused)}Calibration certificate {self.document['number']}"
+        told = {"title": running, "running_title": in_style(running), "whole": True, "in_spec": self.in_spec}
+        return rendered("hil.report", "certificate.html.j2", {**self.document, **told})
+
+
+def certificate(folder: Path, asked: Asked, today: date) -> Certificate:
+    """Return the certificate of a night's unit, issued `today`.
+
+    Raises `InputError` where the folder holds no night, no collect, or another unit; `Damaged` where the journal is.
+    """
+    if not is_night(folder):
+        raise InputError(f"{folder}: holds no night; a certificate is made of one, whose records prove themselves")
+    status, proof = night_status(folder), verify_night(folder)
+    campaign = campaign_of_night(folder)
+    with reading(folder) as journal:
+        night, blocks = journal.night, len(journal.blocks())
+        bench, own = bench_of_record(night.configuration), recorded_limits(night.configuration)
+    content, serial = gather(campaign), campaign.identity.get("serial", "")
+    if asked.unit is not None and asked.unit != serial:
+        raise InputError(f"{folder}: --unit {asked.unit}: the unit of this night is {serial or 'not known'}")
+    means = _budgets(campaign, bench, content)
+    measured = night_verdict(str(status["state"]), content.solutions)
+    limits = own if asked.limits is None else load_limits(asked.limits)
+    if limits is not None:
+        layouts = {number: each.conditions.sensor for number, each in campaign.sensors.items()}
+        limits.check(layouts, campaign.identity.get("model", ""))
+    shown = {each.number: _with_whole_uncertainty(each.shown, means[each.number]) for each in content.sensors}
+    in_spec = None if limits is None else judge(limits, shown, content.solutions, measured)
+    began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
+    bad, head = measured.reason if measured.verdict in NOT_GOOD else "", read_head(folder)
+    refused = list(refusals(status, bad, proof, bench, serial, ended.date()))
+    document = {
+        "schema": SCHEMA,
+        "number": asked.number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
+        "issued": today.isoformat(),
+        "simulated": campaign.simulated,
+        "draft": bool(refused),
+        "refused_because": refused,
+        "laboratory": None if bench.laboratory is None else bench.laboratory.model_dump(),
+        "customer": asked.customer,
+        "unit": {name: campaign.identity.get(name, "") for name in ("model", "serial")},
+        "measured_from": began.isoformat(),
+        "measured_until": ended.isoformat(),
+        "operator": campaign.identity.get("operator", ""),
+        "software": dict(night.versions or {}),
+        "bench": bench.title or bench.name,
+        "measurement": {"verdict": str(measured.verdict), "reason": measured.reason},
+        "conditions": list(_conditions(campaign, content)),
+        "k": K,
+        "results": [row for n, of in means.items() for each in of for row in _results(n, each)],
+        "budgets": [_annex(n, each) for n, of in means.items() for each in of],
+        "traceability": [each.model_dump(mode="json") for each in bench.equipment],
+        "in_spec": None if in_spec is None else in_spec.document(),
+        "assumed": list(_assumed(campaign, content, means)),
+        "records": {
+            "folder": folder.resolve().name,
+            "journal_head_sha256": head[1] if head else None,
+            "journal_entries": head[0] if head else None,
+            "configuration_sha256": hashlib.sha256(night.configuration.encode()).hexdigest(),
+            "blocks": blocks,
+            "blocks_checked": proof["blocks_checked"],
+        },
+    }
+    return Certificate(document, refused, in_spec)
+
+
+def refusals(
+    status: Mapping[str, Any], bad: str, proof: Mapping[str, Any], bench: Bench, serial: str, measured: date
+) -> Iterator[str]:
+    """Yield why no certificate can be made of a night that was measured until the day `measured`."""
+    if status["simulated"]:
+        yield "the night is simulated: no device was measured"
+    if status["state"] != "complete":
+        yield f"the night is {status['state']}: {status['reason']}"
+    if bad:
+        yield f"the measurement is not good: {bad}"
+    yield from (f"the records are not what was written: {each}" for each in proof["problems"])
+    if status["identity"].get("despite"):
+        yield f"the night was begun despite a warning: {status['identity']['despite']}"
+    if not serial:
+        yield "the unit's serial number is not on record"
+    if bench.laboratory is None:
+        yield "the bench file names no laboratory and no method (section laboratory)"
+    if not bench.equipment:
+        yield "the bench file names no equipment, so nothing is traceable (section equipment)"
+    for each in bench.equipment:
+        if each.due < measured:
+            yield f"{each.name} {each.number} was due for calibration on {each.due}, and measured until {measured}"
+
+
+def _budgets(campaign: Campaign, bench: Bench, content: ReportContent) -> dict[int, list[MeanBudget]]:
+    scenes = measured_scenes(campaign, bench)
+    return {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
+
+
+def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -> SensorRepeats:
+    """Return what repeats show with each mean's whole uncertainty; a mean without a budget tells nothing."""
+    known = {each.mean.runs: each.values for each in means}
+    return replace(shown, means=[replace(mean, values=known.get(mean.runs, {})) for mean in shown.means])
+
+
+def _results(sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
+    """Yield the parameters' means at one temperature with their expanded uncertainties."""
+    for name, value in each.values.items():
+        expanded = value.expanded(K)
+        yield {
+            "sensor": sensor,
+            "temperature_degC": each.mean.temperature_degC,
+            "parameter": name,
+            "value": value.value,
+            "unit": value.unit,
+            "runs": len(each.mean.runs),
+            "standard_uncertainty": finite(value.sd),
+            "unexplained": finite(each.unexplained[each.budget.names.index(name)]),
+            "degrees_of_freedom": finite(value.freedom),
+            "k": finite(expanded / value.sd) if value.sd > 0.0 else None,
+            "expanded_uncertainty": finite(expanded),
+            "decimals": _decimals(expanded),
+        }
+
+
+def _decimals(expanded: float) -> int:
+    """Return how many decimals leave two digits of an expanded uncertainty (GUM 7.2.6)."""
+    return max(0, 1 - math.floor(math.log10(expanded))) if 0.0 < expanded < math.inf else 2
+
+
+def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
+    """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
+
+    def named(values: Any) -> dict[str, float | None]:
+        return {name: finite(value) for name, value in zip(each.budget.names, values, strict=True)}
+
+    return {
+        "sensor": sensor,
+        "temperature_degC": each.mean.temperature_degC,
+        "runs": list(each.mean.runs),
+        "units": dict(zip(each.budget.names, each.budget.units, strict=True)),
+        "sources": [{"title": title, "parameters": named(values)} for title, values in each.shares.items()],
+        "unexplained": named(each.unexplained),
+        "combined": named(each.standard),
+        "left_out": list(each.scene.left_out),
+    }
+
+
+def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
+    """Yield under what conditions it was measured, a sentence for each sensor, and the site."""
+    for each in content.sensors:
+        rows, shown = campaign.sensors[each.number], each.shown
+        own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
+        inside = f"; inside the unit {min(own):.1f} … {max(own):.1f} °C" if own else ""
+        yield (
+            f"sensor {each.number}: {counted(len({int(run) for run in rows.conditions.run}), 'self-calibration')} at "
+            f"{counted(len(shown.means), 'temperature')}{_air(rows)}{inside}; collects of "
+            f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "
+            f"{listed(sorted({str(label) for label in rows.conditions.position}))}, after restabilisation"
+        )
+    told = ", ".join(
+        f"{name.removesuffix('_deg').replace('_', ' ')} {value:.4g}°" for name, value in campaign.site.items()
+    )
+    yield f"site: {told}; 1 g is the local gravity, and the earth's rotation is taken off"
+
+
+def _air(rows: Collects) -> str:
+    air = rows.conditions.columns.get("chamber_degC")
+    return "" if air is None else f", the chamber at {min(air):.1f} … {max(air):.1f} °C"
+
+
+def _assumed(campaign: Campaign, content: ReportContent, means: Mapping[int, Sequence[MeanBudget]]) -> Iterator[str]:
+    """Yield what every number rests upon, the budget's sizes that nobody stated for this bench among it."""
+    yield from assumed(content)
+    every = [each for of in means.values() for each in of]
+    usual = {
+        share.source.title for each in every for share in each.budget.shares if "default of" in share.source.origin
+    }
+    if usual:
+        yield f"the budget takes usual sizes, not stated for this bench, for {listed(sorted(usual))}"
+    if lacking := {title for each in every for title in each.scene.left_out}:
+        yield f"how a sensor lay is not on record, so the budget is without {listed(sorted(lacking))}"
+    for each in content.sensors:
+        told = {mean.mean.runs for mean in means[each.number]}
+        for lost in (mean for mean in each.shown.means if mean.runs not in told):
+            yield f"sensor {each.number} at {degrees(lost.temperature_degC)}: no run has every rate, so none is stated"
+    if not any(math.isfinite(value.freedom) for of in every for value in of.mean.values.values()):
+        yield _ONCE
+    yield from campaign.notes.splitlines()

@@ -1,0 +1,238 @@
+"""An archive takes everything up once, whole or not at all; its index is made from the folders and nothing else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hil.archive.folder import read_entry, take_up
+from hil.archive.history import history
+from hil.archive.index import opened_index
+from hil.archive.places import ENTRY, INDEX_NAME, entries
+from hil.archive.taking_in import update
+from hil.campaign import Campaign
+from hil.campaign.writer import write_campaign
+from hil.cli.app import run as hil
+from hil.config import parse_bench
+from hil.config.bench import load_bench
+from hil.errors import InputError
+from hil.night import start_night
+from hil.records import open_readonly
+from hil.solve import repeats, solve_campaign
+from tests.hil.archive.conftest import COUNT, DRIFT, JUMP, of_life
+from tests.hil.report.report_pages import TWO
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from hil.archive.folder import take_up
+from hil.files.durable import RealDisk
+left = [int(sys.argv[3])]
+for name in ("write", "rename", "synchronise_folder"):
+    def counted(self, *given, own=getattr(RealDisk, name)):
+        left[0] -= 1
+        if not left[0]:
+            os.kill(os.getpid(), signal.SIGKILL)
+        own(self, *given)
+    setattr(RealDisk, name, counted)
+take_up(Path(sys.argv[1]), Path(sys.argv[2]))
+"""
+
+
+@pytest.fixture(scope="module")
+def archive(campaigns: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All of them taken up; to be read, not written to."""
+    folder = tmp_path_factory.mktemp("laboratory") / "archive"
+    assert hil(["archive", str(folder), *map(str, campaigns)]) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(archive: Path, tmp_path: Path) -> Path:
+    """One to be spoilt."""
+    return Path(shutil.copytree(archive, tmp_path / "archive"))
+
+
+def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """What was put in comes out, with intervals that hold it; what was not is not found; the limits are reached."""
+    capsys.readouterr()
+    assert hil(["history", "0042", "--archive", str(archive), "--limits", "rd-gc-86-1", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    found = {(each["sensor"], each["parameter"]): each for each in document["parameters"]}
+    for sensor in (1, 2):
+        slope = found[sensor, "BA"]["drift_per_month"]
+        assert found[sensor, "BA"]["finding"] == "drift"
+        assert slope["low"] < DRIFT < slope["high"] < 1.2 * DRIFT
+    jump = found[2, "BB"]["jump"]
+    assert found[2, "BB"]["finding"] == "jump"
+    assert jump["low"] < JUMP < jump["high"]
+    assert jump["between"] == ["2024-09-30", "2024-12-30"]
+    assert not found[2, "BB"]["differs_between_temperatures"]
+    rest = found.keys() - {(1, "BA"), (2, "BA"), (2, "BB")}
+    assert {found[each]["finding"] for each in rest} == {"nothing shown"}
+    assert not any(of["control"]["outside"] for of in found[2, "BB"]["temperatures"])  # since its jump
+    assert document["next_calibration"]["due"] >= document["campaigns"][-1]["began_utc"][:10]
+    table, life = tmp_path / "values.csv", tmp_path / "life"
+    asked = ["--archive", str(archive), "--csv", str(table), "--out", str(life)]
+    assert hil(["history", "0042", *asked]) == 0
+    assert "jumped by" in (said := capsys.readouterr().out)
+    assert "limits are known" in said
+    assert len(table.read_text().splitlines()) == 1 + COUNT * 2 * 2 * 6
+    assert hil(["solve", str(life), "--json"]) == 0
+    runs = {each["run"] for each in json.loads(capsys.readouterr().out)["solutions"]}
+    assert len(runs) == COUNT * 4
+
+
+def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> None:
+    """Means and uncertainties to the digit, and nothing of the index is the truth: made again it is the same."""
+    campaign = of_life(measured, 3)
+    shown = repeats(campaign, solve_campaign(campaign))
+    with opened_index(archive) as index:
+        (name,) = [each.name for each in index.entries("0042") if each.began_utc.startswith("2024-09-30")]
+        known = [each for each in index.means("0042") if each.entry == name]
+    told = {(each.sensor, each.parameter, each.temperature_degC): each.value for each in known}
+    for number, of in shown.items():
+        for mean in of.means:
+            for parameter, value in mean.values.items():
+                assert told[number, parameter, mean.temperature_degC] == value
+
+
+def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
+    copy: Path, campaigns: list[Path], measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A flipped number, a folder that went, one that came beside; an index that is lost or no index at all."""
+    first, second, third, *_ = entries(copy)
+    for number, (old, new) in enumerate(
+        {"serial: '0042'": "serial: '0043'", "began_utc: '": "began_utc: 'on "}.items()
+    ):
+        entry = copy / entries(copy)[-1 - number] / ENTRY
+        entry.write_text((text := entry.read_text()).replace(old, new, 1))
+        with pytest.raises(InputError, match=r"another unit's folder|when it was measured"):
+            read_entry(copy, f"unit-0042/{entry.parent.name}")
+        entry.write_text(text)
+    assert hil(["archive", str(copy)]) == 0
+    capsys.readouterr()
+    table = copy / first / "campaign" / "collects.csv"
+    table.write_text(table.read_text().replace("7", "8", 1))
+    shutil.rmtree(copy / second)
+    (copy / third / ENTRY).write_text("schema: [")
+    with opened_index(copy) as index:
+        assert [each.partition(":")[0] for each in index.behind("0042")] == [second, first, third]
+        assert len(history(index, "0042").used) == COUNT - 1
+    assert hil(["archive", str(copy)]) == 0
+    assert "not what was taken up (another hash)" in (said := capsys.readouterr().err)
+    assert f"{second}: is gone" in said
+    assert hil(["history", "0042", "--archive", str(copy)]) == 0
+    assert f"{COUNT - 3} calibrations" in capsys.readouterr().out
+    assert hil(["units", "--archive", str(copy), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["units"]
+    assert (row["campaigns"], row["cannot_be_read"]) == (COUNT - 3, 2)
+    for spoil in (b"", b"no index at all", None):
+        if spoil is None:
+            (copy / INDEX_NAME).unlink()
+        else:
+            (copy / INDEX_NAME).write_bytes(spoil)
+        assert hil(["units", "--archive", str(copy)]) == 2
+        assert "--rebuild makes it from the folders" in capsys.readouterr().err
+        assert hil(["archive", str(copy), "--rebuild"]) == 0
+        capsys.readouterr()
+        assert hil(["history", "0042", "--archive", str(copy), "--json"]) == 0
+        assert len(json.loads(capsys.readouterr().out)["campaigns"]) == COUNT - 3
+
+
+def test_two_units_with_one_serial_are_told_apart(
+    copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By their model, and where the very same rates are said to be of both."""
+    other = write_campaign(of_life(measured, 2, model="STIM300"), tmp_path / "other")
+    take_up(copy, other)
+    update(copy)
+    with opened_index(copy) as index:
+        with pytest.raises(InputError, match="two units have this serial number: MFS-IMU, STIM300"):
+            history(index, "0042")
+        assert len(history(index, "0042", "MFS-IMU").used) == COUNT
+        assert [each["remark"] for each in index.units()] == 2 * ["two units have this serial number"]
+
+
+def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
+    copy: Path, campaigns: list[Path], measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The very same rates are known by them; no serial, no date, a contradiction, no archive: status 2, no change."""
+    before = sorted(copy.rglob("*"))
+    assert hil(["archive", str(copy), str(campaigns[0])]) == 0
+    assert "was there before" in capsys.readouterr().out
+    bare = write_campaign(replace(of_life(measured, 20), identity={}, source=""), tmp_path / "bare")
+    for asked, why in (
+        (["--date", "2026-03-01"], "--serial"),
+        (["--serial", "0043"], "--date"),
+        (["--serial", "0043", "--date", "soon"], "is no date"),
+    ):
+        assert hil(["archive", str(copy), str(bare), *asked]) == 2
+        assert why in capsys.readouterr().err
+    assert hil(["archive", str(copy), str(campaigns[0]), "--serial", "0043"]) == 2
+    assert hil(["archive", str(tmp_path), str(campaigns[0])]) == 2
+    assert hil(["archive", str(copy), str(tmp_path / "none"), str(campaigns[1])]) == 4
+    assert hil(["units"]) == 2
+    assert hil(["history", "0044", "--archive", str(copy)]) == 2
+    assert sorted(copy.rglob("*")) == before
+    assert hil(["archive", str(copy), str(bare), "--serial", "a/../b", "--date", "2026-03-01"]) == 0
+    assert len(entries(copy, "a/../b")) == 1
+
+
+@pytest.mark.slow
+def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where its bench names an archive; moved away, it is told; what the bench file says now is told from then."""
+    text = load_bench("simulated").text
+    for number in range(2):
+        bench = parse_bench(
+            f"{text}\narchive: {tmp_path / 'archive'}\ntitle: bench {number}\n".replace(
+                "title: Simulated bench, unit and chamber in process\n", ""
+            ),
+            "bench.yaml",
+        )
+        assert start_night(tmp_path / f"night-{number}", TWO, bench, who="rk", seed=number).exit_status == 0
+    with open_readonly(tmp_path / "night-1") as journal:
+        assert [each.kind for each in journal.events()].count("archived") == 1
+    shutil.move(tmp_path / "night-0", tmp_path / "elsewhere")
+    assert hil(["history", "SIM-0001", "--archive", str(tmp_path / "archive")]) == 0
+    out = capsys.readouterr()
+    assert "its night is not at" in out.err
+    assert "were measured at the same time: two units with one serial number" in out.err
+    assert "SIMULATED" in out.out
+    assert "bench.title: bench 0 → bench 1" in out.out
+    facts, campaign, _ = read_entry(tmp_path / "archive", entries(tmp_path / "archive")[0])
+    assert facts["state"] == "complete"
+    assert campaign.simulated
+    bench = parse_bench(f"{text}\narchive: {tmp_path}\n", "bench.yaml")
+    assert start_night(tmp_path / "night-2", TWO, bench, who="rk", seed=5).exit_status == 0
+    with open_readonly(tmp_path / "night-2") as journal:
+        assert [each.kind for each in journal.events()].count("not-archived") == 1
+
+
+@pytest.mark.slow
+def test_whoever_is_killed_while_taking_up_leaves_an_entry_or_none(campaigns: list[Path], tmp_path: Path) -> None:
+    """At every write, rename and synchronisation; the next one takes it up, and the index has it once."""
+    for place in range(1, 60):
+        archive = tmp_path / f"{place}"
+        code = subprocess.run(
+            [sys.executable, "-c", _KILLED, archive, campaigns[0], str(place)], check=False, capture_output=True
+        ).returncode
+        there = entries(archive) if archive.is_dir() else []
+        for name in there:
+            read_entry(archive, name)
+        take_up(archive, campaigns[0])
+        done = update(archive)
+        assert (len(done.new), done.broken) == (1, {})
+        assert entries(archive) == list(done.new)
+        if code == 0:
+            assert place > 5
+            return
+    raise AssertionError("it was never finished")

@@ -1,0 +1,74 @@
+"""A drift, a jump and neither are told apart; where they cannot be, that is said."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from hil.archive.trend import control_half_width, control_limits, fitted, predicted, trend
+
+
+def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
+    """Count what is found in `draws` lives; `scatter` is the true one, 1 what is stated."""
+    rng, months = np.random.default_rng(7), 3.0 * np.arange(count)
+    shape = {"drift": months / months[-1], "jump": months >= months[count // 2], "none": 0.0 * months}[what]
+    lives = size * shape + rng.normal(0.0, scatter, (draws, count))
+    return Counter(trend(months, life, np.ones(count)).word for life in lives)
+
+
+@pytest.mark.parametrize("scatter", [1.0, 3.0])
+@pytest.mark.parametrize("count", [4, 5, 6, 12])
+def test_hardly_anything_is_found_where_nothing_is(count: int, scatter: float) -> None:
+    """At most three in a hundred, also where calibrations scatter three times as much as stated."""
+    assert found(count, "none", 0.0, scatter)["nothing shown"] >= 194
+
+
+def test_what_is_there_is_named_and_its_rival_hardly_ever() -> None:
+    """Of eight calibrations an eight-fold scatter; a jump is no drift, and a drift no jump."""
+    drift, jump = found(12, "drift", 8.0), found(12, "jump", 8.0)
+    assert drift["drift"] > 180
+    assert jump["jump"] > 170
+    assert drift["jump"] + jump["drift"] <= 2
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    """The slope's 95 % interval, where the stated deviations are a third of the true ones."""
+    rng, months = np.random.default_rng(8), 3.0 * np.arange(8)
+    lives = 0.5 * months + rng.normal(0.0, 3.0, (600, 8))
+    slopes = [fitted(months, life, np.ones(8), line=True).of(1) for life in lives]
+    held = np.mean([abs(each.value - 0.5) < each.half_width for each in slopes])
+    assert 0.92 < held < 0.985
+
+
+def test_few_calibrations_tell_nothing() -> None:
+    """Of three there is a line and no finding, of two nothing; nor without standard deviations."""
+    three = np.arange(3.0)
+    assert trend(three, three, np.ones(3)).word == "cannot tell"
+    assert trend(three, three, np.ones(3)).per_month is not None
+    assert trend(three[:2], three[:2], np.ones(2)).per_month is None
+    assert trend(np.arange(9.0), np.arange(9.0), np.full(9, np.nan)).word == "cannot tell"
+
+
+def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:
+    """Of eight earlier values and of thirty: the next one of the same unit."""
+    rng = np.random.default_rng(9)
+    for count in (8, 30):
+        lives = rng.normal(0.0, 2.0, (4000, count + 1))
+        outside = 0
+        for life in lives:
+            limits = control_limits(life[:-1], np.full(count, 0.1))
+            assert limits is not None
+            outside += abs(life[-1] - limits.value) > control_half_width(limits)
+        assert outside / len(lives) < 0.008
+    assert control_limits(np.zeros(2), np.ones(2)) is None
+
+
+def test_a_prediction_widens_with_time() -> None:
+    """So the day on which a limit is reached comes earlier than the line alone would say."""
+    months = np.arange(6.0)
+    fit = fitted(months, 0.5 * months, np.full(6, 0.3), line=True)
+    value, wide = predicted(fit, np.array([5.0, 20.0]), months, 2.0)
+    assert value == pytest.approx([2.5, 10.0])
+    assert wide[1] > 3.0 * wide[0]
