@@ -236,11 +236,7 @@ def _carry_out(
             journal.write_blocks_to(live.faults.disk)
         sequencer = Sequencer(
             journal.plan,
-            replace(
-                live.devices,
-                chamber=logged(live.devices.chamber, log),
-                positioner=logged(live.devices.positioner, log),
-            ),
+            live.devices.with_all(lambda chamber: logged(chamber, log), lambda positioner: logged(positioner, log)),
             journal,
             stop,
             began=journal.began_utc,
