@@ -6,7 +6,8 @@ be tried again), `InterlockTripped` and `StopRequested` from the polls inside.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
@@ -15,7 +16,7 @@ from drivers.positioners.positioner import move_all
 from procedures.collect import Collected, Times, WrongPose, take_collects
 from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
-from procedures.journal_protocol import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
 from procedures.restabilisation import restabilise
 from procedures.safe_air import Left, Word, not_commanded, watch_air
@@ -41,7 +42,7 @@ class BenchState:
     setpoint_s: float | None = None
     setpoint_degC: float | None = None
     index_s: float | None = None
-    soak: Judgement | None = None  # of the restabilisation in effect
+    soak: Mapping[str, Any] = field(default_factory=dict)  # the restabilisation in effect, as it is recorded
 
 
 class Actions:
@@ -159,7 +160,7 @@ class Actions:
         """Wait for the evidence; at the ceiling go on to an INCONCLUSIVE self-calibration, or give it up."""
         settings = Restabilisation.from_parameters(step.parameters)
         result = restabilise(self._watch, settings)
-        self._state.soak = Judgement(Verdict(result.data["verdict"]), result.reason)
+        self._state.soak = result.data
         outcome = Outcome.DONE if result.met or settings.collect_at_ceiling else Outcome.TIMEOUT
         return StepResult(outcome, result.reason, {"setpoint_degC": step.temperature_degC, **result.data})
 
@@ -195,15 +196,16 @@ class Actions:
         times = Times(state.power_on_s, state.setpoint_s, state.index_s)
         those = {name: self._devices.units[name] for name in units}
         taken = take_collects(self._watch, those, settings, step.position or "", times)
-        return {name: self._collected(each) for name, each in taken.items()}
+        return {name: self._collected(name, each) for name, each in taken.items()}
 
-    def _collected(self, taken: Collected | WrongPose) -> StepResult:
+    def _collected(self, unit: str, taken: Collected | WrongPose) -> StepResult:
         if isinstance(taken, WrongPose):
             lies = str(taken)
             return StepResult(Outcome.FAILED, lies, {"verdict": Verdict.FAIL.value, "wrong_pose": lies})
         outcome = Outcome.DONE if taken.usable else Outcome.FAILED
-        own, soak = taken.judgement, self._state.soak
-        whole = combine([own, soak] if soak else [own], passed=own.reason)
+        own, soak = taken.judgement, of_unit(self._state.soak, unit)
+        soaked = [Judgement(Verdict(soak["verdict"]), soak["reason"])] if soak else []
+        whole = combine([own, *soaked], passed=own.reason)
         verdicts = {"verdict": whole.verdict.value, "samples_verdict": own.verdict.value, "reason": whole.reason}
         return StepResult(outcome, whole.reason, {**taken.data, **verdicts}, taken.samples)
 

@@ -10,7 +10,7 @@ else decides what happens next.
     9055.0
 """
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -93,11 +93,6 @@ class Plan:
         """Return what is done to one unit and to the chamber."""
         return Plan(self.title, tuple(step for step in self.steps if step.unit in (None, unit)))
 
-    def left_s(self, done: Container[str], after: int = 0) -> float:
-        """Return the planned duration of the steps from index `after` on whose keys are not `done`."""
-        left = {step.stage: step.duration_s for step in self.steps[after:] if step.key not in done}
-        return sum(left.values())
-
     def of_kind(self, kind: StepKind) -> Sequence[Step]:
         """Return the steps of one kind, in order."""
         return [step for step in self.steps if step.kind is kind]
@@ -129,6 +124,11 @@ def make_plan(procedure: SweepProcedure, units: Sequence[str] = ("",)) -> Plan:
             steps.append(Step(len(steps), _of_unit(key, unit), kind, starts_s, duration_s, *where, parameters))
         starts_s += duration_s
     return Plan(procedure.title, tuple(steps))
+
+
+def lasting_s(steps: Iterable[Step]) -> float:
+    """Return the planned duration of some steps of a plan: those of one stage are done at once."""
+    return sum({step.stage: step.duration_s for step in steps}.values())
 
 
 def _of_unit(stage: str, unit: str) -> str:

@@ -9,7 +9,7 @@ all at once, held over the whole window. Leaving the band restarts the window; l
 time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -197,7 +197,7 @@ def restabilise(watch: Watch, settings: Restabilisation) -> Restabilised:
         watch.note = "waiting for " + ", ".join(gate.decision.waiting_for)
         if gate.decision.met:
             break
-    return _result(gate, watch.now_s - began_s, _thermometers(watch))
+    return _result(gate, watch.now_s - began_s, watch)
 
 
 def _thermometers(watch: Watch) -> set[Sensor]:
@@ -223,19 +223,37 @@ def _take_in(gate: RestabilisationGate, watch: Watch, looks: Looks) -> None:
     gate.look(look.time_s, look.chamber.temperature_degC, watch.commanded_degC, shown)
 
 
-def _result(gate: RestabilisationGate, waited_s: float, thermometers: Collection[Sensor]) -> Restabilised:
-    """Return the result in words and numbers."""
-    decision = gate.decision
-    met = decision.met
+def _result(gate: RestabilisationGate, waited_s: float, watch: Watch) -> Restabilised:
+    """Return the result in words and numbers: of all, and where units are listed of each, which the others are not."""
+    decision, thermometers = gate.decision, _thermometers(watch)
+    waiting = decision.waiting_for
+    verdict, reason = _judged(decision, waiting, waited_s, thermometers)
+    told = {"verdict": verdict.value, "reason": reason, "waited_s": waited_s}
+    by = {"decided_by": decision.decided_by if decision.met else None, "waiting_for": list(waiting)}
+    restarts = {"soak_restarts": gate.soak_restarts, "window_restarts": gate.window_restarts}
+    each = {}
+    for unit in filter(None, watch.units):
+        others = [str(sensor) for sensor in thermometers if not str(sensor).startswith(f"{unit}.")]
+        own = [name for name in waiting if not name.endswith(tuple(f"(sensor {sensor})" for sensor in others))]
+        its, why = _judged(decision, own, waited_s, thermometers)
+        each[unit] = {"verdict": its.value, "reason": why, "waiting_for": own}
+    units = {"units": each} if each else {}
+    return Restabilised(decision.met, reason, {**told, **by, **restarts, **decision.evidence, **units})
+
+
+def _judged(
+    decision: Decision, waiting: Sequence[str], waited_s: float, thermometers: Collection[Sensor]
+) -> tuple[Verdict, str]:
     minutes = waited_s / 60.0
-    if met:
-        reason, verdict = f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}", Verdict.PASS
+    if decision.met:
+        verdict, reason = Verdict.PASS, f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}"
+    elif waiting:
+        verdict, reason = (
+            Verdict.INCONCLUSIVE,
+            f"not restabilised within {minutes:.0f} min: {', '.join(waiting)}",
+        )
     else:
-        missing = ", ".join(decision.waiting_for)
-        reason, verdict = f"not restabilised within {minutes:.0f} min: {missing}", Verdict.INCONCLUSIVE
+        verdict, reason = Verdict.PASS, f"restabilised within {minutes:.0f} min; other units were not"
     if not thermometers:
         reason += "; the unit has no temperature sensor, so only chamber and time were judged"
-    told = {"verdict": verdict.value, "reason": reason, "waited_s": waited_s}
-    by = {"decided_by": decision.decided_by if met else None, "waiting_for": list(decision.waiting_for)}
-    restarts = {"soak_restarts": gate.soak_restarts, "window_restarts": gate.window_restarts}
-    return Restabilised(met, reason, {**told, **by, **restarts, **decision.evidence})
+    return verdict, reason

@@ -30,7 +30,7 @@ from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped, standard_interlocks
 from procedures.journal_protocol import Journal, Outcome, StepResult
 from procedures.pause import rest
-from procedures.plan import Plan, Step, StepKind
+from procedures.plan import Plan, Step, StepKind, lasting_s
 from procedures.progress import Progress, Silent
 from procedures.requests import Control, PauseAsked
 from procedures.runaway import rate_interlocks
@@ -254,9 +254,9 @@ class Sequencer:
     def _begin(self, steps: Sequence[Step], begin: Callable[[Step], int]) -> None:
         attempts = [begin(step) for step in steps]
         self._touched = True
-        later_s = self._plan.left_s(self._done, after=self._after(steps[0]))
+        later = (each for each in self._plan.steps[self._after(steps[0]) :] if each.key not in self._done)
         total = len(self._plan.steps)
-        here = Position(steps[0], max(attempts), self._watch.now_s, later_s, len(self._done), total)
+        here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
         self._watch.stage_began(here, zip(steps, attempts, strict=True))
 
     def _after(self, step: Step) -> int:
