@@ -193,7 +193,9 @@ class Watch:
         self.aside[unit] = str(cause)
         self._interlocks.forget(unit)
         going = counted(len(self.units), "unit")
-        self.event("unit-set-aside", f"unit {unit} is set aside, {going} on: {cause}", unit=unit, **evidence)
+        self.event(
+            "unit-set-aside", f"unit {unit} is set aside, {going} on: {cause}", unit=unit, why=str(cause), **evidence
+        )
 
     def wait(self, until_s: float) -> Iterator[Looks]:
         """Yield a look at each unit that goes on, at each poll, until the clock shows `until_s`.

@@ -55,6 +55,8 @@ def _plain_name(value: str) -> str:
 ASK = "ask"
 _LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 """What may be a serial number: a line that fits on a label."""
+_LISTED = re.compile(rf"[A-Za-z0-9][\w.+-]{{0,{NAME - 1}}}", re.ASCII)
+"""What may be that of one of several, whose folder is named by it."""
 _RIGID = 0.05  # of direction cosines: three degrees
 
 
@@ -182,9 +184,9 @@ def _of_each(document: dict[str, Any]) -> dict[str, Any]:
     ports: dict[str, str] = {}
     for place, entry in enumerate(listed):
         serial, port = str(entry.get("serial", "")), str(entry.get("port", ""))
-        if not re.fullmatch(r"[\w.+-]+", serial) or serial == ASK:
+        if not _LISTED.fullmatch(serial) or serial == ASK:
             raise ValueError(
-                f"units.{place}.serial: {serial!r}: each unit of a list has one, of letters, digits, . _ + -"
+                f"units.{place}.serial: {serial!r}: each unit of a list has a serial number: letters, digits, . _ + -"
             )
         if serial in found:
             raise ValueError(

@@ -35,7 +35,7 @@ from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
 from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.reader import place_of
+from hil.records.units import night_of
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
@@ -51,7 +51,7 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
     as recorded. `identical` is true where at least one collect was checked and both lists are empty.
     """
     folder = Path(folder)
-    replay = _Replay(place_of(folder)[0])
+    replay = _Replay(night_of(folder))
     simulated: bool | None = None
     try:
         with reading(folder, damaged_too=True) as journal:

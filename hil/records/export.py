@@ -29,9 +29,9 @@ from hil.files.folder import is_new, whole_or_nothing
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
-from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, place_of, reading
+from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
-from hil.records.units import unit_folder
+from hil.records.units import night_of, place_of, unit_folder
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
 from procedures.words import numbered
@@ -189,7 +189,7 @@ class Source:
         """
         if collect not in self.blocks:
             return read_series(self.campaign, collect)
-        samples = read_samples(place_of(self.folder)[0], self.blocks[collect])
+        samples = read_samples(night_of(self.folder), self.blocks[collect])
         own = next(rows.conditions for rows in self.campaign.sensors.values() if collect in rows.conditions.collect)
         rates, number = samples.of("rate", own.sensor.number), own.sensor.number
         return Series(

@@ -24,12 +24,12 @@ from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
 from hil.records.ledger import HEAD_NAME, breaks
 from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, step_of
-from hil.records.units import night_and_unit, unit_folder
+from hil.records.units import JOURNAL_NAME as JOURNAL_NAME
+from hil.records.units import night_of, place_of, unit_folder
 from hil.records.witnesses import Witnesses, contradictions, forgotten
 from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Plan, Step
 
-JOURNAL_NAME = "journal.sqlite"
 _BUSY_S = 30.0
 _LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
@@ -255,18 +255,9 @@ def refuse(folder: Path, damage: Sequence[str]) -> None:
         raise Damaged(f"{folder}/{damage[0]}{more}; {advice}")
 
 
-def place_of(folder: Path) -> tuple[Path, str]:
-    """Return the night's folder, and the unit that `folder` names where it is that of one of several units."""
-    night, unit = night_and_unit(folder)
-    return (night, unit) if unit and not _is_night(folder) and _is_night(night) else (folder, "")
-
-
 def is_night(folder: Path) -> bool:
     """Tell whether the folder holds a night, one of its units, or what is left of one that has lost its journal."""
-    return _is_night(place_of(folder)[0])
-
-
-def _is_night(folder: Path) -> bool:
+    folder = night_of(folder)
     return os.path.lexists(folder / JOURNAL_NAME) or _written_beside(folder)
 
 
@@ -328,7 +319,7 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
     Raises `Damaged` where it is not; with `damaged_too` only where it cannot be understood, for those who say what
     stands in `journal.found` beside what they read.
     """
-    witnesses = Witnesses.of(place_of(folder)[0])
+    witnesses = Witnesses.of(night_of(folder))
     found: list[str] | None = None
     try:
         with open_readonly(folder) as journal, journal.snapshot():

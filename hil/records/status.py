@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from itertools import groupby
@@ -24,15 +24,15 @@ from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.identity import night_identity
 from hil.records.live import age_s, read_live
-from hil.records.reader import JournalReader, place_of, reading
+from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
-from hil.records.units import unit_folder
+from hil.records.units import night_of, unit_folder
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, StepKind, lasting_s
 from procedures.safe_air import Left, Word
-from procedures.words import hours_minutes, step_in_words
+from procedures.words import hours_minutes, listed, plural, step_in_words
 
 _UNSAFE = "safe-state-not-reached"
 VERDICT = "verdict"
@@ -50,13 +50,13 @@ _MISSING = {
     StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
 _SETPOINT = re.compile(r"setpoint \S+ °C")
-_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
+_WHOLE = re.compile(r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     folder = Path(folder)
-    owner = living_owner(place_of(folder)[0])  # before the journal: who ends in between has written its end
+    owner = living_owner(night_of(folder))  # before the journal: who ends in between has written its end
     with reading(folder, damaged_too=True) as journal:
         return _document(_Facts.of(journal, owner))
 
@@ -291,7 +291,11 @@ def _aside(facts: _Facts) -> Mapping[str, str]:
     """Return why units were set aside, by name, of the newest controller: another has tried them again."""
     newest = facts.controller.number if facts.controller else 0
     said = [event for event in facts.events if event.kind == "unit-set-aside" and event.controller == newest]
-    return {str(event.evidence["unit"]): event.message for event in said}
+    night = facts.journal.night
+    return {
+        str(event.evidence["unit"]): f"set aside at {night.utc(event.at_s):%Y-%m-%d %H:%M} UTC: {event.evidence['why']}"
+        for event in said
+    }
 
 
 def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
@@ -339,45 +343,60 @@ def _eta(facts: _Facts, present: Attempt | None) -> str:
 def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[Attempt] = ()) -> list[str]:
     """Return one sentence for each part of the plan that is not done: self-calibrations, and the steps around them.
 
-    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried.
+    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried. What is missing
+    of some units only names them.
     """
     reasons = {
         each.step_key: f" ({each.outcome.value.lower()}: {each.reason})"
         for each in attempts
         if each.outcome is not None
     }
+    of_each = {unit: list(_missing(plan.of_unit(unit), done, reasons)) for unit in plan.units}
+    units_of: dict[str, list[str]] = {}
+    for unit, sentences in of_each.items():
+        for sentence in sentences:
+            units_of.setdefault(sentence, []).append(unit)
+    return [
+        sentence if len(units) == len(of_each) else f"{plural('unit', len(units))} {listed(units)}: {sentence}"
+        for sentence, units in units_of.items()
+    ]
+
+
+def _missing(plan: Plan, done: Mapping[str, object], reasons: Mapping[str, str]) -> Iterator[str]:
+    """Yield what is missing of one unit."""
     runs = plan.self_calibrations
-    sentences: list[str] = []
     told: set[int] = set()
     for step in plan.steps:
         number = step.self_calibration
         if step.key in done or number in told:
             continue
         if number is None:
-            sentences.append(_MISSING[step.kind].format(step) + reasons.get(step.key, ""))
+            yield _MISSING[step.kind].format(step) + reasons.get(step.key, "")
             continue
         told.add(number)
         where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
         lacking = [each for each in runs[number] if each.key not in done]
         if len(lacking) == len(runs[number]) and not any(each.key in reasons for each in lacking):
-            sentences.append(f"self-calibration {number}{where}: all of it")
+            yield f"self-calibration {number}{where}: all of it"
         else:
             parts = [_MISSING[each.kind].format(each) + reasons.get(each.key, "") for each in lacking]
-            sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
-    return sentences
+            yield f"self-calibration {number}{where}: {', '.join(parts)}"
 
 
 def in_brief(missing: Sequence[str]) -> list[str]:
     """Return what is missing with neighbours that are wholly missing, and the setpoints between them, in one line."""
     told: list[str] = []
-    for untouched, group in groupby(
-        missing, key=lambda line: bool(_WHOLE.fullmatch(line) or _SETPOINT.fullmatch(line))
-    ):
+
+    def alike(line: str) -> tuple[bool, str]:
+        whole = _WHOLE.fullmatch(line)
+        return bool(whole or _SETPOINT.fullmatch(line)), (whole and whole["whose"]) or ""
+
+    for (untouched, whose), group in groupby(missing, key=alike):
         lines = list(group)
         whole = [found for line in lines if (found := _WHOLE.fullmatch(line))]
         if untouched and len(whole) > 1:
             first, last = whole[0], whole[-1]
             where = first["at"] if first["at"] == last["at"] else f"{first['at']} to {last['at'].removeprefix('at ')}"
-            lines = [f"self-calibrations {first['run']}–{last['run']} {where}: all of them"]
+            lines = [f"{whose}self-calibrations {first['run']}–{last['run']} {where}: all of them"]
         told += lines
     return told

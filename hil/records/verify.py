@@ -22,10 +22,10 @@ from hil.records.blocks import BLOCKS, RAW, DamagedBlock, Samples, read_raw, rea
 from hil.records.curve import trace_damage
 from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
-from hil.records.reader import place_of, reading
+from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
 from hil.records.status import missing_in_words, recorded_ends, recorded_verdict
-from hil.records.units import unit_folder
+from hil.records.units import night_of, unit_folder
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -36,7 +36,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     `notes` names what is harmless: a block that a crash left behind before it could be recorded. `signature` says in
     words whether the journal's head is signed with `key`, by default the one that the night's bench names.
     """
-    given, folder = Path(folder), place_of(Path(folder))[0]
+    given, folder = Path(folder), night_of(Path(folder))
     problems: list[str] = []
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
