@@ -45,19 +45,31 @@ def report(
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.report.pdf import find_browser, write_pdf
     from hil.report.tables import write_tables
+    from hil.report.units import units_of, write_units
 
     if pdf:
         find_browser()  # before anything is written
-    path, content = write_report(source, out, against, limits, whole=whole)
-    results().print(f"report: {path}")
+    units = units_of(source)
+    if units and against is not None:
+        raise InputError(f"{source}: --against is of one unit: hil report {next(iter(units.values()))} --against …")
+    over_all = out or source / "report.html"
+    if units:
+        _refuse_page(over_all)
+    sources = {unit: (folder, None) for unit, folder in units.items()} or {"": (source, out)}
+    written = {unit: write_report(folder, to, against, limits, whole=whole) for unit, (folder, to) in sources.items()}
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
-    for kind in formats:
-        for table in write_tables(content, path.with_suffix(""), kind):
-            results().print(f"table: {table}")
-    if pdf:
-        write_pdf(path, path.with_suffix(".pdf"))
-        results().print(f"pdf: {path.with_suffix('.pdf')}")
-    return of_unit(None if content.in_spec is None else content.in_spec.brief(), strict)
+    for path, content in written.values():
+        results().print(f"report: {path}")
+        for kind in formats:
+            for table in write_tables(content, path.with_suffix(""), kind):
+                results().print(f"table: {table}")
+        if pdf:
+            write_pdf(path, path.with_suffix(".pdf"))
+            results().print(f"pdf: {path.with_suffix('.pdf')}")
+    if units:
+        write_units(source, over_all, written)
+        results().print(f"over all: {over_all}")
+    return max(of_unit(None if each.in_spec is None else each.in_spec.brief(), strict) for _, each in written.values())
 
 
 def write_report(
@@ -80,12 +92,7 @@ def write_report(
     night = _night(source)
     campaign = _campaign(source, night)
     path = out or source / "report.html"
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
-    if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
-        raise InputError(f"{path}: the report is written as .html; give a name that ends so")
+    _refuse_page(path)
     warn(tuple(campaign.warnings))
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
@@ -96,6 +103,16 @@ def write_report(
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return path, content
+
+
+def _refuse_page(path: Path) -> None:
+    """Raise `InputError` where no page can be written there, or none should."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file, such as {path / 'report.html'}")
+    if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
+        raise InputError(f"{path}: the report is written as .html; give a name that ends so")
 
 
 def _campaign(source: Path, night: NightContent | None) -> Campaign:
