@@ -101,7 +101,7 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     elif working and status["eta_utc"]:
         console.print(f"now: {status['step_in_words'] or 'beginning'}")
         console.print(f"expected end {datetime.fromisoformat(status['eta_utc']):%Y-%m-%d %H:%M} UTC")
-    for unit in status["units"]:
+    for unit in status.get("units", ()):
         console.print(_cut(_unit_in_words(unit)))
     for name, text in status["identity"].items():
         console.print(f"{name}: {text}")

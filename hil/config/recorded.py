@@ -41,7 +41,8 @@ _OF_A_UNIT: Mapping[str, tuple[str, ...]] = {"imu": ("description",), "model": (
 def _files(document: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
     """Return where each file is named, by its name in the text and in the folder, those of listed units too."""
     found = dict(_FILES)
-    for place, entry in enumerate(document["bench"].get("units", ())):
+    bench = document["bench"]
+    for place, entry in enumerate(bench.get("units", ()) if isinstance(bench, dict) else ()):
         for name, keys in _OF_A_UNIT.items():
             if keys[0] in entry and (len(keys) == 1 or keys[1] in entry[keys[0]]):
                 found[f"{name}-{entry['serial']}"] = ("bench", "units", place, *keys)

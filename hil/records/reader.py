@@ -145,11 +145,11 @@ class JournalReader:
             "SELECT step_key, attempt, controller, began_s, ended_s, CASE WHEN withdrawn IS NULL THEN outcome "
             "ELSE 'FAILED' END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
         )
-        every = (
+        return tuple(
             Attempt(*(*row, Outcome(outcome) if outcome else None, reason, of_unit(_mapping(data), self.unit)))
             for *row, outcome, reason, data in rows
+            if not self.unit or row[0] in self._own_steps
         )
-        return tuple(each for each in every if not self.unit or each.step_key in self._own_steps)
 
     def withdrawn(self) -> frozenset[tuple[str, int]]:
         """Return step key and number of the attempts that were DONE and count no more."""
@@ -165,8 +165,11 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT step_key, attempt, kind, path, sha256, size, rows, content_sha256 FROM blocks ORDER BY id"
         )
-        every = (BlockRow(key, attempt, Block(*columns)) for key, attempt, *columns in rows)
-        return tuple(each for each in every if not self.unit or each.step_key in self._own_steps)
+        return tuple(
+            BlockRow(key, attempt, Block(*columns))
+            for key, attempt, *columns in rows
+            if not self.unit or key in self._own_steps
+        )
 
     def events(self, after: int = 0) -> tuple[Event, ...]:
         """Return what happened, in order; only events with a number above `after`."""
