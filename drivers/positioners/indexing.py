@@ -60,7 +60,10 @@ class IndexingPositioner:
             self._clock.sleep(wait_s)
 
     def moving(self, position: str, timeout_s: float) -> Iterator[float]:
-        """Do as `move_to`, and yield how many seconds to wait each time: other units move meanwhile."""
+        """Do as `move_to`, and yield how many seconds to wait each time: other units move meanwhile.
+
+        Raises `CommandRefused` and `DeviceTimeout` as that does.
+        """
         if position not in self._codes:
             known = ", ".join(self._codes)
             raise CommandRefused(f"{self._imu.port}: there is no position {position!r}; the bench file gives {known}")

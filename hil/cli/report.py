@@ -55,8 +55,10 @@ def report(
     over_all = out or source / "report.html"
     if units:
         _refuse_page(over_all)
-    sources = {unit: (folder, None) for unit, folder in units.items()} or {"": (source, out)}
-    written = {unit: write_report(folder, to, against, limits, whole=whole) for unit, (folder, to) in sources.items()}
+    written = {
+        unit: write_report(folder, None if units else out, against, limits, whole=whole)
+        for unit, folder in (units or {"": source}).items()
+    }
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for path, content in written.values():
         results().print(f"report: {path}")

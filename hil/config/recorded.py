@@ -10,7 +10,7 @@ without a driver of its own, which the bench file only names.
 
 import tempfile
 from collections.abc import Iterator, Mapping
-from functools import reduce
+from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +66,9 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
     for name in _files(document).keys() - _FILES.keys():
         kind, _, serial = name.partition("-")
-        own = bench.units[serial]
-        document[name] = whole_text(own.imu_description) if kind == "imu" else read_text(_needed(own.simulation_model))
+        model = bench.units[serial].simulation_model
+        own = whole_text(bench.units[serial].imu_description) if kind == "imu" else model and read_text(model)
+        document[name] = own
     if bench.simulation_model is not None:
         document["model"] = read_text(bench.simulation_model)
     if bench.chamber_description is not None:
@@ -83,12 +84,6 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
 
 def _getitem(within: Any, key: str | int) -> Any:
     return within[key]
-
-
-def _needed(path: Path | None) -> Path:
-    if path is None:
-        raise ValueError("a unit that is simulated has a model")
-    return path
 
 
 def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
@@ -147,6 +142,7 @@ def understood(text: str) -> dict[str, Any]:
         return {}
 
 
+@lru_cache(4)  # the units of one night share it
 def bench_of_record(text: str) -> Bench:
     """Return the bench of a journal's text to look at it: orientations, site, sensors. Nothing is left behind."""
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:

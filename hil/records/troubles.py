@@ -32,6 +32,8 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
     if status["state"] == "running":
         bad = status["problems"] or status["old"]
         return "see to it; the controller tries on, or ends with the chamber safe" if bad else "nothing"
+    if status.get("set_aside") and status["working"]:
+        return f"see to this unit; the others go on. When the night has ended, hil resume {folder} tries it again"
     if status["working"]:
         return "wait until the chamber has been made safe, and look again"
     if status["killed"]:

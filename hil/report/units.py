@@ -19,7 +19,7 @@ def units_of(source: Path) -> Mapping[str, Path]:
     """Return the folder of each unit by its name, where the source is a night that lists several; else nothing."""
     if not is_night(source):
         return {}
-    return {each["unit"]: Path(each["folder"]) for each in night_status(source)["units"] if each["unit"] != source.name}
+    return {each["unit"]: Path(each["folder"]) for each in night_status(source)["units"]}
 
 
 def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, ReportContent]]) -> None:
